@@ -1,0 +1,5 @@
+"""ergoqp: the robot moves the object so that the person's posture gets better."""
+
+from ergoqp.joints import JOINTS as JOINTS
+
+__version__ = "0.1.0"

@@ -1,0 +1,31 @@
+"""What can be wrong with what the user gave: one sentence each, saying what, where, got and allowed."""
+
+
+class ErgoqpError(Exception):
+    """Root of the package's own errors; its text is one sentence for the user (command line: exit status 2)."""
+
+
+class InputError(ErgoqpError, ValueError):
+    """A value of the user's is not usable: wrong shape, unit, name or range."""
+
+
+class RecordingError(ErgoqpError):
+    """A motion-capture file cannot be read as what it claims to be."""
+
+
+class ProblemError(ErgoqpError, ValueError):
+    """A problem is not well posed: unknown or contradictory terms; lists every mistake found."""
+
+
+class MissingExtraError(ErgoqpError, ImportError):
+    """An optional dependency is needed and absent.
+
+    Args:
+        what: what needs it, for example ``"the report page"``.
+        extra: name of the extra that installs it.
+        module: the module that failed to import.
+    """
+
+    def __init__(self, what: str, extra: str, module: str) -> None:
+        """Compose the one sentence that names the extra."""
+        super().__init__(f"{what} needs the package {module!r}: install it with `pip install 'ergoqp[{extra}]'`")
