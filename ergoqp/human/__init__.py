@@ -1,0 +1,6 @@
+"""The body: its segments, its scaling to a person, and its kinematics as expressions."""
+
+from ergoqp.human.body import FRACTIONS as FRACTIONS
+from ergoqp.human.body import Body as Body
+from ergoqp.human.kinematics import FRAMES as FRAMES
+from ergoqp.human.kinematics import Kinematics as Kinematics

@@ -1,0 +1,166 @@
+"""One person's body: ``models/human.xml`` scaled by stature or by measured segment lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.paths import data_folder
+
+FRACTIONS: Final[dict[str, float]] = {
+    "trunk": 0.300,
+    "shoulder_height": 0.288,
+    "shoulder_width": 0.210,
+    "neck": 0.052,
+    "head": 0.118,
+    "upper_arm": 0.186,
+    "forearm": 0.146,
+    "hand": 0.108,
+    "hip_width": 0.100,
+    "thigh": 0.245,
+    "shank": 0.246,
+    "foot_height": 0.039,
+    "foot_length": 0.152,
+}
+"""Segment lengths as fractions of the stature (Drillis and Contini 1966, in Winter's figure 4.1).
+
+``trunk`` runs from the middle of the hip centres to the base of the neck, ``shoulder_height`` to the height of the shoulder
+centres; the two widths are between joint centres, narrower than Winter's outer widths."""
+
+NOMINAL_STATURE: Final = 1.75
+"""Stature of ``models/human.xml`` as written [m]."""
+
+NOMINAL_MASS: Final = 70.0
+"""Mass of ``models/human.xml`` as written [kg]."""
+
+STATURE_RANGE: Final = (1.2, 2.3)
+"""Statures that are accepted [m]."""
+
+# What scales the x, y and z offsets of everything that is attached to a body of the model.
+_SCALED_BY: Final[dict[str, tuple[str, str, str]]] = {
+    "pelvis": ("girth", "hip_width", "girth"),
+    "trunk_twist": ("girth", "shoulder_width", "trunk"),
+    "neck_twist": ("girth", "girth", "neck"),
+    "head": ("girth", "girth", "head"),
+    "shoulder_rotation": ("girth", "girth", "upper_arm"),
+    "forearm_pronation": ("girth", "girth", "forearm"),
+    "wrist_deviation": ("girth", "girth", "hand"),
+    "hip_rotation": ("girth", "girth", "thigh"),
+    "knee_flexion": ("girth", "girth", "shank"),
+    "ankle_inversion": ("foot_length", "girth", "foot_height"),
+}
+
+
+@dataclass(frozen=True)
+class Body:
+    """A person's body: segment lengths, mass, and the MuJoCo model made from them.
+
+    Attributes:
+        stature: standing height [m].
+        lengths: length of every segment of `FRACTIONS` [m].
+        mass: body mass [kg].
+    """
+
+    stature: float = NOMINAL_STATURE
+    lengths: Mapping[str, float] = field(default_factory=dict)
+    mass: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers and fill in what was not measured from the stature."""
+        low, high = STATURE_RANGE
+        if not low <= self.stature <= high:
+            raise InputError(f"stature: got {self.stature!r} m, allowed {low} to {high} m")
+        if unknown := set(self.lengths) - set(FRACTIONS):
+            raise InputError(f"segment lengths: got {sorted(unknown)}, allowed {sorted(FRACTIONS)}")
+        filled = {name: fraction * self.stature for name, fraction in FRACTIONS.items()}
+        for name, length in self.lengths.items():
+            if not 0.4 <= length / filled[name] <= 2.0:
+                raise InputError(
+                    f"length of {name}: got {length:.3f} m, allowed {0.4 * filled[name]:.3f} to {2 * filled[name]:.3f} m "
+                    f"for a stature of {self.stature:.2f} m"
+                )
+            filled[name] = float(length)
+        object.__setattr__(self, "lengths", filled)
+        # 70 kg at 1.75 m, the same build at every stature.
+        mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
+        if not 20 <= mass <= 300:
+            raise InputError(f"mass: got {mass!r} kg, allowed 20 to 300 kg")
+        object.__setattr__(self, "mass", mass)
+
+    @classmethod
+    def of_stature(cls, stature: float, mass: float = 0.0) -> Body:
+        """Return the body of average proportions at a stature [m]; a mass of 0 means the one of a normal build [kg].
+
+        Raises:
+            InputError: if the stature or the mass is out of range.
+        """
+        return cls(stature=float(stature), mass=mass)
+
+    @classmethod
+    def of_lengths(cls, lengths: Mapping[str, float], mass: float = 0.0) -> Body:
+        """Return the body with measured segment lengths [m]; the others follow from the stature that the measured suggest.
+
+        Args:
+            lengths: any non-empty part of `FRACTIONS`, in metres. The stature is the weighted median of what each suggests.
+            mass: body mass [kg], 0 for a normal build.
+
+        Raises:
+            InputError: if a name is unknown or a length is not that of a person.
+        """
+        if not lengths or (set(lengths) - set(FRACTIONS)):
+            raise InputError(f"segment lengths: got {sorted(lengths)}, allowed a non-empty part of {sorted(FRACTIONS)}")
+        return cls(stature=stature_of(lengths), lengths=lengths, mass=mass)
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The scaled MuJoCo model: base x, y, z, yaw, then the 32 hinges in the order of `JOINTS`."""
+        return _scaled_model(self)
+
+
+def stature_of(lengths: Mapping[str, float]) -> float:
+    """Return the stature [m] that measured lengths suggest: the median over segments, each weighted by its length."""
+    names = list(lengths)
+    suggestions = np.array([lengths[name] / FRACTIONS[name] for name in names])
+    weights = np.array([FRACTIONS[name] for name in names])
+    order = np.argsort(suggestions)
+    cumulative = np.cumsum(weights[order])
+    return float(suggestions[order][np.searchsorted(cumulative, 0.5 * cumulative[-1])])
+
+
+@lru_cache(maxsize=1)
+def _nominal_xml() -> str:
+    return (data_folder("models") / "human.xml").read_text(encoding="utf-8")
+
+
+def _scaled_model(body: Body) -> mujoco.MjModel:
+    girth = body.stature / NOMINAL_STATURE
+    factor = {name: length / (FRACTIONS[name] * NOMINAL_STATURE) for name, length in body.lengths.items()}
+    factor["girth"] = girth
+
+    def scale_of(owner: str) -> np.ndarray:
+        key = owner.removeprefix("right_").removeprefix("left_")
+        return np.array([factor[name] for name in _SCALED_BY.get(key, ("girth", "girth", "girth"))])
+
+    spec = mujoco.MjSpec.from_string(_nominal_xml())
+    for child in spec.bodies[1:]:
+        scale = scale_of(child.parent.name)
+        if child.name.endswith("shoulder_flexion"):
+            scale[2] = factor["shoulder_height"]
+        child.pos = np.asarray(child.pos) * scale
+    for site in spec.sites:
+        site.pos = np.asarray(site.pos) * scale_of(site.parent.name)
+    for geom in spec.geoms:
+        scale = scale_of(geom.parent.name)
+        geom.mass *= body.mass / NOMINAL_MASS
+        geom.size = np.asarray(geom.size) * girth
+        if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            geom.fromto = np.asarray(geom.fromto) * np.tile(scale, 2)
+        else:
+            geom.pos = np.asarray(geom.pos) * scale
+    return spec.compile()
