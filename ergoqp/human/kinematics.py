@@ -82,7 +82,7 @@ class Kinematics:
 
 
 def base_jacobian(position: Expression) -> Expression:
-    """Return how a point of the pelvis frame moves with the pelvis: (6, 4) for the pelvis rates x, y, z [m/s] and yaw [rad/s]."""
+    """Return how a point of the pelvis frame moves with the pelvis rates x, y, z [m/s] and yaw [rad/s]: shape (6, 4)."""
     kind = type(position)
     jacobian = kind(6, 4) if kind is not ca.MX else ca.MX(6, 4)
     jacobian[:3, :3] = ca.DM.eye(3)

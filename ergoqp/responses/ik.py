@@ -1,0 +1,248 @@
+"""The person as an inverse-kinematics solver: keep the contact, move the joints that cost least."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, Literal
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.human import Body, Kinematics
+from ergoqp.human.kinematics import base_jacobian
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.responses.linear import spd_inverse
+from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
+
+DEFAULT_WEIGHTS: Final[dict[str, float]] = {
+    "trunk_flexion": 3.0,
+    "trunk_side_bend": 4.0,
+    "trunk_twist": 3.0,
+    "shoulder_flexion": 1.0,
+    "shoulder_abduction": 1.2,
+    "shoulder_rotation": 0.8,
+    "elbow_flexion": 0.6,
+    "forearm_pronation": 0.4,
+    "wrist_flexion": 0.6,
+    "wrist_deviation": 0.8,
+    "hip_flexion": 1.5,
+    "hip_abduction": 3.0,
+    "hip_rotation": 3.0,
+    "knee_flexion": 1.0,
+    "ankle_flexion": 1.0,
+    "ankle_inversion": 2.0,
+}
+"""Cost of moving each joint, relative; both sides alike. The trunk carries half the body, the forearm next to nothing."""
+
+TOOL_AXES: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
+    "along": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "thumb": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+}
+"""Axes of the contact frame in the grip frame; x is the tool's axis: out of the fist along the forearm, or past the thumb."""
+
+
+@dataclass(frozen=True)
+class IkResponse:
+    """S(q) of a person who keeps the task contact and moves the joints that cost least.
+
+    The joint rates minimise 1/2 v' W v over J v = G xi, so v = S xi with S = W^-1 J' (J W^-1 J')^-1 G: Whitney's weighted
+    pseudo-inverse (1972). Standing, the soles are eliminated exactly (`ergoqp.responses.stance`); only the hand rows are
+    damped. A locked joint has a zero in W^-1 and the others follow without it.
+
+    Attributes:
+        body: the person as the controller models it.
+        hands: ``("right",)``, ``("left",)`` or both. The contact frame is at the grip, or midway between the two.
+        stance: ``"standing"`` or ``"seated"``.
+        seat_height: height of the hip centres above the floor when seated [m].
+        tool: axis of the tool in the hand, a key of `TOOL_AXES`.
+        free_about_tool: whether the hand may turn about the tool's axis.
+        weights: cost of moving a joint, by name without its side, or with it; the rest as in `DEFAULT_WEIGHTS`.
+        comfort_deg: posture that the person relaxes toward, by joint name, with or without the side [deg]; the rest zero.
+        relaxation_time: time constant of relaxing toward it [s].
+        damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
+    """
+
+    body: Body = field(default_factory=Body)
+    hands: tuple[str, ...] = ("right",)
+    stance: Literal["standing", "seated"] = "standing"
+    seat_height: float = 0.50
+    tool: str = "along"
+    free_about_tool: bool = True
+    weights: Mapping[str, float] = field(default_factory=dict)
+    comfort_deg: Mapping[str, float] = field(default_factory=dict)
+    relaxation_time: float = 1.0
+    damping: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Check the terms; a wrong one raises here and not in the loop."""
+        object.__setattr__(self, "hands", tuple(self.hands))
+        if self.hands not in (("right",), ("left",), ("right", "left")):
+            raise InputError(f"hands: got {self.hands!r}, allowed ('right',), ('left',) or ('right', 'left')")
+        if self.stance not in ("standing", "seated"):
+            raise InputError(f"stance: got {self.stance!r}, allowed 'standing' or 'seated'")
+        if self.tool not in TOOL_AXES:
+            raise InputError(f"tool: got {self.tool!r}, allowed one of {', '.join(TOOL_AXES)}")
+        for name, low, high in (("seat_height", 0.2, 1.2), ("relaxation_time", 1e-2, 1e3), ("damping", 1e-6, 1.0)):
+            if not low <= getattr(self, name) <= high:
+                raise InputError(f"{name}: got {getattr(self, name)!r}, allowed {low} to {high}")
+        if any(not weight > 0 or not np.isfinite(weight) for weight in self.weights.values()):
+            raise InputError(f"weights: got {dict(self.weights)!r}, allowed positive numbers")
+        outside = (self.comfort < LOWER - 1e-9) | (self.comfort > UPPER + 1e-9)
+        if outside.any():
+            raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
+        self.weight_vector  # noqa: B018  checked now
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Trunk, the working arms and, standing, the legs: the joints that the object can move."""
+        chains = ["trunk", *(f"{hand}_{part}" for hand in self.hands for part in ("shoulder", "elbow", "forearm", "wrist"))]
+        moved = [joint for joint in JOINTS[:20] if joint.startswith(tuple(chains))]
+        if self.stance == "standing":
+            moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
+        return tuple(moved)
+
+    @cached_property
+    def comfort(self) -> np.ndarray:
+        """The comfort posture (32,) [rad]."""
+        return np.radians(per_joint(self.comfort_deg, {}, 0.0, "comfort_deg"))
+
+    @cached_property
+    def weight_vector(self) -> np.ndarray:
+        """Cost of each joint's rate (32,)."""
+        return per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Kinematics of the modelled body."""
+        return Kinematics(self.body)
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return S (32, 6) at `q` (32,) [rad] with no joint locked; world-aligned twist, linear first."""
+        return self.sensitivity()(q, 0)[0]
+
+    def sensitivity(self) -> ca.Function:
+        """Return ``(q (32,), locked (32,)) -> (S (32, 6), E (k, 6))``; see `ergoqp.responses.Response`."""
+        return self._functions[0]
+
+    def drift(self) -> ca.Function:
+        """Return ``(q (32,), locked (32,)) -> rates (32,)``: relaxing toward comfort without moving hands or soles [rad/s]."""
+        return self._functions[1]
+
+    def contact(self) -> ca.Function:
+        """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``, in the world that the stance anchors."""
+        return self._functions[2]
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
+        weights = ca.SX(ca.DM(self.weight_vector))
+        moved = ca.SX(ca.DM([float(joint in self.joints) for joint in JOINTS]))
+        wish = moved * (ca.SX(ca.DM(self.comfort)) - q) / self.relaxation_time * (1 - locked)
+        stance = self._stance(q, weights, locked, wish)
+        hands = [self.kinematics.at(f"{hand}_grip", q) for hand in self.hands]
+        position, rotation = contact_frame([(p, r) for p, r, _ in hands], self.tool)
+
+        arms = [INDEX[joint] for joint in self.joints if joint in JOINTS[:20]]
+        free = (1 - locked[arms]) / weights[arms]
+        pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
+        axis = rotation[:, 0]
+        moves, wants, about = [], [], []
+        for p, _, jacobian in hands:
+            moves.append(ca.horzcat(base_jacobian(p), jacobian[:, arms]))
+            wants.append(_carried(p - position))
+            about.append(_about(axis, self.free_about_tool))
+        J, G = ca.vertcat(*moves), ca.vertcat(*wants)
+        turning = ca.diagcat(*about)
+        P = ca.SX.eye(6 * len(hands)) - turning
+        inverse_weight = ca.diagcat(pelvis, ca.diag(free))
+        K = P @ J
+        M = K @ inverse_weight @ K.T + turning + self.damping**2 * ca.SX.eye(6 * len(hands))
+        gain = inverse_weight @ K.T @ spd_inverse(M)
+
+        def in_joints(rates: ca.SX) -> ca.SX:
+            """Spread (pelvis, trunk and arms) over the 32 joints."""
+            spread = stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
+            spread[arms, :] = rates[4:, :]
+            return spread
+
+        to_pelvis = ca.diagcat(stance.yaw.T, stance.yaw.T)
+        follow = gain @ P @ G @ to_pelvis
+        S = in_joints(follow)
+        E = P @ (G @ to_pelvis - J @ follow)
+        own = ca.vertcat(stance.relax, wish[arms])
+        relax = in_joints(own - gain @ K @ own)
+
+        base = _pose(stance.position, stance.yaw)
+        contact = base @ _pose(position, rotation)
+        names = (["q", "locked"], ["sensitivity", "unmet"])
+        return (
+            ca.Function("sensitivity", [q, locked], ca.cse([ca.densify(S), ca.densify(E)]), *names),
+            ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
+            ca.Function("contact", [q], ca.cse([ca.densify(contact), ca.densify(base)]), ["q"], ["contact", "pelvis"]),
+        )
+
+    def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
+        if self.stance == "seated":
+            return seated(self.seat_height)
+        return standing(self.kinematics, q, weights, locked, wish)
+
+
+def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.SX, ca.SX]:
+    """Return position and rotation of the contact frame from those of the grips.
+
+    One hand: the grip, turned so that x is the tool's axis. Two hands: midway, y from the right grip to the left one, x as
+    near to the mean of the two tools' axes as that allows.
+    """
+    turn = ca.DM(np.array(TOOL_AXES[tool], dtype=float).T)
+    if len(grips) == 1:
+        position, rotation = grips[0]
+        return position, rotation @ turn
+    (right, right_rotation), (left, left_rotation) = grips
+    y = _unit(left - right)
+    x = (right_rotation @ turn + left_rotation @ turn)[:, 0]
+    x = _unit(x - y * ca.dot(x, y))
+    return (right + left) / 2, ca.horzcat(x, y, ca.cross(x, y))
+
+
+def per_joint(given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str) -> np.ndarray:
+    """Return one value per joint (32,) from values by name; a name without a side means both sides.
+
+    Raises:
+        InputError: if a name is not that of a joint.
+    """
+    values = np.full(len(JOINTS), rest)
+    for table in (defaults, given):
+        # Names with a side come last, so that they win over the name of both sides whatever the order in the file.
+        for name in sorted(table, key=lambda key: key in INDEX):
+            targets = [name] if name in INDEX else [f"{side}_{name}" for side in SIDES]
+            if any(target not in INDEX for target in targets):
+                raise InputError(f"{what}: got {name!r}, allowed a joint such as 'trunk_flexion' or 'elbow_flexion'")
+            for target in targets:
+                values[INDEX[target]] = table[name]
+    return values
+
+
+def _about(axis: ca.SX, free: bool) -> ca.SX:
+    """Projector on turning about the tool's axis, or nothing when the grasp is rigid."""
+    projector = ca.SX(6, 6)
+    if free:
+        projector[3:, 3:] = axis @ axis.T
+    return projector
+
+
+def _carried(offset: ca.SX) -> ca.SX:
+    """Motion of a point at `offset` from the contact frame that moves with it: (6, 6)."""
+    carried = ca.SX.eye(6)
+    carried[:3, 3:] = -ca.skew(offset)
+    return carried
+
+
+def _pose(position: ca.SX, rotation: ca.SX) -> ca.SX:
+    return ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
+
+
+def _unit(vector: ca.SX) -> ca.SX:
+    return vector / ca.sqrt(ca.sumsqr(vector) + 1e-12)

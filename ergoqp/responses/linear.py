@@ -1,0 +1,27 @@
+"""Small linear algebra as scalar expressions, for matrices whose structure CasADi's general routines would not use."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+
+def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Solve a 3 x 3 system by cross products (Cramer)."""
+    a, b, c = ca.horzsplit(matrix)
+    cofactors = ca.horzcat(ca.cross(b, c), ca.cross(c, a), ca.cross(a, b))
+    return (cofactors.T @ right) / ca.dot(a, cofactors[:, 0])
+
+
+def spd_inverse(matrix: ca.SX) -> ca.SX:
+    """Return the inverse of a symmetric positive definite matrix by Cholesky; only its lower triangle is read."""
+    n = matrix.shape[0]
+    root, inverse = ca.SX(n, n), ca.SX(n, n)
+    for j in range(n):
+        root[j, j] = ca.sqrt(matrix[j, j] - ca.sumsqr(root[j, :j]))
+        for i in range(j + 1, n):
+            root[i, j] = (matrix[i, j] - root[i, :j] @ root[j, :j].T) / root[j, j]
+    for j in range(n):
+        inverse[j, j] = 1 / root[j, j]
+        for i in range(j + 1, n):
+            inverse[i, j] = -(root[i, j:i] @ inverse[j:i, j]) / root[i, i]
+    return inverse.T @ inverse

@@ -1,0 +1,35 @@
+"""What every response model offers to a problem and to the control step."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import casadi as ca
+
+
+class Response(Protocol):
+    """A model of how the person's posture follows the held object: dq/dt = S(q) xi.
+
+    Attributes:
+        joints: names of the joints that the model moves; the others stay as measured.
+    """
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that the object can move, in the order of `ergoqp.JOINTS`."""
+        ...
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return the sensitivity S (32, 6) at the posture `q` (32,) [rad], for a world-aligned twist [m/s, rad/s]."""
+        ...
+
+    def sensitivity(self) -> ca.Function:
+        """Return the function ``(q (32,), locked (32,)) -> (S (32, 6), E (k, 6))``.
+
+        Joints with ``locked`` 1 do not move. ``E @ twist`` is the contact motion that the posture cannot follow.
+        """
+        ...
+
+    def contact(self) -> ca.Function:
+        """Return the function ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``, both in the world."""
+        ...
