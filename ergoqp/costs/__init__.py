@@ -1,0 +1,1 @@
+"""Ergonomic costs V(q), one file per surrogate."""

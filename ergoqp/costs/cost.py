@@ -1,0 +1,57 @@
+"""What every ergonomic cost offers: an expression for the controller, numbers for everyone else."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@runtime_checkable
+class Cost(Protocol):
+    """V(q): how bad a posture is, in REBA points, as a function that can be differentiated.
+
+    A cost is written once, as a CasADi expression. The controller takes its gradient exactly, by algorithmic
+    differentiation, and the numeric call evaluates the very same expression, so the two cannot drift apart. To add a cost,
+    write one class with these four members; nothing needs to be inherited.
+
+    A quadratic cost, for example, around a comfortable posture ``q0`` with weights ``w``, both shape (32,)::
+
+        class Quadratic:
+            name = "quadratic"
+            minimum = 1.0
+
+            def expression(self, q):
+                return 1 + ca.dot(w * (q - q0), q - q0)
+
+            def __call__(self, postures):
+                return 1 + ((np.atleast_2d(postures) - q0) ** 2 @ w)
+    """
+
+    @property
+    def name(self) -> str:
+        """Short name for tables and figures, for example ``"smooth_reba"``."""
+        ...
+
+    @property
+    def minimum(self) -> float:
+        """V_min: no posture costs less [points]. The step models V - V_min by Gauss-Newton, which needs it not negative."""
+        ...
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return V(q), a scalar expression [points].
+
+        Args:
+            q: posture, shape (32,), in the order of :data:`ergoqp.JOINTS` [rad].
+        """
+        ...
+
+    def __call__(self, postures: ArrayLike) -> NDArray[np.float64]:
+        """Return V of each posture, shape (n,) [points].
+
+        Args:
+            postures: shape (n, 32), or (32,) for one [rad].
+        """
+        ...

@@ -1,0 +1,178 @@
+"""REBA made differentiable: its expected value under noise of known scale. No data, no training, and a meaning.
+
+V_tau(q) = E[REBA(q + tau eta)] with an independent standard logistic eta per joint is infinitely often differentiable, has
+a closed form because every joint is read by one segment only, and is REBA itself as tau goes to 0 (except exactly on band
+ends). A narrow tau is faithful but flat between band ends; a wide one shows the way from afar. The mixture has both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.costs import distributions as d
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS, SIDES
+from ergoqp.sheets.description import Segment, Sheet
+from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.postures import read_postures
+from ergoqp.sheets.task import Task, read_task
+
+
+class SmoothReba:
+    """The smooth score: a weighted mean of V_tau over a few widths tau.
+
+    Options and method shift it exactly as they shift :func:`ergoqp.sheets.reba.assess`.
+
+    Attributes:
+        name: ``"smooth_reba"``.
+        minimum: the lowest exact score under these options, which the value approaches but does not undercut [points].
+        taus_deg: scales of the logistic noise [deg].
+        weights: of the scales, adding up to 1.
+        method: how the sheet is read.
+        function: ``posture (32,) -> cost``, a CasADi Function of scalar operations.
+    """
+
+    name = "smooth_reba"
+
+    def __init__(
+        self,
+        taus_deg: Sequence[float] = (1.5, 12.0),
+        weights: Sequence[float] = (0.8, 0.2),
+        method: Method | None = None,
+        *,
+        load_kg: float = 0.0,
+        shock: bool = False,
+        coupling: int = 0,
+        activity: int = 0,
+        seated: bool = False,
+        one_leg: bool = False,
+        arm_supported: tuple[bool, bool] = (False, False),
+        shoulder_raised: tuple[bool, bool] = (False, False),
+    ) -> None:
+        """Build the expression.
+
+        Args:
+            taus_deg: scales of the noise, above 0 [deg].
+            weights: one per scale, not negative, adding up to 1.
+            method: how the sheet is read; the default follows the publication.
+            load_kg: mass handled [kg].
+            shock: shock or a rapid build-up of force.
+            coupling: 0 good to 3 unacceptable.
+            activity: 0 to 3.
+            seated: knees are not counted.
+            one_leg: weight on one leg or an unstable stance.
+            arm_supported: (right, left).
+            shoulder_raised: (right, left).
+
+        Raises:
+            InputError: for a value outside its range.
+        """
+        self.taus_deg, self.weights = _mixture(taus_deg, weights)
+        self.method = Method() if method is None else method
+        sheet = sheet_of(self.method)
+        task = read_task(
+            sheet,
+            None,
+            load_kg=load_kg,
+            shock=shock,
+            coupling=coupling,
+            activity=activity,
+            seated=seated,
+            one_leg=one_leg,
+            arm_supported=arm_supported,
+            shoulder_raised=shoulder_raised,
+        )
+        q = ca.SX.sym("q", len(JOINTS))
+        reading = _Reading(sheet, self.method, task)
+        values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
+        self._q, self._value = q, sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0))
+        self.minimum = reading.lowest()
+        self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
+
+    @cached_property
+    def value_and_gradient(self) -> ca.Function:
+        """``posture (32,) -> cost, gradient (32,)``, a CasADi Function; the gradient in points per rad."""
+        outputs = ca.cse([self._value, ca.gradient(self._value, self._q)])
+        return ca.Function(f"{self.name}_gradient", [self._q], outputs, ["posture"], ["cost", "gradient"])
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`."""
+        return self.function(q)
+
+    def __call__(self, postures: ArrayLike) -> NDArray[np.float64]:
+        """Return V of each posture, see :meth:`ergoqp.costs.cost.Cost.__call__`. NaN gives NaN."""
+        rows = read_postures(postures)
+        if not len(rows):
+            return np.empty(0)
+        return self.function(ca.DM(rows.T)).full().ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """The sheet read on distributions: one method per line of the worksheet."""
+
+    sheet: Sheet
+    method: Method
+    task: Task
+
+    def expected(self, q: ca.SX, tau: float) -> ca.SX:
+        """Return E[REBA] at a posture, shape (32,) [rad], under noise of scale tau [rad]."""
+        return d.expectation(self._final(), *self._scores(q, tau))
+
+    def lowest(self) -> float:
+        """Return the lowest score of any posture [points]."""
+        score_a, score_b = self._scores(ca.SX.sym("q", len(JOINTS)), 1.0)
+        return float(self._final()[min(score_a) - 1, min(score_b) - 1])
+
+    def _final(self) -> np.ndarray:
+        """Table C with the activity, cut at the highest final score."""
+        return np.minimum(self.sheet.tables["C"].cells + self._points("C"), self.method.final_max)
+
+    def _scores(self, q: ca.SX, tau: float) -> tuple[d.Distribution, d.Distribution]:
+        """Return the distributions of scores A and B."""
+        sheet = self.sheet
+        table_a = d.through_table(
+            sheet.tables["A"].cells, [self._segment(segment, q, tau, "") for segment in sheet.of_table("A")]
+        )
+        arms = [[self._segment(segment, q, tau, side) for segment in sheet.of_table("B")] for side in SIDES]
+        cells = sheet.tables["B"].cells
+        if self.method.arms == "whole":
+            table_b = d.worse(*(d.through_table(cells, arm) for arm in arms))
+        else:
+            table_b = d.through_table(cells, [d.worse(right, left) for right, left in zip(*arms, strict=True)])
+        return d.shift(table_a, self._points("A")), d.shift(table_b, self._points("B"))
+
+    def _points(self, table: str) -> int:
+        return int(self.task.points[self.sheet.tables[table].plus])
+
+    def _segment(self, segment: Segment, q: ca.SX, tau: float, side: str) -> d.Distribution:
+        points = segment.start
+        if segment.skipped_by is not None and self.task.flag(segment.skipped_by):
+            scores = d.certain(0)
+        elif segment.worse_side:
+            scores = d.worse(*(d.of_step(segment.base, q[segment.joint(segment.base, s)], tau) for s in SIDES))
+        else:
+            scores = d.of_step(segment.base, q[segment.joint(segment.base, side)], tau)
+        for modifier in segment.modifiers:
+            conditions = [d.of_step(step, q[segment.joint(step, side)], tau) for step in modifier.conditions]
+            for point in conditions if modifier.additive else [d.any_of(conditions)]:
+                scores = d.plus(scores, point)
+        for option in segment.options:
+            blocked = option.not_with is not None and bool(self.task.flag(option.not_with))
+            points += option.points * (bool(self.task.flag(option.option, side)) and not blocked)
+        return d.shift(scores, points, 1, segment.highest)
+
+
+def _mixture(taus_deg: Sequence[float], weights: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    taus, shares = np.atleast_1d(np.asarray(taus_deg, float)), np.atleast_1d(np.asarray(weights, float))
+    if taus.ndim != 1 or not taus.size or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all():
+        raise InputError(f"taus_deg: got {taus_deg!r}, allowed: scales from 0.001 to 180 deg")
+    if shares.shape != taus.shape or not (shares >= 0).all() or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9):
+        raise InputError(f"weights: got {weights!r}, allowed: one per tau ({taus.size}), not negative, adding up to 1")
+    return tuple(taus.tolist()), tuple(shares.tolist())

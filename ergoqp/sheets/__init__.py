@@ -1,0 +1,1 @@
+"""Posture sheets as data, and their exact reading."""

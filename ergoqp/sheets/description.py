@@ -1,0 +1,241 @@
+"""A sheet as data: the parts of a posture sheet, read from a TOML file and the values of a method.
+
+Three readings stand on these parts and on nothing else: the exact score (:mod:`ergoqp.sheets.score`), the reasons in words
+(:mod:`ergoqp.sheets.words`) and the smooth score (:mod:`ergoqp.costs.smooth_reba`). Nothing here knows which sheet it is.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from ergoqp.joints import INDEX, SIDES
+
+TIE: Final = 1e-9
+"""Half width of a band end [rad, or the unit of the edge]: 20 deg computed in two ways may differ in its last bits."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A piecewise constant function of one number: a joint's bands, or the load.
+
+    Attributes:
+        joint: joint name; without its side when the segment has two.
+        edges: ascending band ends [rad].
+        scores: one score per band, one more than `edges`.
+        rises_at: what an argument must exceed to be past each edge; ties are decided here [rad].
+        words: what a negative and a positive argument are called.
+    """
+
+    joint: str
+    edges: tuple[float, ...]
+    scores: tuple[int, ...]
+    rises_at: tuple[float, ...]
+    words: tuple[str, str]
+
+    def band(self, value: float) -> int:
+        """Return the number of the band that a value lies in, 0 for the lowest."""
+        return sum(value > threshold for threshold in self.rises_at)
+
+
+@dataclass(frozen=True)
+class Modifier:
+    """Points for conditions of several joints: together at most one point, or one each when `additive`."""
+
+    conditions: tuple[Step, ...]
+    additive: bool
+
+
+@dataclass(frozen=True)
+class OptionPoints:
+    """Points that joint angles cannot tell: added when `option` is set and `not_with` is not."""
+
+    option: str
+    points: int
+    not_with: str | None
+    words: str
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One part of the body: ``clip(start + base + modifiers + options, 1, highest)``.
+
+    Attributes:
+        name: for example ``"upper_arm"``.
+        sided: scored for the right and the left side apart.
+        worse_side: scored once, by the worse of both sides of the base joint.
+        start: score before anything is added.
+        highest: length of the segment's axis in its table.
+        base: bands of the main joint.
+        skipped_by: option that makes the base count 0, or None.
+        modifiers: points for other joints.
+        options: points for what joint angles cannot tell.
+    """
+
+    name: str
+    sided: bool
+    worse_side: bool
+    start: int
+    highest: int
+    base: Step
+    skipped_by: str | None
+    modifiers: tuple[Modifier, ...]
+    options: tuple[OptionPoints, ...]
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Sides scored apart: ``("right", "left")``, or ``("",)`` for what is scored once."""
+        return SIDES if self.sided else ("",)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Base and conditions: every step of the segment."""
+        return (self.base, *(step for modifier in self.modifiers for step in modifier.conditions))
+
+    def joint(self, step: Step, side: str) -> int:
+        """Return the index in a posture of a step's joint on one side (ignored where there is only one)."""
+        paired = self.sided or (self.worse_side and step is self.base)
+        return INDEX[f"{side}_{step.joint}" if paired else step.joint]
+
+    def label(self, side: str) -> str:
+        """Return the segment's key on one side, for example ``"left_wrist"``."""
+        return f"{side}_{self.name}" if self.sided else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table of scores 1, 2, ...: `cells` [score - 1, ...] of the named axes; `plus` is added to what it gives."""
+
+    axes: tuple[str, ...]
+    plus: str
+    cells: np.ndarray
+
+    @cached_property
+    def flat(self) -> np.ndarray:
+        """The cells in one row (C order)."""
+        return self.cells.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A posture sheet with every value of its method filled in.
+
+    Attributes:
+        name: of the sheet.
+        segments: by name, in order.
+        tables: ``A`` and ``B`` join segments, ``C`` joins these two.
+        points: highest points of load, coupling and activity.
+        load: points by mass [kg].
+        shock: points for a shock or a rapid build-up of force.
+        levels: names of the action levels, lowest first.
+        level_starts: lowest final score of each level.
+    """
+
+    name: str
+    segments: dict[str, Segment]
+    tables: dict[str, Table]
+    points: dict[str, int]
+    load: Step
+    shock: int
+    levels: tuple[str, ...]
+    level_starts: tuple[int, ...]
+
+    def of_table(self, table: str) -> tuple[Segment, ...]:
+        """Return the segments along a table's axes."""
+        return tuple(self.segments[name] for name in self.tables[table].axes)
+
+
+Ties = Literal["lower", "higher", "inner"]
+
+
+def load_description(name: str) -> dict[str, Any]:
+    """Read a sheet's TOML file beside this module.
+
+    Args:
+        name: file name without its ending, for example ``"reba"``.
+    """
+    return tomllib.loads(resources.files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def read_sheet(description: Mapping[str, Any], values: Mapping[str, Any], *, ties: Ties, load_ties: Ties) -> Sheet:
+    """Fill the values of a method into a description.
+
+    Args:
+        description: from :func:`load_description`.
+        values: value of every name that edges and alternatives refer to.
+        ties: whether a band end of an angle belongs to the neighbour with the lower or the higher score.
+        load_ties: the same for the load; ``"inner"``: both ends belong to the band between them.
+    """
+    tables = {
+        name: Table(tuple(table["axes"]), table["plus"], np.array(table["cells"], dtype=np.int8))
+        for name, table in description["tables"].items()
+    }
+    highest = {axis: table.cells.shape[i] for table in tables.values() for i, axis in enumerate(table.axes)}
+    load = description["load"]
+    levels = description["action_levels"]
+    return Sheet(
+        name=description["name"],
+        segments={
+            name: _read_segment(name, entry, highest[name], values, ties) for name, entry in description["segments"].items()
+        },
+        tables=tables,
+        points=dict(description["points"]),
+        load=_read_step({"joint": "load", "words": ("", ""), **load}, values, load_ties, unit=1.0),
+        shock=load["shock"],
+        levels=tuple(level["name"] for level in levels),
+        level_starts=tuple(level["from"] for level in levels),
+    )
+
+
+def _read_segment(name: str, entry: Mapping[str, Any], highest: int, values: Mapping[str, Any], ties: Ties) -> Segment:
+    skip = entry.get("skipped_by")
+    return Segment(
+        name=name,
+        sided=entry.get("sided", False),
+        worse_side=entry.get("worse_side", False),
+        start=entry.get("start", 0),
+        highest=highest,
+        base=next(_read_step(base, values, ties) for base in entry["base"] if _applies(base, values)),
+        skipped_by=None if skip is None or values[skip["unless"]] else skip["option"],
+        modifiers=tuple(
+            Modifier(
+                tuple(_read_step(c, values, ties) for c in modifier["conditions"] if _applies(c, values)),
+                additive="additive" in modifier and values[modifier["additive"]],
+            )
+            for modifier in entry.get("modifiers", ())
+        ),
+        options=tuple(
+            OptionPoints(option["option"], option["points"], option.get("not_with"), option["words"])
+            for option in entry.get("options", ())
+        ),
+    )
+
+
+def _applies(entry: Mapping[str, Any], values: Mapping[str, Any]) -> bool:
+    return all(values[name] == value for name, value in entry.get("when", {}).items())
+
+
+def _read_step(entry: Mapping[str, Any], values: Mapping[str, Any], ties: Ties, unit: float = np.pi / 180) -> Step:
+    edges = [_number(edge, values) * unit for edge in entry["edges"]]
+    scores = entry["scores"]
+    thresholds = []
+    for i, edge in enumerate(edges):
+        # An argument at the edge stays in the band below it if that band is the one that owns the edge.
+        rises = scores[i + 1] > scores[i]
+        below = {"lower": rises, "higher": not rises, "inner": i == len(edges) - 1}[ties]
+        thresholds.append(edge + TIE if below else edge - TIE)
+    # Two edges may coincide (a tolerance of 0); the band between them is then empty, never negative.
+    thresholds = np.maximum.accumulate(thresholds).tolist()
+    return Step(entry["joint"], tuple(edges), tuple(scores), tuple(thresholds), tuple(entry["words"]))
+
+
+def _number(edge: str | float, values: Mapping[str, Any]) -> float:
+    if not isinstance(edge, str):
+        return float(edge)
+    return -float(values[edge[1:]]) if edge.startswith("-") else float(values[edge])

@@ -1,0 +1,147 @@
+"""REBA's open points as parameters: where implementations disagree, the choice is the user's and has a name."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
+from typing import Final, Literal
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.sheets.description import Sheet, load_description, read_sheet
+
+_DESCRIPTION: Final = load_description("reba")
+_DEFAULT: Final[dict[str, float]] = _DESCRIPTION["numbers"]
+
+_CHOICES: Final = {
+    "band_ends": ("lower", "higher"),
+    "load_ends": ("inner", "lower", "higher"),
+    "trunk_extension": ("worksheet", "capped", "mirrored"),
+    "arms": ("whole", "segments"),
+}
+_ASCENDING: Final = (
+    ("trunk_upright_deg", "trunk_bent_deg", "trunk_deep_deg"),
+    ("knee_bent_deg", "knee_deep_deg"),
+    ("upper_arm_low_deg", "upper_arm_middle_deg", "upper_arm_high_deg"),
+    ("elbow_low_deg", "elbow_high_deg"),
+    ("load_low_kg", "load_high_kg"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """How the REBA sheet is read. The defaults follow the publication; each field is a known point of disagreement.
+
+    The reference of an angle is not a parameter: trunk to the vertical, neck and upper arm to the trunk, forearm to the
+    upper arm, knee 0 when straight. Who measures otherwise converts the angles first.
+
+    Attributes:
+        band_ends: an angle exactly at a band end (within 1e-9 rad) gets the ``"lower"`` of the two scores (20 deg is
+            "0-20") or the ``"higher"``. Holds for modifier thresholds too.
+        load_ends: exactly 5 and 10 kg: ``"inner"`` as printed ("5-10" includes both), else the lower or higher points.
+        additive: twist and side-bend of neck and trunk give one point each, clamped to the table, not one together.
+        trunk_extension: over 20 deg: ``"worksheet"`` 3; ``"capped"`` 2 (as implementations that never test it);
+            ``"mirrored"`` as flexion, so over 60 is 4.
+        adduction: the upper arm drawn across the body counts as abducted does.
+        knees_when_seated: bent knees count also when seated.
+        arms: each arm scored ``"whole"`` and the worse score B carried forward, or the worse of both arms in each of its
+            ``"segments"`` (never lower).
+        final_max: upper end of the final score, 15; some implementations stop at 12.
+        neck_extension_deg: extension counts past this; negative: flexion below that amount counts as extension.
+        neck_flexion_deg: end of the neck's first band.
+        neck_side_bend_deg: modifier threshold.
+        neck_twist_deg: modifier threshold.
+        trunk_upright_deg: upright within this, both ways.
+        trunk_bent_deg: end of the trunk's second band, both ways.
+        trunk_deep_deg: start of its last band.
+        trunk_side_bend_deg: modifier threshold.
+        trunk_twist_deg: modifier threshold.
+        knee_bent_deg: +1 past this.
+        knee_deep_deg: +2 past this; 180 to have no such band.
+        upper_arm_low_deg: end of the first band, both ways.
+        upper_arm_middle_deg: end of the second band.
+        upper_arm_high_deg: end of the third band.
+        shoulder_abduction_deg: modifier threshold.
+        shoulder_rotation_deg: modifier threshold, both ways.
+        elbow_low_deg: lower end of the good band.
+        elbow_high_deg: upper end of the good band; 180 to have none.
+        wrist_flexion_deg: end of the first band, both ways.
+        wrist_deviation_deg: modifier threshold, both ways.
+        forearm_pronation_deg: modifier threshold of the twisted wrist, both ways.
+        load_low_kg: one point from this mass.
+        load_high_kg: two points past this mass.
+
+    Raises:
+        InputError: at construction, for a value outside its range or edges out of order.
+    """
+
+    band_ends: Literal["lower", "higher"] = "lower"
+    load_ends: Literal["inner", "lower", "higher"] = "inner"
+    additive: bool = False
+    trunk_extension: Literal["worksheet", "capped", "mirrored"] = "worksheet"
+    adduction: bool = False
+    knees_when_seated: bool = False
+    arms: Literal["whole", "segments"] = "whole"
+    final_max: int = 15
+    neck_extension_deg: float = _DEFAULT["neck_extension_deg"]
+    neck_flexion_deg: float = _DEFAULT["neck_flexion_deg"]
+    neck_side_bend_deg: float = _DEFAULT["neck_side_bend_deg"]
+    neck_twist_deg: float = _DEFAULT["neck_twist_deg"]
+    trunk_upright_deg: float = _DEFAULT["trunk_upright_deg"]
+    trunk_bent_deg: float = _DEFAULT["trunk_bent_deg"]
+    trunk_deep_deg: float = _DEFAULT["trunk_deep_deg"]
+    trunk_side_bend_deg: float = _DEFAULT["trunk_side_bend_deg"]
+    trunk_twist_deg: float = _DEFAULT["trunk_twist_deg"]
+    knee_bent_deg: float = _DEFAULT["knee_bent_deg"]
+    knee_deep_deg: float = _DEFAULT["knee_deep_deg"]
+    upper_arm_low_deg: float = _DEFAULT["upper_arm_low_deg"]
+    upper_arm_middle_deg: float = _DEFAULT["upper_arm_middle_deg"]
+    upper_arm_high_deg: float = _DEFAULT["upper_arm_high_deg"]
+    shoulder_abduction_deg: float = _DEFAULT["shoulder_abduction_deg"]
+    shoulder_rotation_deg: float = _DEFAULT["shoulder_rotation_deg"]
+    elbow_low_deg: float = _DEFAULT["elbow_low_deg"]
+    elbow_high_deg: float = _DEFAULT["elbow_high_deg"]
+    wrist_flexion_deg: float = _DEFAULT["wrist_flexion_deg"]
+    wrist_deviation_deg: float = _DEFAULT["wrist_deviation_deg"]
+    forearm_pronation_deg: float = _DEFAULT["forearm_pronation_deg"]
+    load_low_kg: float = _DEFAULT["load_low_kg"]
+    load_high_kg: float = _DEFAULT["load_high_kg"]
+
+    def __post_init__(self) -> None:
+        """Check every value, so that a sheet can always be read from a method."""
+        for field in fields(self):
+            self._check(field.name, getattr(self, field.name))
+        if self.neck_extension_deg <= -self.neck_flexion_deg:
+            raise InputError(
+                f"Method.neck_extension_deg: got {self.neck_extension_deg:g}, allowed: more than "
+                f"{-self.neck_flexion_deg:g}, so that the neck's first band is not empty"
+            )
+        for names in _ASCENDING:
+            values = [getattr(self, name) for name in names]
+            if any(low >= high for low, high in zip(values, values[1:], strict=False)):
+                raise InputError(f"Method.{', '.join(names)}: got {values}, allowed: ascending values")
+
+    def _check(self, name: str, value: object) -> None:
+        where = f"Method.{name}: got {value!r}"
+        if name in _CHOICES:
+            if value not in _CHOICES[name]:
+                raise InputError(f"{where}, allowed: one of {', '.join(map(repr, _CHOICES[name]))}")
+        elif name == "final_max":
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 12 <= value <= 15:
+                raise InputError(f"{where}, allowed: a whole number from 12 to 15")
+        elif name not in _DEFAULT:
+            if not isinstance(value, (bool, np.bool_)):
+                raise InputError(f"{where}, allowed: True or False")
+        else:
+            low = -180.0 if name == "neck_extension_deg" else 0.0
+            high = 180.0 if name.endswith("_deg") else 1000.0
+            number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+            if not number or not low <= float(value) <= high:
+                raise InputError(f"{where}, allowed: a number from {low:g} to {high:g}")
+
+
+@lru_cache(maxsize=64)
+def sheet_of(method: Method) -> Sheet:
+    """Return the REBA sheet with a method's values filled in."""
+    return read_sheet(_DESCRIPTION, asdict(method), ties=method.band_ends, load_ties=method.load_ends)

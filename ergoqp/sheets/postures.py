@@ -1,0 +1,56 @@
+"""Posture arrays as they come in: shape and unit checked once, in one place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
+from ergoqp.sheets.description import TIE
+
+
+def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
+    """Return postures as an own, read-only array of shape (n, 32) [rad].
+
+    Args:
+        postures: shape (n, 32) or (32,).
+
+    Raises:
+        InputError: for anything that is not numbers of that shape.
+    """
+    try:
+        rows = np.array(postures, dtype=float, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad") from None
+    if rows.shape == (len(JOINTS),):
+        rows = rows[np.newaxis]
+    if rows.ndim != 2 or rows.shape[1] != len(JOINTS):
+        raise InputError(f"postures: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order of JOINTS")
+    rows.setflags(write=False)
+    return rows
+
+
+def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool_]:
+    """Return which postures of a block have no NaN, shape (n,).
+
+    Args:
+        angles: shape (32, n), one row per joint [rad].
+        first_row: number of the block's first posture, for the sentence of an error.
+
+    Raises:
+        InputError: for an angle beyond +-180 deg, infinity included.
+    """
+    count = angles.shape[1]
+    # One pass over the block settles the usual case; a NaN fails both comparisons.
+    if count == 0 or (angles.min() >= -np.pi and angles.max() <= np.pi):
+        return np.ones(count, dtype=bool)
+    beyond = np.abs(angles) > np.pi + TIE
+    if beyond.any():
+        row = int(np.argmax(beyond.any(axis=0)))
+        joint = int(np.argmax(beyond[:, row]))
+        raise InputError(
+            f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad, allowed: -pi to pi "
+            "(degrees given as radians?)"
+        )
+    return ~np.isnan(angles).any(axis=0)

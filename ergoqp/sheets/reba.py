@@ -1,0 +1,149 @@
+"""REBA: how risky is a posture, 1 to 15, and why.
+
+>>> import numpy as np
+>>> from ergoqp import reba
+>>> assessment = reba.assess(np.zeros(32))
+>>> int(assessment.final[0]), reba.ACTION_LEVELS[assessment.band[0]]
+(1, 'negligible')
+>>> assessment.reasons(0)[0]
+'neck 0 deg flexion, 5 extension to 20 flexion: 1'
+
+Source: S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31 (2000) 201-205.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import InputError
+from ergoqp.sheets.assessment import Assessment, assess_rows
+from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.postures import read_postures
+from ergoqp.sheets.score import look_up, score_final
+from ergoqp.sheets.task import read_task, whole_numbers
+
+__all__ = ["ACTION_LEVELS", "Assessment", "Method", "Scores", "assess", "combine"]
+
+ACTION_LEVELS: Final[tuple[str, ...]] = sheet_of(Method()).levels
+"""Names of the action levels 0 to 4: negligible, low, medium, high, very high."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What the tables give for segment scores: whole numbers, arrays of the common shape if any argument was one.
+
+    Attributes:
+        table_a: table A of neck, trunk and legs.
+        score_a: with the load.
+        table_b: table B of upper arm, lower arm and wrist.
+        score_b: with the coupling.
+        score_c: table C of scores A and B.
+        final: with the activity, 1 to 15.
+    """
+
+    table_a: np.int64 | NDArray[np.int64]
+    score_a: np.int64 | NDArray[np.int64]
+    table_b: np.int64 | NDArray[np.int64]
+    score_b: np.int64 | NDArray[np.int64]
+    score_c: np.int64 | NDArray[np.int64]
+    final: np.int64 | NDArray[np.int64]
+
+
+def combine(
+    *,
+    neck: ArrayLike,
+    trunk: ArrayLike,
+    legs: ArrayLike,
+    upper_arm: ArrayLike,
+    lower_arm: ArrayLike,
+    wrist: ArrayLike,
+    load: ArrayLike = 0,
+    coupling: ArrayLike = 0,
+    activity: ArrayLike = 0,
+) -> Scores:
+    """Combine segment scores through the tables.
+
+    Args:
+        neck: 1 to 3; whole numbers of any shape, and all arguments broadcast.
+        trunk: 1 to 5.
+        legs: 1 to 4.
+        upper_arm: 1 to 6, of the arm carried forward.
+        lower_arm: 1 to 2.
+        wrist: 1 to 3.
+        load: points 0 to 3.
+        coupling: points 0 to 3.
+        activity: points 0 to 3.
+
+    Raises:
+        InputError: for a score outside its range, or shapes that do not broadcast.
+    """
+    sheet = sheet_of(Method())
+    segments = {"neck": neck, "trunk": trunk, "legs": legs, "upper_arm": upper_arm, "lower_arm": lower_arm, "wrist": wrist}
+    points = {"load": load, "coupling": coupling, "activity": activity}
+    names = [*segments, *points]
+    checked = [whole_numbers(name, value, 1, sheet.segments[name].highest, -1) for name, value in segments.items()]
+    checked += [whole_numbers(name, value, 0, sheet.points[name], -1) for name, value in points.items()]
+    try:
+        arrays = dict(zip(names, np.broadcast_arrays(*checked), strict=True))
+    except ValueError:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(names, checked, strict=True))
+        raise InputError(f"combine: got shapes {shapes}, allowed: shapes that broadcast") from None
+    table_a = look_up(sheet, "A", *(arrays[name] for name in sheet.tables["A"].axes))
+    table_b = look_up(sheet, "B", *(arrays[name] for name in sheet.tables["B"].axes))
+    final = score_final(sheet, table_a, table_b, arrays, highest=15)
+    steps = (table_a, table_a + arrays["load"], table_b, table_b + arrays["coupling"], final - arrays["activity"], final)
+    return Scores(*(step.astype(np.int64)[()] for step in steps))
+
+
+def assess(
+    postures: ArrayLike,
+    method: Method | None = None,
+    *,
+    load_kg: ArrayLike = 0.0,
+    shock: ArrayLike = False,
+    coupling: ArrayLike = 0,
+    activity: ArrayLike = 0,
+    seated: ArrayLike = False,
+    one_leg: ArrayLike = False,
+    arm_supported: tuple[ArrayLike, ArrayLike] = (False, False),
+    shoulder_raised: tuple[ArrayLike, ArrayLike] = (False, False),
+) -> Assessment:
+    """Score postures.
+
+    A finite angle beyond its joint's range is scored by the outer band and flagged in ``outside``. NaN makes that one
+    posture invalid: ``final`` 0.
+
+    Args:
+        postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
+        method: how the sheet is read; the default follows the publication.
+        load_kg: mass handled [kg]. This and every option below: one value, or one per posture, shape (n,).
+        shock: shock or a rapid build-up of force.
+        coupling: 0 good, 1 fair, 2 poor, 3 unacceptable.
+        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute, rapid large changes.
+        seated: knees are not counted.
+        one_leg: weight on one leg or an unstable stance; not counted when seated.
+        arm_supported: (right, left), arm supported or gravity assisted.
+        shoulder_raised: (right, left).
+
+    Raises:
+        InputError: for a wrong shape, an angle beyond +-180 deg (degrees given as radians?) or an option out of range.
+    """
+    rows = read_postures(postures)
+    method = Method() if method is None else method
+    task = read_task(
+        sheet_of(method),
+        len(rows),
+        load_kg=load_kg,
+        shock=shock,
+        coupling=coupling,
+        activity=activity,
+        seated=seated,
+        one_leg=one_leg,
+        arm_supported=arm_supported,
+        shoulder_raised=shoulder_raised,
+    )
+    return assess_rows(rows, method, task)

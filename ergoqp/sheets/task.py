@@ -1,0 +1,156 @@
+"""What joint angles cannot tell: load, shock, coupling, activity, support, stance. Explicit inputs, checked, never guessed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import InputError
+from ergoqp.joints import SIDES
+from ergoqp.sheets.description import Sheet
+
+Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Options of a task, each a 0-d array or one value per posture, shape (n,).
+
+    Attributes:
+        points: points of ``load`` (with shock), ``coupling`` and ``activity``; int8.
+        flags: per option its value, or for options of one side the (right, left) pair; bool.
+        load_kg: the mass [kg].
+        shock: shock or a rapid build-up of force.
+    """
+
+    points: dict[str, NDArray[np.int8]]
+    flags: dict[str, NDArray[np.bool_] | Pair]
+    load_kg: NDArray[np.float64]
+    shock: NDArray[np.bool_]
+
+    def flag(self, option: str, side: str = "") -> NDArray[np.bool_]:
+        """Return the values of an option, on one side if it has two."""
+        value = self.flags[option]
+        return value[SIDES.index(side)] if isinstance(value, tuple) else value
+
+    def rows(self, rows: slice | int) -> Task:
+        """Return the options of some postures; what is the same for all stays one value."""
+
+        def cut(value: NDArray) -> NDArray:
+            return value if value.ndim == 0 else np.asarray(value[rows])
+
+        return Task(
+            {name: cut(value) for name, value in self.points.items()},
+            {
+                name: (cut(value[0]), cut(value[1])) if isinstance(value, tuple) else cut(value)
+                for name, value in self.flags.items()
+            },
+            cut(self.load_kg),
+            cut(self.shock),
+        )
+
+
+def read_task(
+    sheet: Sheet,
+    count: int | None,
+    *,
+    load_kg: ArrayLike,
+    shock: ArrayLike,
+    coupling: ArrayLike,
+    activity: ArrayLike,
+    seated: ArrayLike,
+    one_leg: ArrayLike,
+    arm_supported: tuple[ArrayLike, ArrayLike],
+    shoulder_raised: tuple[ArrayLike, ArrayLike],
+) -> Task:
+    """Check a task's options.
+
+    Args:
+        sheet: gives the allowed points and the load bands.
+        count: number of postures n; None where only single values make sense.
+        load_kg: mass handled [kg], finite and not negative.
+        shock: shock or a rapid build-up of force.
+        coupling: 0 good, 1 fair, 2 poor, 3 unacceptable.
+        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute, rapid large changes.
+        seated: knees are not counted.
+        one_leg: weight on one leg or an unstable stance.
+        arm_supported: (right, left).
+        shoulder_raised: (right, left).
+
+    Raises:
+        InputError: naming the option, what it got and what is allowed.
+    """
+    load = _numbers("load_kg", load_kg, count)
+    if not (np.isfinite(load) & (load >= 0)).all():
+        bad = load[~(np.isfinite(load) & (load >= 0))].flat[0]
+        raise InputError(f"load_kg: got {bad:g}, allowed: a finite mass of 0 kg or more")
+    shocks = _flags("shock", shock, count)
+    masses = np.zeros(load.shape, dtype=np.int8)
+    for threshold, below, above in zip(sheet.load.rises_at, sheet.load.scores, sheet.load.scores[1:], strict=False):
+        masses = masses + np.int8(above - below) * (load > threshold)
+    points = {
+        "load": (masses + sheet.shock * shocks).astype(np.int8),
+        "coupling": whole_numbers("coupling", coupling, 0, sheet.points["coupling"], count),
+        "activity": whole_numbers("activity", activity, 0, sheet.points["activity"], count),
+    }
+    flags: dict[str, NDArray[np.bool_] | Pair] = {
+        "seated": _flags("seated", seated, count),
+        "one_leg": _flags("one_leg", one_leg, count),
+        "arm_supported": _pair("arm_supported", arm_supported, count),
+        "shoulder_raised": _pair("shoulder_raised", shoulder_raised, count),
+    }
+    return Task(points, flags, load, shocks)
+
+
+def whole_numbers(name: str, value: ArrayLike, low: int, high: int, count: int | None) -> NDArray[np.int8]:
+    """Return whole numbers in a range as int8, shape () or (n,).
+
+    Args:
+        name: what the sentence of an error calls it.
+        value: number or numbers.
+        low: smallest allowed.
+        high: largest allowed.
+        count: allowed length n, None for single values only, -1 for any shape.
+
+    Raises:
+        InputError: for anything else than whole numbers in the range.
+    """
+    numbers = _numbers(name, value, count)
+    wrong = ~((numbers >= low) & (numbers <= high) & (numbers == np.round(numbers)))
+    if wrong.any():
+        raise InputError(f"{name}: got {numbers[wrong].flat[0]:g}, allowed: a whole number from {low} to {high}")
+    return numbers.astype(np.int8)
+
+
+def _numbers(name: str, value: ArrayLike, count: int | None) -> NDArray[np.float64]:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name}: got {value!r}, allowed: a number{_or_row(count)}")
+    return _shaped(name, array.astype(float), count)
+
+
+def _flags(name: str, value: ArrayLike, count: int | None) -> NDArray[np.bool_]:
+    array = np.asarray(value)
+    numeric = array.dtype.kind in "iuf" and bool(((array == 0) | (array == 1)).all())
+    if array.dtype.kind != "b" and not numeric:
+        raise InputError(f"{name}: got {value!r}, allowed: True or False{_or_row(count)}")
+    return _shaped(name, array.astype(bool), count)
+
+
+def _pair(name: str, value: tuple[ArrayLike, ArrayLike], count: int | None) -> Pair:
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise InputError(f"{name}: got {value!r}, allowed: a pair (right, left)")
+    return _flags(f"{name} (right)", value[0], count), _flags(f"{name} (left)", value[1], count)
+
+
+def _shaped(name: str, array: NDArray, count: int | None) -> NDArray:
+    if array.ndim == 0 or count == -1 or (count is not None and array.shape == (count,)):
+        return array
+    allowed = "a single value" if count is None else f"a single value or one per posture, shape ({count},)"
+    raise InputError(f"{name}: got shape {array.shape}, allowed: {allowed}")
+
+
+def _or_row(count: int | None) -> str:
+    return "" if count is None else " or one per posture"

@@ -1,0 +1,90 @@
+"""The reading of a sheet in words: one sentence per segment whose numbers add up to its score."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.joints import SIDES
+from ergoqp.sheets.description import Segment, Step
+from ergoqp.sheets.task import Task
+
+
+def explain_segment(segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int) -> str:
+    """Say where a segment's score comes from, for example ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
+
+    Args:
+        segment: the segment.
+        posture: one posture, shape (32,) [rad].
+        task: options of this posture, single values.
+        side: ``"right"``, ``"left"`` or ``""``.
+        score: what the exact reading gave; named at the end when a clamp changed the sum.
+    """
+    joint_side = _worse_side(segment, posture) if segment.worse_side else side
+    angle = float(posture[segment.joint(segment.base, joint_side)])
+    base = segment.base.scores[segment.base.band(angle)]
+    if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
+        parts, total = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"], segment.start
+    else:
+        total = segment.start + base
+        name = f"{segment.label(side)}, {joint_side} knee" if segment.worse_side else segment.label(side)
+        parts = [f"{name} {_amount(segment.base, angle)}, {_band(segment.base, angle)}: {total}"]
+    for modifier in segment.modifiers:
+        met = []
+        for step in modifier.conditions:
+            value = float(posture[segment.joint(step, side)])
+            if step.scores[step.band(value)]:
+                met.append(f"{_word(step, value)} {_magnitude(step, value)} deg")
+        if met and not modifier.additive:
+            met = [" and ".join(met)]
+        parts += [f"{one}: +1" for one in met]
+        total += len(met)
+    for option in segment.options:
+        blocked = option.not_with is not None and bool(task.flag(option.not_with, side))
+        if task.flag(option.option, side) and not blocked:
+            parts.append(f"{option.words}: {option.points:+d}")
+            total += option.points
+    if total != score:
+        parts.append(f"{'at least' if total < score else 'at most'} {score}: {score - total:+d}")
+    return "; ".join(parts).replace("_", " ")
+
+
+def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
+    def score(side: str) -> int:
+        return segment.base.scores[segment.base.band(float(posture[segment.joint(segment.base, side)]))]
+
+    return max(SIDES, key=score)
+
+
+def _amount(step: Step, angle: float) -> str:
+    return f"{_magnitude(step, angle)} deg {_word(step, angle)}"
+
+
+def _word(step: Step, angle: float) -> str:
+    return step.words[angle >= 0]
+
+
+def _magnitude(step: Step, angle: float) -> str:
+    """Return the angle's size with as few decimals as keep it in its band, so that nobody reads "20, over 20"."""
+    degrees = float(np.degrees(angle))
+    for decimals in range(9):
+        shown = round(degrees, decimals)
+        if step.band(float(np.radians(shown))) == step.band(angle):
+            return f"{abs(shown):.{decimals}f}"
+    return f"{abs(degrees):.9f}"
+
+
+def _band(step: Step, angle: float) -> str:
+    """Name the band of an angle by its ends, in the direction that the angle points to."""
+    band = step.band(angle)
+    ends = [-np.inf, *np.degrees(step.edges), np.inf]
+    low, high = ends[band], ends[band + 1]
+    if high == np.inf:
+        return f"over {low:.4g}"
+    if low == -np.inf:
+        return f"over {-high:.4g}" if high <= 0 else f"under {high:.4g}"
+    if high <= 0:
+        return f"{-high:.4g} to {-low:.4g}"
+    if low < 0:
+        return f"within {high:.4g}" if low == -high else f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
+    return f"{low:.4g} to {high:.4g}"
