@@ -2,7 +2,8 @@
 
 A distribution maps each possible score to the symbolic probability of it. The joints' noises are independent and every
 joint is read once, so all of this is exact: adding points shifts probability, a clamp lumps it, "or" is one minus the product
-of the opposites, the worse of two multiplies their cumulative probabilities, a table sends the product of its axes to its cells.
+of the opposites, the worse of two multiplies their cumulative probabilities, a table sends the product of its axes to its
+cells.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -22,8 +23,12 @@ Distribution = dict[int, ca.SX]
 
 
 def past(x: ca.SX, edge: float, tau: float) -> ca.SX:
-    """Return P(x + tau eta > edge) for a standard logistic eta; the tanh form cannot overflow."""
-    return 0.5 + 0.5 * ca.tanh(x * (0.5 / tau) - edge * (0.5 / tau))
+    """Return P(x + tau eta > edge) for a logistic eta with P(eta < z) = (1 + tanh z) / 2.
+
+    Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the noise (the scale parameter
+    of the same logistic law is tau / 2). The tanh form cannot overflow.
+    """
+    return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
 
 
 def of_step(step: Step, x: ca.SX, tau: float) -> Distribution:
@@ -130,5 +135,5 @@ def expectation(cells: np.ndarray, rows: Distribution, columns: Distribution) ->
     return total
 
 
-def _sum(terms) -> ca.SX:  # noqa: ANN001
+def _sum(terms: Iterable[ca.SX]) -> ca.SX:
     return sum(terms, start=ca.SX(0))

@@ -1,8 +1,8 @@
 """REBA made differentiable: its expected value under noise of known scale. No data, no training, and a meaning.
 
-V_tau(q) = E[REBA(q + tau eta)] with an independent standard logistic eta per joint is infinitely often differentiable, has
-a closed form because every joint is read by one segment only, and is REBA itself as tau goes to 0 (except exactly on band
-ends). A narrow tau is faithful but flat between band ends; a wide one shows the way from afar. The mixture has both.
+V_tau(q) = E[REBA(q + tau eta)] with an independent logistic eta per joint, P(eta < z) = (1 + tanh z) / 2, is infinitely often
+differentiable, has a closed form because every joint is read by one segment only, and is REBA itself as tau goes to 0
+(except exactly on band ends). It is the expected score under sensor noise of standard deviation 0.91 tau. A narrow tau is faithful but flat between band ends; a wide one shows the way from afar. The mixture has both.
 """
 
 from __future__ import annotations
@@ -110,7 +110,13 @@ class SmoothReba:
         rows = read_postures(postures)
         if not len(rows):
             return np.empty(0)
-        return self.function(ca.DM(rows.T)).full().ravel()
+        # A map over buffers reads the rows where they are: half the time of a call with a matrix.
+        values = np.empty(len(rows))
+        buffer, evaluate = self.function.map(len(rows)).buffer()
+        buffer.set_arg(0, rows.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+        buffer.set_res(0, values.data)  # pyright: ignore[reportCallIssue]
+        evaluate()
+        return values
 
 
 @dataclass(frozen=True, eq=False)

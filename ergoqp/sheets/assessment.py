@@ -151,7 +151,8 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         rows = slice(start, min(start + _BLOCK, count))
         angles = np.ascontiguousarray(postures[rows].T)
         valid[rows] = check_angles(angles, start)
-        block, options = score_segments(sheet, angles, task.rows(rows)), task.rows(rows)
+        options = task.rows(rows)
+        block = score_segments(sheet, angles, options)
         arms = {side: score_side(sheet, block, side) for side in SIDES}
         worse = np.maximum(*arms.values()) if method.arms == "whole" else score_worse_segments(sheet, block)
         table_a = look_up(sheet, "A", *(block[name] for name in sheet.tables["A"].axes))

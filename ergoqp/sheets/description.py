@@ -6,6 +6,7 @@ Three readings stand on these parts and on nothing else: the exact score (:mod:`
 
 from __future__ import annotations
 
+import itertools
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from importlib import resources
 from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ergoqp.joints import INDEX, SIDES
 
@@ -38,6 +40,18 @@ class Step:
     scores: tuple[int, ...]
     rises_at: tuple[float, ...]
     words: tuple[str, str]
+
+    def score(self, values: NDArray[np.float64]) -> NDArray[np.int8]:
+        """Return the score of the band that each value lies in; NaN falls into the lowest.
+
+        Args:
+            values: any shape, in the unit of the edges.
+        """
+        total = np.full(values.shape, self.scores[0], dtype=np.int8)
+        for threshold, (below, above) in zip(self.rises_at, itertools.pairwise(self.scores), strict=True):
+            past = np.greater(values, threshold).astype(np.int8)
+            total += past if above - below == 1 else np.int8(above - below) * past
+        return total
 
     def band(self, value: float) -> int:
         """Return the number of the band that a value lies in, 0 for the lowest."""
@@ -160,7 +174,7 @@ def load_description(name: str) -> dict[str, Any]:
     Args:
         name: file name without its ending, for example ``"reba"``.
     """
-    return tomllib.loads(resources.files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(resources.files("ergoqp.sheets").joinpath(f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def read_sheet(description: Mapping[str, Any], values: Mapping[str, Any], *, ties: Ties, load_ties: Ties) -> Sheet:

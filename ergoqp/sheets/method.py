@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -119,13 +120,13 @@ class Method:
             )
         for names in _ASCENDING:
             values = [getattr(self, name) for name in names]
-            if any(low >= high for low, high in zip(values, values[1:], strict=False)):
+            if any(low >= high for low, high in itertools.pairwise(values)):
                 raise InputError(f"Method.{', '.join(names)}: got {values}, allowed: ascending values")
 
-    def _check(self, name: str, value: object) -> None:
+    def _check(self, name: str, value: Any) -> None:
         where = f"Method.{name}: got {value!r}"
         if name in _CHOICES:
-            if value not in _CHOICES[name]:
+            if not isinstance(value, str) or value not in _CHOICES[name]:
                 raise InputError(f"{where}, allowed: one of {', '.join(map(repr, _CHOICES[name]))}")
         elif name == "final_max":
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 12 <= value <= 15:
@@ -137,7 +138,7 @@ class Method:
             low = -180.0 if name == "neck_extension_deg" else 0.0
             high = 180.0 if name.endswith("_deg") else 1000.0
             number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-            if not number or not low <= float(value) <= high:
+            if not number or not low <= value <= high:
                 raise InputError(f"{where}, allowed: a number from {low:g} to {high:g}")
 
 

@@ -53,4 +53,4 @@ def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool
             f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad, allowed: -pi to pi "
             "(degrees given as radians?)"
         )
-    return ~np.isnan(angles).any(axis=0)
+    return np.logical_not(np.isnan(angles).any(axis=0))

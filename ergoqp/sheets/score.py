@@ -10,24 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.joints import SIDES
-from ergoqp.sheets.description import Segment, Sheet, Step
+from ergoqp.sheets.description import Segment, Sheet
 from ergoqp.sheets.task import Task
 
 Scores8 = NDArray[np.int8]
-
-
-def score_step(step: Step, angles: NDArray[np.float64]) -> Scores8:
-    """Return the score of the band that each angle lies in.
-
-    Args:
-        step: the bands.
-        angles: shape (n,) [rad]; NaN falls into the lowest band.
-    """
-    total = np.full(angles.shape, step.scores[0], dtype=np.int8)
-    for threshold, below, above in zip(step.rises_at, step.scores, step.scores[1:], strict=False):
-        past = (angles > threshold).view(np.int8)
-        total += past if above - below == 1 else np.int8(above - below) * past
-    return total
 
 
 def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, side: str) -> Scores8:
@@ -40,14 +26,14 @@ def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, sid
         side: ``"right"``, ``"left"`` or ``""``.
     """
     if segment.worse_side:
-        total = np.maximum(*(score_step(segment.base, angles[segment.joint(segment.base, s)]) for s in SIDES))
+        total = np.maximum(*(segment.base.score(angles[segment.joint(segment.base, s)]) for s in SIDES))
     else:
-        total = score_step(segment.base, angles[segment.joint(segment.base, side)])
+        total = segment.base.score(angles[segment.joint(segment.base, side)])
     if segment.skipped_by is not None:
         total = total * ~task.flag(segment.skipped_by, side)
     total += np.int8(segment.start)
     for modifier in segment.modifiers:
-        points = [score_step(step, angles[segment.joint(step, side)]) for step in modifier.conditions]
+        points = [step.score(angles[segment.joint(step, side)]) for step in modifier.conditions]
         for one in points if modifier.additive else [np.bitwise_or.reduce(points)]:
             total += one
     for option in segment.options:

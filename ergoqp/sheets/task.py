@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,19 @@ from ergoqp.joints import SIDES
 from ergoqp.sheets.description import Sheet
 
 Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]]
+
+
+class TaskOptions(TypedDict, total=False):
+    """The options as keywords, one value for all postures; meanings and defaults as in :func:`ergoqp.sheets.reba.assess`."""
+
+    load_kg: float
+    shock: bool
+    coupling: int
+    activity: int
+    seated: bool
+    one_leg: bool
+    arm_supported: tuple[bool, bool]
+    shoulder_raised: tuple[bool, bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +70,14 @@ def read_task(
     sheet: Sheet,
     count: int | None,
     *,
-    load_kg: ArrayLike,
-    shock: ArrayLike,
-    coupling: ArrayLike,
-    activity: ArrayLike,
-    seated: ArrayLike,
-    one_leg: ArrayLike,
-    arm_supported: tuple[ArrayLike, ArrayLike],
-    shoulder_raised: tuple[ArrayLike, ArrayLike],
+    load_kg: ArrayLike = 0.0,
+    shock: ArrayLike = False,
+    coupling: ArrayLike = 0,
+    activity: ArrayLike = 0,
+    seated: ArrayLike = False,
+    one_leg: ArrayLike = False,
+    arm_supported: tuple[ArrayLike, ArrayLike] = (False, False),
+    shoulder_raised: tuple[ArrayLike, ArrayLike] = (False, False),
 ) -> Task:
     """Check a task's options.
 
@@ -87,11 +101,8 @@ def read_task(
         bad = load[~(np.isfinite(load) & (load >= 0))].flat[0]
         raise InputError(f"load_kg: got {bad:g}, allowed: a finite mass of 0 kg or more")
     shocks = _flags("shock", shock, count)
-    masses = np.zeros(load.shape, dtype=np.int8)
-    for threshold, below, above in zip(sheet.load.rises_at, sheet.load.scores, sheet.load.scores[1:], strict=False):
-        masses = masses + np.int8(above - below) * (load > threshold)
     points = {
-        "load": (masses + sheet.shock * shocks).astype(np.int8),
+        "load": (sheet.load.score(load) + sheet.shock * shocks).astype(np.int8),
         "coupling": whole_numbers("coupling", coupling, 0, sheet.points["coupling"], count),
         "activity": whole_numbers("activity", activity, 0, sheet.points["activity"], count),
     }
