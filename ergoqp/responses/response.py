@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import casadi as ca
+import numpy as np
 
 
 class Response(Protocol):
@@ -17,6 +18,11 @@ class Response(Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that the object can move, in the order of `ergoqp.JOINTS`."""
+        ...
+
+    @property
+    def weight_vector(self) -> np.ndarray:
+        """Cost of each joint's rate (32,), relative."""
         ...
 
     def expression(self, q: ca.MX) -> ca.MX:

@@ -1,0 +1,81 @@
+"""The person's joints stay within their ranges, and do not have to move too fast. Soft rows, through S."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.limits.limit import Rows, Situation, straight_margins
+
+
+@dataclass(frozen=True)
+class JointLimit:
+    """Range and rate of every joint of the person.
+
+    A joint within `yield_zone_deg` of its end yields: the response holds it there and the others follow, so that one joint at
+    its end does not stop the object. An unobserved joint has no row: nobody knows where it is.
+
+    Attributes:
+        ranges_deg: narrower ranges, by joint name: (least, greatest) [deg]; the rest as in `ergoqp.joints`.
+        rate_deg: largest rate that the object may ask of a joint [deg/s].
+        yield_zone_deg: see above [deg].
+        tolerance_deg: measured this far outside still counts as at the end, not outside [deg].
+        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+    """
+
+    ranges_deg: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    rate_deg: float = 90.0
+    yield_zone_deg: float = 1.5
+    tolerance_deg: float = 2.0
+    recovery_time: float = 1.0
+    hard = False
+    unit = "rad"
+    names = JOINTS
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        for name, (low, high) in self.ranges_deg.items():
+            if name not in INDEX:
+                raise InputError(f"ranges_deg: got {name!r}, allowed a joint such as 'trunk_flexion'")
+            least, greatest = np.degrees([LOWER[INDEX[name]], UPPER[INDEX[name]]])
+            if not least - 1e-9 <= low < high <= greatest + 1e-9:
+                raise InputError(f"ranges_deg of {name}: got {low} to {high}, allowed within {least:.0f} to {greatest:.0f} deg")
+        for name in ("rate_deg", "recovery_time"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name}: got {getattr(self, name)!r}, allowed a positive number")
+
+    @cached_property
+    def tolerance(self) -> float:
+        """See `tolerance_deg` [rad]."""
+        return float(np.radians(self.tolerance_deg))
+
+    @cached_property
+    def yield_zone(self) -> float:
+        """See `yield_zone_deg` [rad]."""
+        return float(np.radians(self.yield_zone_deg))
+
+    @cached_property
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper ends of all joints, each (32,) [rad]."""
+        lower, upper = LOWER.copy(), UPPER.copy()
+        for name, (low, high) in self.ranges_deg.items():
+            lower[INDEX[name]], upper[INDEX[name]] = np.radians([low, high])
+        return lower, upper
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return one row per joint; rows that the object cannot move are zero."""
+        lower, upper = self.range
+        q, seen = situation.posture, situation.observed
+        below = ca.if_else(seen, q - ca.DM(lower), ca.inf)
+        above = ca.if_else(seen, ca.DM(upper) - q, ca.inf)
+        return Rows(situation.sensitivity, below, above, ca.SX(ca.DM([np.radians(self.rate_deg)] * len(JOINTS))))
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return the smallest margins on the way, by the linear model of the person."""
+        return straight_margins(self.rows(situation), displacement)

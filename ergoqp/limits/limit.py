@@ -1,0 +1,94 @@
+"""What a limit gives to the control step: named rows over the twist, and how its margins change along a stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Where things are at this step, as CasADi expressions.
+
+    Attributes:
+        posture: joint angles (32,) [rad].
+        observed: 1 for joints that are seen (32,).
+        pose: contact frame in the world (4, 4).
+        sensitivity: S (32, 6) with the locks of this pass.
+    """
+
+    posture: ca.SX
+    observed: ca.SX
+    pose: ca.SX
+    sensitivity: ca.SX
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Some quantities that the twist moves, each between two ends: rate = A xi, with `below` and `above` left to go.
+
+    A margin is negative outside. The step turns rows into bounds that leave room for the whole stop.
+
+    Attributes:
+        matrix: A (m, 6): rate of each quantity per twist.
+        below: distance to the lower end (m,), inf without one.
+        above: distance to the upper end (m,), inf without one.
+        rate: largest rate allowed (m,), inf without one.
+    """
+
+    matrix: ca.SX
+    below: ca.SX
+    above: ca.SX
+    rate: ca.SX
+
+
+class Limit(Protocol):
+    """A kind of row. Adding one is one file with this protocol and one line in `ergoqp.problem_file`.
+
+    Attributes:
+        names: name of each row, unique in a problem.
+        unit: of the quantities, for people (``"rad"``, ``"m"``).
+        hard: object side (True): kept by construction, braking included. Through S (False): kept as far as braking allows.
+        tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.
+        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        yield_zone: distance to the end within which a joint of the response yields (is locked) instead of stopping the
+            object; 0 for quantities that cannot yield.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each row."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Unit of the quantities."""
+        ...
+
+    @property
+    def hard(self) -> bool:
+        """Whether the rows are on the object side."""
+        ...
+
+    tolerance: float
+    recovery_time: float
+    yield_zone: float
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return the rows at a situation."""
+        ...
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return the smallest margin (m,) of each row on the straight way to a displacement (6,) [m, rad] of the object.
+
+        A displacement of zero gives the margins as they are.
+        """
+        ...
+
+
+def straight_margins(rows: Rows, displacement: ca.SX) -> ca.SX:
+    """Return the smallest margins (m,) on the way to a displacement for quantities that are linear in it."""
+    moved = rows.matrix @ displacement
+    return ca.fmin(rows.below + ca.fmin(moved, 0), rows.above - ca.fmax(moved, 0))

@@ -1,0 +1,57 @@
+"""How fast the object may move and how quickly that may change, per axis: bounds on the twist itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import InputError
+
+AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
+"""The six axes of a twist: along and about the world's x, y and z."""
+
+
+@dataclass(frozen=True)
+class TwistLimit:
+    """Speed, acceleration and allowed axes of the object, each axis by itself.
+
+    Braking scales the whole twist down along a straight line, as fast as its slowest axis allows, so that a stop from twist
+    xi takes max_i |xi_i| / a_i seconds and moves the object along xi alone. That makes the end of the stop say everything
+    about a convex limit on the way.
+
+    Attributes:
+        linear_speed: along each axis [m/s].
+        angular_speed: about each axis [rad/s].
+        linear_acceleration: along each axis [m/s^2].
+        angular_acceleration: about each axis [rad/s^2].
+        axes: the axes that the object can move, of `AXES`.
+    """
+
+    linear_speed: float = 0.20
+    angular_speed: float = 0.80
+    linear_acceleration: float = 0.60
+    angular_acceleration: float = 2.50
+    axes: tuple[str, ...] = AXES
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("linear_speed", "angular_speed", "linear_acceleration", "angular_acceleration"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name}: got {value!r}, allowed a positive number")
+        object.__setattr__(self, "axes", tuple(self.axes))
+        if not self.axes or set(self.axes) - set(AXES):
+            raise InputError(f"axes: got {self.axes!r}, allowed some of {', '.join(AXES)}")
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Largest speed per axis (6,), zero for axes that cannot move [m/s, rad/s]."""
+        allowed = np.array([axis in self.axes for axis in AXES])
+        return allowed * np.repeat([self.linear_speed, self.angular_speed], 3)
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Largest acceleration per axis (6,) [m/s^2, rad/s^2]."""
+        return np.repeat([self.linear_acceleration, self.angular_acceleration], 3)

@@ -1,0 +1,117 @@
+"""Where the object may be: a box for the contact point, a cone for the tool's axis. Hard rows, on the object side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.limits.limit import Rows, Situation, straight_margins
+
+_AXIS_NAMES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class WorkspaceBox:
+    """The contact point stays in a box of the world.
+
+    Attributes:
+        lower: least x, y, z [m].
+        upper: greatest x, y, z [m].
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    tolerance: float = 1e-9
+    recovery_time: float = 1.0
+    yield_zone: float = 0.0
+    hard = True
+    unit = "m"
+    names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
+
+    def __post_init__(self) -> None:
+        """Check that the box has an inside."""
+        for what, value in (("lower", self.lower), ("upper", self.upper)):
+            object.__setattr__(self, what, _three(f"workspace {what}", value))
+        if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
+            raise InputError(f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <= upper")
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return one row per axis."""
+        point = situation.pose[:3, 3]
+        matrix = ca.SX(3, 6)
+        matrix[:, :3] = ca.DM.eye(3)
+        return Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, ca.SX([ca.inf] * 3))
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return the smallest margins on the way; exact, a box is convex."""
+        return straight_margins(self.rows(situation), displacement)
+
+
+@dataclass(frozen=True)
+class AxisCone:
+    """The tool's axis (x of the contact frame) stays within an angle of a direction of the world.
+
+    Attributes:
+        direction: middle of the cone, any length but zero.
+        half_angle_deg: half the opening [deg].
+    """
+
+    direction: tuple[float, float, float]
+    half_angle_deg: float
+    tolerance: float = 1e-9
+    recovery_time: float = 1.0
+    yield_zone: float = 0.0
+    hard = True
+    unit = "rad"
+    names = ("tool axis",)
+
+    def __post_init__(self) -> None:
+        """Check the numbers and make the direction a unit vector."""
+        direction = np.asarray(_three("tool axis direction", self.direction))
+        length = float(np.linalg.norm(direction))
+        if not length > 1e-9:
+            raise InputError(f"tool axis direction: got {self.direction}, allowed any vector but zero")
+        object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
+        if not 0 < self.half_angle_deg <= 170:
+            raise InputError(f"half_angle_deg: got {self.half_angle_deg!r}, allowed above 0 to 170 deg")
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return the one row: the angle between the axis and the direction grows with turning about their normal."""
+        middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
+        normal = ca.cross(middle, axis)
+        sine = ca.sqrt(ca.sumsqr(normal) + 1e-18)
+        angle = ca.atan2(sine, ca.dot(middle, axis))
+        matrix = ca.SX(1, 6)
+        matrix[0, 3:] = (normal / sine).T
+        return Rows(matrix, ca.SX([ca.inf]), np.radians(self.half_angle_deg) - angle, ca.SX([ca.inf]))
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return the smallest margin while turning about a fixed axis; exact.
+
+        With the axis a turning by phi about u, d . a(phi) = c + m cos(phi - phi0): the least value on [0, end] is at an end
+        or where phi - phi0 = pi.
+        """
+        middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
+        turn = displacement[3:]
+        end = ca.sqrt(ca.sumsqr(turn) + 1e-24)
+        u = turn / end
+        constant = ca.dot(u, axis) * ca.dot(u, middle)
+        cosine = ca.dot(middle, axis) - constant
+        sine = ca.dot(middle, ca.cross(u, axis))
+        at_end = constant + cosine * ca.cos(end) + sine * ca.sin(end)
+        farthest = ca.pi + ca.atan2(sine, cosine)
+        passes = ca.logic_and(farthest >= 0, farthest <= end)
+        least = ca.fmin(ca.fmin(constant + cosine, at_end), ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
+        return np.radians(self.half_angle_deg) - ca.acos(ca.fmax(-1.0, ca.fmin(1.0, least)))
+
+
+def _three(what: str, value: Sequence[float]) -> tuple[float, float, float]:
+    numbers = np.asarray(value, dtype=float)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise InputError(f"{what}: got {value!r}, allowed three finite numbers")
+    return float(numbers[0]), float(numbers[1]), float(numbers[2])

@@ -1,0 +1,153 @@
+"""The terms of one task: whose posture, which cost, how the person follows, what must hold, and how boldly to move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from ergoqp.costs.cost import Cost
+from ergoqp.errors import ProblemError
+from ergoqp.joints import JOINTS
+from ergoqp.limits import Limit, TwistLimit
+from ergoqp.responses import Response
+
+if TYPE_CHECKING:
+    from ergoqp.step import Stepper
+
+
+@dataclass(frozen=True)
+class Control:
+    """How boldly the object moves; the defaults serve all problems that come with the package.
+
+    Attributes:
+        look_ahead: T, how far ahead an improvement counts [s]; at least twice the person's delay.
+        smoothing: t_s, time constant of changes of the twist [s].
+        effort_linear: R of the linear axes [points / (m/s)^2].
+        effort_angular: R of the angular axes [points / (rad/s)^2].
+        caution: beta, curvature from moving the person's joints [points s^2/rad^2 per unit of joint weight].
+        contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points / (rad/s)^2].
+        rest_below: predicted gain of one second at full speed below which the object comes to rest [points].
+        rest_after: for how long it must be that low [s].
+        move_above: predicted gain above which it moves again [points].
+        move_after: for how long it must be that high [s].
+        max_age: oldest posture that still counts [s].
+    """
+
+    look_ahead: float = 0.5
+    smoothing: float = 0.15
+    effort_linear: float = 2.0
+    effort_angular: float = 0.15
+    caution: float = 0.02
+    contact: float = 20.0
+    rest_below: float = 0.02
+    rest_after: float = 0.5
+    move_above: float = 0.06
+    move_after: float = 0.3
+    max_age: float = 0.10
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float)) and 0 <= value < float("inf")):
+                raise ProblemError(f"control.{name}: got {value!r}, allowed a finite number of at least 0")
+        for name in ("look_ahead", "effort_linear", "effort_angular", "max_age"):
+            if getattr(self, name) == 0:
+                raise ProblemError(f"control.{name}: got 0, allowed a positive number")
+        if self.move_above < self.rest_below:
+            raise ProblemError(
+                f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}, or rest would flicker"
+            )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One task, from Python; `ergoqp.load_problem` makes the same from a file.
+
+    Attributes:
+        cost: V(q), see `ergoqp.costs`.
+        response: S(q), see `ergoqp.responses`.
+        limits: what must hold, exactly one `TwistLimit` among them.
+        dt: control period [s].
+        control: how boldly to move.
+        name: short name, a word.
+        title: the task in a few words.
+        assumptions: sentences on what the terms take as given.
+    """
+
+    cost: Cost
+    response: Response
+    limits: Sequence[Limit | TwistLimit]
+    dt: float = 0.01
+    control: Control = field(default_factory=Control)
+    name: str = "custom"
+    title: str = ""
+    assumptions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that the terms fit together."""
+        object.__setattr__(self, "limits", tuple(self.limits))
+        if not 1e-4 <= self.dt <= 0.1:
+            raise ProblemError(f"dt: got {self.dt!r} s, allowed 0.0001 to 0.1 s")
+        count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
+        if count != 1:
+            raise ProblemError(f"limits: got {count} twist limits, allowed exactly one")
+        names = [name for limit in self.row_limits for name in limit.names]
+        if doubled := sorted({name for name in names if names.count(name) > 1}):
+            raise ProblemError(f"limits: got more than one row named {', '.join(doubled)}, allowed one each")
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the entries of `posture`."""
+        return JOINTS
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that the object may move; the others stay as measured."""
+        return self.response.joints
+
+    @cached_property
+    def twist_limit(self) -> TwistLimit:
+        """The bounds on the twist itself."""
+        return next(limit for limit in self.limits if isinstance(limit, TwistLimit))
+
+    @cached_property
+    def row_limits(self) -> tuple[Limit, ...]:
+        """The limits that are rows."""
+        return tuple(limit for limit in self.limits if not isinstance(limit, TwistLimit))
+
+    @cached_property
+    def row_names(self) -> tuple[str, ...]:
+        """Name of every row, in the order of `Step.margins`."""
+        return tuple(name for limit in self.row_limits for name in limit.names)
+
+    def limit_of(self, kind: type) -> Any:
+        """Return the limit of a kind, or None."""
+        return next((limit for limit in self.limits if isinstance(limit, kind)), None)
+
+    def replace(self, **terms: Any) -> Problem:
+        """Return this problem with other terms, for example ``problem.replace(cost=...)``.
+
+        Raises:
+            ProblemError: if a name is not that of a term.
+        """
+        if unknown := set(terms) - set(self.__dataclass_fields__):
+            raise ProblemError(f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}")
+        return replace(self, **terms)
+
+    def step_function(self, solver: str = "daqp") -> ca.Function:
+        """Return the whole control step as one pure CasADi function; see `ergoqp.step_function.build_step`."""
+        from ergoqp.solvers import solver_named
+        from ergoqp.step_function import build_step
+
+        return build_step(self, solver_named(solver))
+
+    def stepper(self, solver: str = "daqp", dt: float | None = None, log: Any = None) -> Stepper:
+        """Return a control loop's own stepper; one per loop. See `ergoqp.step.Stepper`."""
+        from ergoqp.step import Stepper
+
+        return Stepper(self, solver=solver, dt=dt, log=log)

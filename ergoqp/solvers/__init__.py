@@ -1,0 +1,24 @@
+"""QP solvers behind one protocol, one file per solver; adding one is a file and a line in `SOLVERS`."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ergoqp.errors import InputError
+from ergoqp.solvers.daqp import Daqp
+from ergoqp.solvers.osqp import Osqp
+from ergoqp.solvers.solver import QpSolver as QpSolver
+
+SOLVERS: Final[dict[str, type[QpSolver]]] = {solver.name: solver for solver in (Daqp, Osqp)}
+"""Solver classes by name."""
+
+
+def solver_named(name: str) -> QpSolver:
+    """Return a solver by its name.
+
+    Raises:
+        InputError: if there is none of that name.
+    """
+    if name not in SOLVERS:
+        raise InputError(f"solver: got {name!r}, allowed one of {', '.join(SOLVERS)}")
+    return SOLVERS[name]()
