@@ -55,15 +55,15 @@ class Cause(IntEnum):
 
 
 INPUTS: Final = (
-    *("posture", "observed", "pose", "has_pose", "stored_pose", "started", "twist", "sent", "dt", "age"),
+    *("posture", "observed", "pose", "has_pose", "stored_pose", "started", "executed", "sent", "dt", "age"),
     *("frame", "enable", "rest"),
 )
 OUTPUTS: Final = (
-    *("twist", "pose", "next_pose", "posture_rate", "rest", "status", "causes", "cost", "gain", "margins", "slack"),
-    *("multipliers", "locked", "outside", "residuals"),
+    *("twist", "pose_used", "next_pose", "posture_rate", "next_rest", "status", "causes", "cost", "gain", "margins"),
+    *("slack", "multipliers", "locked", "outside", "residuals"),
 )
 _SIZES: Final = {
-    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "stored_pose": (4, 4), "twist": (6, 1), "sent": (6, 1)},
+    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "stored_pose": (4, 4), "executed": (6, 1), "sent": (6, 1)},
     "rest": (2, 1),
 }
 
@@ -106,7 +106,7 @@ def _checked(problem: Problem) -> ca.Function:
     posture_ok = ca.sum1(ca.if_else(seen, plausible, 1)) >= N - 0.5
     rotation = raw["pose"][:3, :3]
     pose_ok = ca.logic_and(rotation_error(rotation) < 1e-3, ca.sumsqr(raw["pose"][:3, 3]) < 1e4)
-    twist_ok = ca.sumsqr(raw["twist"]) < 1e4
+    twist_ok = ca.sumsqr(raw["executed"]) < 1e4
     dt_ok = ca.logic_and(raw["dt"] >= 1e-5, raw["dt"] <= 0.5)
     age_ok = raw["age"] >= 0
     fresh = raw["age"] <= problem.control.max_age
@@ -117,7 +117,7 @@ def _checked(problem: Problem) -> ca.Function:
     given = ca.logic_and(raw["has_pose"] > 0.5, pose_ok)
     stored = ca.if_else(raw["started"] > 0.5, raw["stored_pose"], from_posture)
     pose = ca.if_else(given, raw["pose"], stored)
-    previous = ca.if_else(twist_ok, raw["twist"], raw["sent"])
+    previous = ca.if_else(twist_ok, raw["executed"], raw["sent"])
     dt = ca.if_else(dt_ok, raw["dt"], problem.dt)
 
     bad = {
@@ -231,7 +231,7 @@ def _finish(problem: Problem, movable: list[int]) -> ca.Function:
         ca.SX.sym(name, *size) for name, size in zip("xSEsm", ((6, 1), (N, 6), unmet, (m, 1), (m, 1)), strict=True)
     )
     residual, locked = ca.SX.sym("residual"), ca.SX.sym("locked", N)
-    usable, causes, rest = ca.SX.sym("usable"), ca.SX.sym("causes"), ca.SX.sym("rest", 2)
+    usable, found, rest = ca.SX.sym("usable"), ca.SX.sym("causes"), ca.SX.sym("rest", 2)
     situation = Situation(posture, observed, pose, S)
     brake = braking(problem.twist_limit, previous, dt)
 
@@ -256,13 +256,12 @@ def _finish(problem: Problem, movable: list[int]) -> ca.Function:
         share = ca.if_else(ca.mmin(margins(twist) - floor) >= 0, candidate, share)
     accepted = ca.logic_and(ca.logic_and(usable, solved), share > 0)
     share = ca.if_else(accepted, share, 0)
-    # Where the answer is not accepted it must not even be multiplied: a failed QP may have returned NaN.
-    twist = ca.if_else(accepted, brake.twist + share * (ca.if_else(solved, wanted, 0) - brake.twist), brake.twist)
-
-    held = ca.if_else(accepted, ca.if_else(solved, S @ twist, 0), S @ twist)
-    rate = _model_rate(limits, situation, held, dt)
-    causes = causes + ca.if_else(usable, ca.if_else(solved, 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved), 0)
-    used = ca.mmax(slack * (ca.vertcat(now)[movable] >= -tolerance[movable])) > 10 * TOLERANCE
+    # The answer of a failed QP may be NaN, and if_else selects without multiplying.
+    twist = ca.if_else(accepted, brake.twist + share * (wanted - brake.twist), brake.twist)
+    rate = _model_rate(limits, situation, S @ twist, dt)
+    failed = ca.if_else(solved, 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
+    causes = found + ca.if_else(usable, failed, 0)
+    used = ca.mmax(slack * (now[movable] >= -tolerance[movable])) > 10 * TOLERANCE
     status = ca.if_else(resting[0] > 0.5, int(Status.settled), int(Status.optimal))
     status = ca.if_else(used, int(Status.relaxed), status)
     status = ca.if_else(must_move, int(Status.recovering), status)
@@ -274,7 +273,7 @@ def _finish(problem: Problem, movable: list[int]) -> ca.Function:
     contact = ca.sqrt(ca.sumsqr(E @ twist))
     outputs = [twist, pose, exp_rotation(pose, twist * dt), rate, resting, status, causes, value, gain, now]
     outputs += [full_slack, full_multipliers, locked, outside, ca.vertcat(residual, contact, share)]
-    inputs = [*fixed, xi, S, E, slack, multipliers, residual, locked, usable, causes, rest]
+    inputs = [*fixed, xi, S, E, slack, multipliers, residual, locked, usable, found, rest]
     return ca.Function("finish", inputs, ca.cse([ca.densify(part) for part in outputs]))
 
 
