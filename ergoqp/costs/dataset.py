@@ -1,6 +1,6 @@
 """Random postures, the same number for every score: what surrogates are fitted to and judged by.
 
-Low scores are rare: with every joint drawn from a random band, REBA 1 comes up about once in ten million draws. Waiting
+Low scores are rare: with every joint drawn from a random band, REBA 1 comes up about once in 40 000 draws. Waiting
 for it is not needed. Joints are independent and each is read by one segment, so the law of the drawn bands is a finite
 table; the score splits that table, and drawing from the part with the wanted score gives exactly the postures that rejection
 would keep.

@@ -1,8 +1,9 @@
 """REBA made differentiable: its expected value under noise of known scale. No data, no training, and a meaning.
 
-V_tau(q) = E[REBA(q + tau eta)] with an independent logistic eta per joint, P(eta < z) = (1 + tanh z) / 2, is infinitely often
-differentiable, has a closed form because every joint is read by one segment only, and is REBA itself as tau goes to 0
-(except exactly on band ends). It is the expected score under sensor noise of standard deviation 0.91 tau. A narrow tau is faithful but flat between band ends; a wide one shows the way from afar. The mixture has both.
+V_tau(q) = E[REBA(q + tau eta)] with an independent logistic eta per joint, P(eta < z) = (1 + tanh z) / 2, is infinitely
+often differentiable, has a closed form because every joint is read by one segment only, and is REBA itself as tau goes to 0
+(except exactly on band ends). It is the expected score under sensor noise of standard deviation 0.91 tau. A narrow tau is
+faithful but flat between band ends; a wide one shows the way from afar. The mixture has both.
 """
 
 from __future__ import annotations
