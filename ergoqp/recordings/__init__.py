@@ -1,0 +1,5 @@
+"""Recordings: motion-capture files of other people's making, read with care and turned into postures."""
+
+from ergoqp.recordings.load import READERS as READERS
+from ergoqp.recordings.load import load_recording as load_recording
+from ergoqp.recordings.recording import Recording as Recording

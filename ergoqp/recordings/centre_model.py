@@ -1,0 +1,72 @@
+"""Where the body's joint centres are in the world, and how they move with the pelvis and the joints, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.human import Body, Kinematics
+from ergoqp.joints import JOINTS, LOWER, UPPER
+
+BASE: Final = 4
+"""The pelvis comes first among the unknowns: x, y, z [m] and yaw [rad]."""
+
+UNKNOWNS: Final = BASE + len(JOINTS)
+"""Pelvis, then the joints in the order of `JOINTS`."""
+
+
+class CentreModel:
+    """The chosen joint centres of one body as a function of its configuration.
+
+    Args:
+        body: the person.
+        centres: names of frames of `ergoqp.human.FRAMES`.
+    """
+
+    def __init__(self, body: Body, centres: Sequence[str]) -> None:
+        """Build the expression once and reserve its buffers."""
+        self.centres = tuple(centres)
+        kinematics = Kinematics(body)
+        z = ca.SX.sym("z", UNKNOWNS)
+        cos, sin = ca.cos(z[3]), ca.sin(z[3])
+        yaw = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
+        across = ca.vertcat(ca.horzcat(-sin, -cos, 0), ca.horzcat(cos, -sin, 0), ca.horzcat(0, 0, 0))
+        positions, jacobians = [], []
+        for centre in centres:
+            position, _, jacobian = kinematics.at(centre, z[BASE:])
+            positions.append(z[:3] + yaw @ position)
+            jacobians.append(ca.horzcat(ca.SX.eye(3), across @ position, yaw @ jacobian[:3, :]))
+        outputs = ca.cse([ca.vertcat(*positions), ca.densify(ca.vertcat(*jacobians))])
+        function = ca.Function("centres", [z], [ca.densify(outputs[0]), outputs[1]])
+        rows = 3 * len(self.centres)
+        self._z = np.zeros(UNKNOWNS)
+        self._positions = np.zeros(rows)
+        self._jacobian = np.zeros((rows, UNKNOWNS), order="F")  # CasADi writes column by column
+        self._buffer, self._evaluate = function.buffer()
+        # CasADi's stubs ask for a size that the call does not take.
+        self._buffer.set_arg(0, self._z.data)  # pyright: ignore[reportCallIssue]
+        self._buffer.set_res(0, self._positions.data)  # pyright: ignore[reportCallIssue]
+        self._buffer.set_res(1, self._jacobian.T.data)  # pyright: ignore[reportCallIssue]
+
+    def __call__(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the centres and their Jacobian.
+
+        Args:
+            z: pelvis x, y, z, yaw and the posture, shape (36,).
+
+        Returns:
+            Positions (m, 3) [m] and Jacobian (3 m, 36), rows centre by centre. Both are overwritten by the next call.
+        """
+        self._z[:] = z
+        self._evaluate()
+        return self._positions.reshape(-1, 3), self._jacobian
+
+
+LOWEST: Final = np.concatenate([np.full(BASE, -np.inf), LOWER])
+"""Lower bounds of the unknowns, shape (36,): the pelvis is free, the joints keep their ranges."""
+
+HIGHEST: Final = np.concatenate([np.full(BASE, np.inf), UPPER])
+"""Upper bounds of the unknowns, shape (36,)."""

@@ -1,0 +1,191 @@
+"""From a motion-capture file to postures: read, name, place, fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import InputError, RecordingError
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS, spoken
+from ergoqp.recordings.bvh import read_bvh
+from ergoqp.recordings.centre_model import BASE, CentreModel
+from ergoqp.recordings.fit import fit
+from ergoqp.recordings.hands import place_hands
+from ergoqp.recordings.head import rest_lean, straighten_head
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
+from ergoqp.recordings.person import given_person, measured_lengths, measured_person, suggested_stature
+from ergoqp.recordings.placing import find_unit, find_up, to_world
+from ergoqp.recordings.recording import Recording
+
+READERS: Final[dict[str, Callable[[Path], JointMotion]]] = {".bvh": read_bvh}
+"""File name ending -> reader. Another format is one more file and one more line here."""
+
+_UPRIGHT: Final = math.radians(2)
+_POOR: Final = 0.06  # m
+_FASTEST: Final = 12.0  # m/s: above what a hand reaches in work
+
+
+def load_recording(
+    path: str | Path,
+    person: float | str | Path | None = None,
+    unit_to_m: float | None = None,
+    up: str | None = None,
+    *,
+    mapping: str | Path | None = None,
+) -> Recording:
+    """Read a motion-capture file and fit the body to it.
+
+    Args:
+        path: the recording; its ending tells the format (see `READERS`).
+        person: stature [m], path of a person file (see `ergoqp.recordings.person`), or None to measure the segment lengths in
+            the recording itself.
+        unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature of an adult.
+        up: the file's vertical axis, ``"y"`` or ``"z"``; None finds it.
+        mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known naming (see
+            `ergoqp.recordings.naming.CENTRES`); None tries the known namings.
+
+    Returns:
+        Postures, pelvis poses, what was observed, how well the body fits, and every assumption made.
+
+    Raises:
+        RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not known.
+        InputError: another argument is not usable.
+        MissingExtraError: the format's reader is not installed.
+    """
+    path = Path(path)
+    _check_arguments(unit_to_m, up)
+    naming = None if mapping is None else read_mapping(Path(mapping))
+    body = None if person is None else given_person(person)
+    motion = _reader(path)(path)
+    named = named_centres(motion, naming, path.name)
+    centres = named.paths
+    assumptions = [f"The joints are named as in the {named.title} skeleton.", *motion.notes]
+
+    lengths = measured_lengths(centres)
+    stature = suggested_stature(lengths)
+    unit = unit_to_m
+    if unit is None:
+        if stature is None:
+            raise RecordingError(f"{path.name}: no limb is complete enough to tell the unit of length; state unit_to_m")
+        unit = find_unit(stature, path.name)
+        assumptions.append(
+            f"The unit of length is taken as {unit:g} m, the only common one that gives a stature of 1.4 to 2.1 m."
+        )
+    if up is None:
+        up = find_up(centres, path.name)
+        assumptions.append(f"The vertical axis is taken as {up}, along which the head is above the feet.")
+    if body is None:
+        body = _measured_body(path, lengths, stature, unit, assumptions)
+
+    world = _placed(named, unit, up, body, assumptions)
+    order = [centre for centre in CENTRES if centre in world]
+    result = fit(CentreModel(body, order), np.stack([world[centre] for centre in order], axis=1))
+    assumptions.extend(_poor(result.error))
+    assumptions.extend(_leaps(motion.time, world))
+    assumptions.extend(_unobserved(result.observed))
+    return Recording(
+        time=motion.time,
+        postures=result.configurations[:, BASE:],
+        base_poses=_poses(result.configurations[:, :BASE]),
+        observed=result.observed,
+        fit_error=result.error,
+        object_poses=None,
+        assumptions=tuple(assumptions),
+        person=body,
+    )
+
+
+def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
+    if unit_to_m is not None and not (math.isfinite(unit_to_m) and unit_to_m > 0):
+        raise InputError(f"unit_to_m: got {unit_to_m!r}, allowed a length in metres above 0")
+    if up not in (None, "y", "z"):
+        raise InputError(f"up: got {up!r}, allowed 'y', 'z' or None")
+
+
+def _reader(path: Path) -> Callable[[Path], JointMotion]:
+    try:
+        return READERS[path.suffix.lower()]
+    except KeyError:
+        if path.is_dir():
+            raise RecordingError(f"{str(path)!r} is a folder; give the recording file itself") from None
+        raise RecordingError(f"{path.name}: got the ending {path.suffix!r}, recordings end in {', '.join(READERS)}") from None
+
+
+def _measured_body(
+    path: Path, lengths: Mapping[str, float], stature: float | None, unit: float, assumptions: list[str]
+) -> Body:
+    if stature is None:
+        raise RecordingError(f"{path.name}: no trunk, arm or leg is complete enough to measure the person; state person")
+    try:
+        body, average = measured_person({name: unit * length for name, length in lengths.items()}, unit * stature)
+    except InputError as error:
+        raise RecordingError(f"{path.name}: with a unit of {unit:g} m, {error}; check unit_to_m") from None
+    assumptions.append(
+        f"The segment lengths are measured between the recording's joints; they suggest a stature of {body.stature:.2f} m."
+    )
+    if average:
+        assumptions.append(
+            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those of the recording."
+        )
+    return body
+
+
+def _placed(named: NamedCentres, unit: float, up: str, body: Body, assumptions: list[str]) -> dict[str, np.ndarray]:
+    """Return the targets of the fit: centre -> positions (n, 3) in our axes [m], head and hands as the body has them."""
+    world = {centre: to_world(path, unit, up) for centre, path in named.paths.items()}
+    lean = rest_lean({centre: to_world(place, unit, up) for centre, place in named.rest.items()})
+    if abs(lean) > _UPRIGHT:
+        world = straighten_head(world, lean)
+        angle = f"{math.degrees(lean):.0f} deg"
+        assumptions.append(f"The skeleton's neck leans forward by {angle} at rest; that is taken as looking straight ahead.")
+    world = place_hands(world, body)
+    if set(world) & {"right_knuckles", "left_knuckles"}:
+        assumptions.append("The hands have average length; of the recording's hand joints only the directions are used.")
+    return world
+
+
+def _poor(error: np.ndarray) -> list[str]:
+    """Return a sentence when the body does not look like the recording at all, as with a wrong axis or mapping."""
+    seen = error[np.isfinite(error)]
+    median = float(np.median(seen)) if len(seen) else 0.0
+    if median <= _POOR:
+        return []
+    how = f"The body fits poorly, by {1000 * median:.0f} mm in the median frame"
+    return [f"{how}; check the vertical axis, the person and the mapping."]
+
+
+def _leaps(time: np.ndarray, world: Mapping[str, np.ndarray]) -> list[str]:
+    """Return a sentence about frames that cannot follow one another at the stated frame time: calibration poses, keyframes."""
+    moved = np.fmax.reduce([np.linalg.norm(np.diff(path, axis=0), axis=1) for path in world.values()])
+    places = np.flatnonzero(moved > _FASTEST * np.diff(time))
+    if not len(places):
+        return []
+    first = places[0]
+    more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
+    return [
+        f"Between the frames {first + 1} and {first + 2}{more} a joint moves by {moved[places].max():.2f} m at once: "
+        "a calibration pose, or frames that are not uniform in time; all frames are kept."
+    ]
+
+
+def _unobserved(observed: np.ndarray) -> list[str]:
+    """Return the sentence that lists the joints held at zero because no centre tells them."""
+    never = [spoken(name) for name, seen in zip(JOINTS, np.any(observed, axis=0).tolist(), strict=True) if not seen]
+    return [f"Not told by the recording and held at zero: {', '.join(never)}."] if never else []
+
+
+def _poses(base: np.ndarray) -> np.ndarray:
+    """Return upright poses (n, 4, 4) from positions [m] and headings [rad], shape (n, 4)."""
+    poses = np.tile(np.eye(4), (len(base), 1, 1))
+    poses[:, :3, 3] = base[:, :3]
+    cos, sin = np.cos(base[:, 3]), np.sin(base[:, 3])
+    poses[:, 0, 0] = poses[:, 1, 1] = cos
+    poses[:, 1, 0] = sin
+    poses[:, 0, 1] = -sin
+    return poses
