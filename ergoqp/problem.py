@@ -60,7 +60,7 @@ class Control:
                 raise ProblemError(f"control.{name}: got 0, allowed a positive number")
         if self.move_above < self.rest_below:
             raise ProblemError(
-                f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}, or rest would flicker"
+                f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}: rest would flicker"
             )
 
 

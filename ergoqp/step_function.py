@@ -92,10 +92,23 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
         again = ca.Function("again", [*symbols, *shapes], list(one_pass(*symbols, shapes[6], last)))
         enough = ca.Function("enough", [*symbols, *shapes], shapes)
         result = ca.Function.if_else("next_pass", again, enough)(result[7], *fixed, *result)
-    finish = _finish(problem, movable)
-    # result[6] is the lock set of the answer when no further pass was asked for, and the one it was solved with otherwise.
-    outputs = finish(*fixed, *result[:7], usable, causes, raw["rest"])
-    return ca.Function("step", list(raw.values()), list(outputs), list(INPUTS), list(OUTPUTS))
+    xi, S, E, slack, multipliers, residual, locked, _ = result
+    pattern = _pattern(problem)
+    judge, shorten, account = _judge(problem, pattern), _shorten(problem, pattern), _account(problem, pattern, movable)
+    seen = raw["observed"]
+    wanted, brake, now, solved, outside, gain, rest, whole = judge(
+        posture, seen, pose, previous, dt, gradient, xi, S, residual, usable, raw["rest"]
+    )
+    nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
+    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
+        whole, posture, seen, pose, dt, S, wanted, brake, now
+    )
+    known = (posture, seen, pose, dt, S, residual, usable, E, slack, multipliers, causes)
+    twist, moved, rate, status, causes, slack, multipliers, residuals = account(
+        *known, wanted, brake, now, solved, outside, rest, share
+    )
+    outputs = [twist, pose, moved, rate, rest, status, causes, value, gain, now, slack, multipliers, locked, outside, residuals]
+    return ca.Function("step", list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
 
 
 def _checked(problem: Problem) -> ca.Function:
@@ -140,11 +153,16 @@ def _stand_in(problem: Problem) -> np.ndarray:
 
 
 def _cost(problem: Problem) -> ca.Function:
-    """V and its gradient; joints that are not seen do not pull."""
+    """V and its gradient; joints that are not seen, or that the object cannot move, do not pull."""
     q, observed = ca.MX.sym("q", N), ca.MX.sym("observed", N)
     value = problem.cost.expression(q)
-    gradient = ca.gradient(value, q) * (observed > 0.5)
-    return ca.Function("cost", [q, observed], [value, gradient])
+    moved = [problem.coordinates.index(joint) for joint in problem.joints]
+    gradient = ca.MX(N, 1)
+    gradient[moved] = (ca.gradient(value, q) * (observed > 0.5))[moved]
+    # As scalars the value and its gradient share what they have in common.
+    scalar = ca.Function("cost", [q, observed], [value, ca.densify(gradient)]).expand()
+    inputs = [ca.SX.sym("q", N), ca.SX.sym("observed", N)]
+    return ca.Function("cost", inputs, ca.cse(list(scalar(*inputs))))
 
 
 def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int]]:
@@ -153,8 +171,7 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     unmet = problem.response.sensitivity().size_out(1)
     sizes = ((N, 1), (N, 1), (4, 4), (6, 1), (1, 1), (1, 1), (N, 1), (N, 1), (1, 1), (N, 6), unmet)
     sx = {name: ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
-    pattern = problem.response.sensitivity()(ca.SX.sym("q", N), ca.SX.sym("l", N))[0]
-    S = _with_pattern(sx["S"], pattern)
+    S = _with_pattern(sx["S"], _pattern(problem))
     situation = Situation(sx["posture"], sx["observed"], sx["pose"], S)
     movable = movable_rows(problem.row_limits, situation)
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
@@ -171,6 +188,10 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     again = ca.mmax(newly)
     parts = [xi, ca.densify(S_value), ca.densify(E_value), slack, multipliers, residual, locked, again]
     return ca.Function("one_pass", list(mx.values()), parts), movable
+
+
+def _pattern(problem: Problem) -> ca.SX:
+    return problem.response.sensitivity()(ca.SX.sym("q", N), ca.SX.sym("locked", N))[0]
 
 
 def _with_pattern(dense: ca.SX, pattern: ca.SX) -> ca.SX:
@@ -218,63 +239,98 @@ def _near(distance: ca.SX, zone: float, tolerance: float) -> ca.SX:
     return ca.logic_and(distance < zone, distance >= -tolerance)
 
 
-def _finish(problem: Problem, movable: list[int]) -> ca.Function:
-    """Certify the answer, decide on rest, and account for everything."""
-    m, limits = len(movable), problem.row_limits
-    rows_in_all = len(problem.row_names)
-    unmet = problem.response.sensitivity().size_out(1)
-    names = ("posture", "observed", "pose", "previous", "dt", "value", "gradient")
-    sizes = ((N, 1), (N, 1), (4, 4), (6, 1), (1, 1), (1, 1), (N, 1))
-    fixed = [ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)]
-    posture, observed, pose, previous, dt, value, gradient = fixed
-    xi, S, E, slack, multipliers = (
-        ca.SX.sym(name, *size) for name, size in zip("xSEsm", ((6, 1), (N, 6), unmet, (m, 1), (m, 1)), strict=True)
-    )
-    residual, locked = ca.SX.sym("residual"), ca.SX.sym("locked", N)
-    usable, found, rest = ca.SX.sym("usable"), ca.SX.sym("causes"), ca.SX.sym("rest", 2)
-    situation = Situation(posture, observed, pose, S)
-    brake = braking(problem.twist_limit, previous, dt)
-
-    def margins(twist: ca.SX) -> ca.SX:
-        displacement = stop_displacement(problem.twist_limit, twist, dt)
-        return ca.vertcat(*(limit.margins(situation, displacement) for limit in limits))
-
-    now, at_braking = margins(ca.SX(6, 1)), margins(brake.twist)
-    solved = residual < TOLERANCE
-    tolerance = ca.DM(limit_values(limits, "tolerance"))
-    outside = ca.logic_and(now < -tolerance, _moves(limits, situation))
-    gain = _gain(problem, S.T @ gradient, xi)
+def _judge(problem: Problem, pattern: ca.SX) -> ca.Function:
+    """What the object should do by this answer, and whether all of it can be certified as it is."""
+    sx = {name: ca.SX.sym(name, *size) for name, size in _JUDGED.items()}
+    S = _with_pattern(sx["S"], pattern)
+    limits, dt = problem.row_limits, sx["dt"]
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S)
+    brake = braking(problem.twist_limit, sx["previous"], dt)
+    now = _margins(problem, situation, ca.SX(6, 1), dt)
+    solved = sx["residual"] < TOLERANCE
+    outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(limits, situation))
     must_move = ca.mmax(outside)
-    resting = rest_update(problem.control, rest, ca.if_else(must_move, ca.inf, gain), dt, ca.logic_and(usable, solved))
-    wanted = ca.if_else(ca.logic_and(resting[0] > 0.5, ca.logic_not(must_move)), brake.twist, xi)
+    gain = _gain(problem, S.T @ sx["gradient"], sx["xi"])
+    counts = ca.logic_and(sx["usable"], solved)
+    rest = rest_update(problem.control, sx["rest"], ca.if_else(must_move, ca.inf, gain), dt, counts)
+    wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
+    # The answer of a failed QP may be NaN; it goes no further.
+    wanted = ca.if_else(solved, wanted, brake.twist)
+    through = _margins(problem, situation, wanted, dt)
+    whole = ca.mmin(through - _floor(problem, now)) >= 0
+    outputs = [wanted, brake.twist, now, solved, outside, gain, rest, whole]
+    return ca.Function("judge", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
 
-    # What held before holds through the stop; what did not gets no worse; nothing is asked beyond what braking itself does.
-    floor = ca.fmin(ca.fmin(now, at_braking), 0) - HELD - 1e-7 * ca.DM(1 - limit_values(limits, "hard"))
+
+def _shorten(problem: Problem, pattern: ca.SX) -> ca.Function:
+    """The largest share of the way from braking to the wanted twist that can be certified; 0: only braking itself.
+
+    What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
+    """
+    names = ("posture", "observed", "pose", "dt", "S", "wanted", "brake", "now")
+    sizes = {**_JUDGED, "wanted": (6, 1), "brake": (6, 1), "now": (len(problem.row_names), 1)}
+    sx = {name: ca.SX.sym(name, *sizes[name]) for name in names}
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern))
+    at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
+    floor = _floor(problem, ca.fmin(sx["now"], at_braking))
     share = ca.SX(0)
     for candidate in reversed(_SHARES):
-        twist = brake.twist + candidate * (wanted - brake.twist)
-        share = ca.if_else(ca.mmin(margins(twist) - floor) >= 0, candidate, share)
-    accepted = ca.logic_and(ca.logic_and(usable, solved), share > 0)
-    share = ca.if_else(accepted, share, 0)
-    # The answer of a failed QP may be NaN, and if_else selects without multiplying.
-    twist = ca.if_else(accepted, brake.twist + share * (wanted - brake.twist), brake.twist)
-    rate = _model_rate(limits, situation, S @ twist, dt)
-    failed = ca.if_else(solved, 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
-    causes = found + ca.if_else(usable, failed, 0)
-    used = ca.mmax(slack * (now[movable] >= -tolerance[movable])) > 10 * TOLERANCE
-    status = ca.if_else(resting[0] > 0.5, int(Status.settled), int(Status.optimal))
+        twist = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
+        holds = ca.mmin(_margins(problem, situation, twist, sx["dt"]) - floor) >= 0
+        share = ca.if_else(holds, candidate, share)
+    return ca.Function("shorten", list(sx.values()), ca.cse([share]))
+
+
+def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Function:
+    """The twist that is sent, and the account of it."""
+    m, rows_in_all = len(movable), len(problem.row_names)
+    sizes = {
+        **{name: _JUDGED[name] for name in ("posture", "observed", "pose", "dt", "S", "residual", "usable")},
+        **{"E": problem.response.sensitivity().size_out(1), "slack": (m, 1), "multipliers": (m, 1), "causes": (1, 1)},
+        **{"wanted": (6, 1), "brake": (6, 1), "now": (rows_in_all, 1), "solved": (1, 1), "outside": (rows_in_all, 1)},
+        **{"rest": (2, 1), "share": (1, 1)},
+    }
+    sx = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
+    limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern))
+    accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
+    twist = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
+    rate = _model_rate(limits, situation, situation.sensitivity @ twist, dt)
+    failed = ca.if_else(sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
+    causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
+
+    tolerance = ca.DM(limit_values(limits, "tolerance"))
+    used = ca.mmax(sx["slack"] * (sx["now"][movable] >= -tolerance[movable])) > 10 * TOLERANCE
+    status = ca.if_else(sx["rest"][0] > 0.5, int(Status.settled), int(Status.optimal))
     status = ca.if_else(used, int(Status.relaxed), status)
-    status = ca.if_else(must_move, int(Status.recovering), status)
+    status = ca.if_else(ca.mmax(sx["outside"]), int(Status.recovering), status)
     status = ca.if_else(accepted, status, int(Status.braking))
-    status = ca.if_else(_any_bit(causes, Cause.posture, Cause.age), int(Status.invalid), status)
+    wrong = ca.fmod(causes, 2.0 ** (Cause.age + 1)) > 0.5
+    status = ca.if_else(wrong, int(Status.invalid), status)
 
     full_slack, full_multipliers = ca.SX(rows_in_all, 1), ca.SX(rows_in_all, 1)
-    full_slack[movable], full_multipliers[movable] = slack, multipliers
-    contact = ca.sqrt(ca.sumsqr(E @ twist))
-    outputs = [twist, pose, exp_rotation(pose, twist * dt), rate, resting, status, causes, value, gain, now]
-    outputs += [full_slack, full_multipliers, locked, outside, ca.vertcat(residual, contact, share)]
-    inputs = [*fixed, xi, S, E, slack, multipliers, residual, locked, usable, found, rest]
-    return ca.Function("finish", inputs, ca.cse([ca.densify(part) for part in outputs]))
+    full_slack[movable], full_multipliers[movable] = sx["slack"], sx["multipliers"]
+    contact = ca.sqrt(ca.sumsqr(sx["E"] @ twist))
+    residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
+    outputs = [twist, exp_rotation(sx["pose"], twist * dt), rate, status, causes, full_slack, full_multipliers, residuals]
+    return ca.Function("account", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
+
+
+_JUDGED: Final = {
+    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "previous": (6, 1), "dt": (1, 1), "gradient": (N, 1)},
+    **{"xi": (6, 1), "S": (N, 6), "residual": (1, 1), "usable": (1, 1), "rest": (2, 1)},
+}
+
+
+def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
+    """Smallest margins of all rows through a period at `twist` and the stop after it."""
+    displacement = stop_displacement(problem.twist_limit, twist, dt) if twist.nnz() else twist
+    return ca.vertcat(*(limit.margins(situation, displacement) for limit in problem.row_limits))
+
+
+def _floor(problem: Problem, margins: ca.SX) -> ca.SX:
+    """Margins that an accepted twist must keep; rows through S to the accuracy of the QP."""
+    return ca.fmin(margins, 0) - HELD - 1e-7 * ca.DM(1 - limit_values(problem.row_limits, "hard"))
 
 
 def _moves(limits: tuple, situation: Situation) -> ca.SX:
@@ -299,7 +355,3 @@ def _model_rate(limits: tuple, situation: Situation, rate: ca.SX, dt: ca.SX) -> 
         down = ca.if_else(rows.below < limit.yield_zone, 0.0, ca.fmax(rows.below, 0) / dt)
         rate = ca.fmax(ca.fmin(rate, up), -down)
     return rate
-
-
-def _any_bit(causes: ca.SX, *bits: Cause) -> ca.SX:
-    return ca.mmax(ca.vertcat(*(ca.fmod(ca.floor(causes / 2.0**bit), 2) > 0.5 for bit in bits)))

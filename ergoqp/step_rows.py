@@ -111,14 +111,14 @@ def _one_end(
     limit: Limit, distance: ca.SX, rate: ca.SX, at_braking: ca.SX, moves: ca.SX, brake: Braking, final: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """Return (largest rate toward this end, by how much it may be exceeded) for each row."""
-    inside = distance >= 0
+    inside = distance >= -limit.tolerance
     coming_back = ca.fmin(rate, -distance / limit.recovery_time)
-    wanted_back = ca.if_else(ca.logic_and(distance < -limit.tolerance, moves), coming_back, 0.0)
+    wanted_back = ca.if_else(moves, coming_back, 0.0)
     allowed = ca.fmin(rate, ca.fmax(distance, 0) / brake.reach)
     bound = ca.if_else(inside, allowed, -wanted_back)
     least = ca.if_else(inside, allowed, 0.0)
     if limit.yield_zone:
-        # In the zone the first passes let the joint go where the QP wants it: outward means it is locked, not that the object stops.
+        # In the zone the first passes let the joint go where the QP wants it: outward, it is locked and the object goes on.
         near = ca.logic_and(distance < limit.yield_zone, distance >= -limit.tolerance)
         yields = ca.logic_and(near, ca.logic_not(final))
         bound, least = ca.if_else(yields, rate, bound), ca.if_else(yields, rate, least)

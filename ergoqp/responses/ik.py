@@ -160,7 +160,8 @@ class IkResponse:
         inverse_weight = ca.diagcat(pelvis, ca.diag(free))
         K = P @ J
         M = K @ inverse_weight @ K.T + turning + self.damping**2 * ca.SX.eye(6 * len(hands))
-        gain = inverse_weight @ K.T @ spd_inverse(M)
+        inverse_M = spd_inverse(M)
+        gain = inverse_weight @ K.T @ inverse_M
 
         def in_joints(rates: ca.SX) -> ca.SX:
             """Spread (pelvis, trunk and arms) over the 32 joints."""
@@ -169,9 +170,10 @@ class IkResponse:
             return spread
 
         to_pelvis = ca.diagcat(stance.yaw.T, stance.yaw.T)
-        follow = gain @ P @ G @ to_pelvis
-        S = in_joints(follow)
-        E = P @ (G @ to_pelvis - J @ follow)
+        wanted = P @ G @ to_pelvis
+        S = in_joints(gain @ wanted)
+        # G xi - J v with v = gain G xi: what the damping leaves over, and all of it where the joints cannot follow.
+        E = self.damping**2 * inverse_M @ wanted
         own = ca.vertcat(stance.relax, wish[arms])
         relax = in_joints(own - gain @ K @ own)
 
