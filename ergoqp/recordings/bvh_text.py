@@ -113,7 +113,8 @@ def _decoded(path: Path) -> str:
     except FileNotFoundError:
         raise RecordingError(f"there is no recording {str(path)!r}") from None
     except (OSError, ValueError) as error:
-        raise RecordingError(f"{str(path)!r} cannot be read: {error}") from None
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{_short(str(path))} cannot be read: {reason}") from None
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

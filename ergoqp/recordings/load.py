@@ -77,9 +77,7 @@ def load_recording(
         assumptions.append(
             f"The unit of length is taken as {unit:g} m, the only common one that gives a stature of 1.4 to 2.1 m."
         )
-    if up is None:
-        up = find_up(centres, path.name)
-        assumptions.append(f"The vertical axis is taken as {up}, along which the head is above the feet.")
+    up = _vertical(path, centres, up, assumptions)
     if body is None:
         body = _measured_body(path, lengths, stature, unit, assumptions)
 
@@ -115,6 +113,19 @@ def _reader(path: Path) -> Callable[[Path], JointMotion]:
         if path.is_dir():
             raise RecordingError(f"{str(path)!r} is a folder; give the recording file itself") from None
         raise RecordingError(f"{path.name}: got the ending {path.suffix!r}, recordings end in {', '.join(READERS)}") from None
+
+
+def _vertical(path: Path, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]) -> str:
+    """Return the stated vertical axis, else the one found."""
+    found = find_up(centres)
+    if stated is None:
+        if found is None:
+            raise RecordingError(f"{path.name}: the head is above the feet along neither y nor z; state the vertical axis (up)")
+        assumptions.append(f"The vertical axis is taken as {found}, along which the head is above the feet.")
+        return found
+    if found is not None and found != stated:
+        assumptions.append(f"The vertical axis is {stated} as stated, although the head is above the feet along {found}.")
+    return stated
 
 
 def _measured_body(

@@ -16,8 +16,9 @@ LIKELY_STATURE: Final = (1.4, 2.1)
 """The statures that tell which unit is meant [m]."""
 
 _UPPER = (("head",), ("neck",), ("right_shoulder", "left_shoulder"))
-_LOWER = (("right_ankle", "left_ankle"), ("right_knee", "left_knee"), ("right_hip", "left_hip"), ("pelvis",))
-_CLEARLY_UP = 0.6  # mean component of the unit vector from the feet to the head: 53 degrees from the axis
+_MIDDLE = (("right_hip", "left_hip"), ("pelvis",))
+_LOWER = (("right_ankle", "left_ankle"), ("right_knee", "left_knee"), *_MIDDLE)
+_CLEARLY_UP = 0.6  # mean component of the unit vectors from the feet to the head and to the hips: 53 degrees from the axis
 
 
 def find_unit(stature: float, where: str) -> float:
@@ -44,29 +45,26 @@ def find_unit(stature: float, where: str) -> float:
     return next(iter(fitting.values()))
 
 
-def find_up(centres: Mapping[str, np.ndarray], where: str) -> str:
-    """Return the file's vertical axis, ``"y"`` or ``"z"``: the one along which the head is above the feet over the frames.
+def find_up(centres: Mapping[str, np.ndarray]) -> str | None:
+    """Return the file's vertical axis, ``"y"`` or ``"z"``: the one along which head and hips are above the feet.
+
+    The head alone would not do for a person who stoops all the time, nor the hips for one who squats.
 
     Args:
         centres: centre -> positions (n, 3) in the file's axes.
-        where: the file's name, for messages.
 
-    Raises:
-        RecordingError: neither axis clearly points from the feet to the head.
+    Returns:
+        The axis, or None when neither clearly points from the feet to the head.
     """
-    rise = _middle(centres, _UPPER) - _middle(centres, _LOWER)
+    feet = _middle(centres, _LOWER)
+    rise = np.concatenate([_middle(centres, _UPPER) - feet, _middle(centres, _MIDDLE) - feet])
     length = np.linalg.norm(rise, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         direction = rise / length
-    seen = np.isfinite(direction).all(axis=1)
+    seen = np.isfinite(direction).all(axis=1)  # without legs the hips are the feet, and have no direction
     mean = direction[seen].mean(axis=0) if seen.any() else np.zeros(3)
     axis = 1 + int(np.argmax(mean[1:]))
-    if mean[axis] < _CLEARLY_UP:
-        raise RecordingError(
-            f"{where}: the vertical axis is not known: on average the head lies from the feet in the direction "
-            f"({mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}) of the file's axes; state it (up: y or z)"
-        )
-    return "xyz"[axis]
+    return "xyz"[axis] if mean[axis] >= _CLEARLY_UP else None
 
 
 def to_world(positions: np.ndarray, unit: float, up: str) -> np.ndarray:
