@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets.description import TIE, Segment, Sheet
-from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.score import look_up, score_final, score_segment
 from ergoqp.sheets.task import Task, TaskOptions, read_task
 
@@ -55,7 +55,9 @@ def balanced_postures(
     """
     if per_score < 1:
         raise InputError(f"per_score: got {per_score}, allowed: 1 or more")
-    method = Method() if method is None else method
+    if not len(scores):
+        raise InputError("scores: got none, allowed: one or more final scores")
+    method = read_method(method)
     sheet = sheet_of(method)
     law = _law(sheet, method, read_task(sheet, None, **options))
     labels = np.repeat(np.asarray(scores, dtype=np.int64), per_score)

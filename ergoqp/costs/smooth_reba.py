@@ -20,7 +20,7 @@ from ergoqp.costs import distributions as d
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.description import Segment, Sheet
-from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
 from ergoqp.sheets.task import Task, read_task
 
@@ -75,7 +75,7 @@ class SmoothReba:
             InputError: for a value outside its range.
         """
         self.taus_deg, self.weights = _mixture(taus_deg, weights)
-        self.method = Method() if method is None else method
+        self.method = read_method(method)
         sheet = sheet_of(self.method)
         task = read_task(
             sheet,
@@ -98,7 +98,10 @@ class SmoothReba:
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:
-        """``posture (32,) -> cost, gradient (32,)``, a CasADi Function; the gradient in points per rad."""
+        """``posture (32,) -> cost, gradient (32,)``, a CasADi Function; the gradient in points per rad.
+
+        One pass for both: about 0.7 of the time of differentiating :meth:`expression` inside another function.
+        """
         outputs = ca.cse([self._value, ca.gradient(self._value, self._q)])
         return ca.Function(f"{self.name}_gradient", [self._q], outputs, ["posture"], ["cost", "gradient"])
 

@@ -142,6 +142,17 @@ class Method:
                 raise InputError(f"{where}, allowed: a number from {low:g} to {high:g}")
 
 
+def read_method(method: Method | None) -> Method:
+    """Return a method, the default for None.
+
+    Raises:
+        InputError: for anything else.
+    """
+    if method is not None and not isinstance(method, Method):
+        raise InputError(f"method: got {method!r}, allowed: a reba.Method")
+    return Method() if method is None else method
+
+
 @lru_cache(maxsize=64)
 def sheet_of(method: Method) -> Sheet:
     """Return the REBA sheet with a method's values filled in."""

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.sheets.assessment import Assessment, assess_rows
-from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
 from ergoqp.sheets.score import look_up, score_final
 from ergoqp.sheets.task import read_task, whole_numbers
@@ -133,7 +133,7 @@ def assess(
         InputError: for a wrong shape, an angle beyond +-180 deg (degrees given as radians?) or an option out of range.
     """
     rows = read_postures(postures)
-    method = Method() if method is None else method
+    method = read_method(method)
     task = read_task(
         sheet_of(method),
         len(rows),

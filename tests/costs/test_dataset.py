@@ -69,3 +69,5 @@ def test_unreachable_scores_are_named():
         balanced_postures(1, np.random.default_rng(0), activity=3)
     with pytest.raises(InputError, match="per_score: got 0"):
         balanced_postures(0, np.random.default_rng(0))
+    with pytest.raises(InputError, match="scores: got none"):
+        balanced_postures(1, np.random.default_rng(0), scores=())

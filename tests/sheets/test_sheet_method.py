@@ -88,3 +88,8 @@ def test_every_method_field_is_tested_above():
 def test_method_refuses_what_is_out_of_range(change):
     with pytest.raises(InputError, match=rf"Method\..*{next(iter(change))}.*got .*allowed: "):
         reba.Method(**change)
+
+
+def test_a_method_of_another_kind_is_refused():
+    with pytest.raises(InputError, match="method: got 'strict', allowed: a reba.Method"):
+        reba.assess(np.zeros(32), "strict")
