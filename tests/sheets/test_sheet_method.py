@@ -91,5 +91,5 @@ def test_method_refuses_what_is_out_of_range(change):
 
 
 def test_a_method_of_another_kind_is_refused():
-    with pytest.raises(InputError, match="method: got 'strict', allowed: a reba.Method"):
+    with pytest.raises(InputError, match=r"method: got 'strict', allowed: a reba\.Method"):
         reba.assess(np.zeros(32), "strict")
