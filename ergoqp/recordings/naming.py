@@ -43,12 +43,17 @@ class Naming:
     upright_rest: bool = False
 
     def found_in(self, names: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
-        """Return, for each centre whose joints are all among `names`, the places of these joints."""
-        places = {_plain(name): i for i, name in enumerate(names)}
+        """Return, for each centre whose joints are all among `names`, the places of these joints.
+
+        Upper and lower case do not count, nor does a prefix that all names share ("mixamorig:", "Character1_").
+        """
+        prefix = _shared_prefix(names)
+        places = {name.removeprefix(prefix).casefold(): i for i, name in enumerate(names)}
+        places |= {name.casefold(): i for i, name in enumerate(names)}
         return {
-            centre: tuple(places[_plain(name)] for name in theirs)
+            centre: tuple(places[name.casefold()] for name in theirs)
             for centre, theirs in self.centres.items()
-            if all(_plain(name) in places for name in theirs)
+            if all(name.casefold() in places for name in theirs)
         }
 
 
@@ -150,8 +155,10 @@ def _agreement(naming: Naming, names: tuple[str, ...]) -> tuple[int, float]:
     return found, found / len(naming.centres)
 
 
-def _plain(name: str) -> str:
-    return name.rpartition(":")[2].casefold()
+def _shared_prefix(names: tuple[str, ...]) -> str:
+    """Return the longest start, up to a colon or underscore, that all names have; "" if there is none."""
+    starts = [names[0][: i + 1] for i, letter in enumerate(names[0]) if letter in ":_"]
+    return next((start for start in reversed(starts) if all(name.startswith(start) for name in names)), "")
 
 
 def _some(names: tuple[str, ...]) -> str:

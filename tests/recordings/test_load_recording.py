@@ -242,6 +242,14 @@ def test_an_unknown_skeleton_needs_a_mapping(demo: Path, tmp_path: Path):
         load_recording(path, mapping=mapping)
 
 
+@pytest.mark.parametrize("prefix", ["mixamorig:", "Character1_", "A:b_"])
+def test_a_prefix_of_all_names_does_not_count(prefix: str, demo: Path, tmp_path: Path):
+    path = edited(demo, tmp_path / "prefix.bvh", (r"(ROOT|JOINT) (\w+)", rf"\1 {prefix}\2"))
+    recording = load_recording(path)
+    assert recording.observed.all()
+    assert np.array_equal(recording.postures, load_recording(demo).postures)
+
+
 def test_leaps_are_told(demo: Path, tmp_path: Path):
     lines = demo.read_text().splitlines()
     first_row = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
