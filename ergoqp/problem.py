@@ -8,12 +8,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
+from numpy.typing import ArrayLike
 
 from ergoqp.costs.cost import Cost
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Limit, TwistLimit
 from ergoqp.responses import Response
+from ergoqp.sheets.reba import Assessment, Method, assess
+from ergoqp.sheets.task import TaskOptions
 
 if TYPE_CHECKING:
     from ergoqp.step import Stepper
@@ -74,9 +77,10 @@ class Problem:
         limits: what must hold, exactly one `TwistLimit` among them.
         dt: control period [s].
         control: how boldly to move.
+        task: what joint angles cannot tell (load, coupling, seated ...), as keywords of `ergoqp.reba.assess`.
+        method: how the exact sheet is read.
         name: short name, a word.
         title: the task in a few words.
-        assumptions: sentences on what the terms take as given.
     """
 
     cost: Cost
@@ -84,9 +88,10 @@ class Problem:
     limits: Sequence[Limit | TwistLimit]
     dt: float = 0.01
     control: Control = field(default_factory=Control)
+    task: TaskOptions = field(default_factory=TaskOptions)
+    method: Method = field(default_factory=Method)
     name: str = "custom"
     title: str = ""
-    assumptions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the terms fit together."""
@@ -124,6 +129,10 @@ class Problem:
     def row_names(self) -> tuple[str, ...]:
         """Name of every row, in the order of `Step.margins`."""
         return tuple(name for limit in self.row_limits for name in limit.names)
+
+    def assess(self, postures: ArrayLike) -> Assessment:
+        """Return the exact assessment of postures (n, 32) [rad] in this task: the yardstick of every cost."""
+        return assess(postures, self.method, **self.task)
 
     def limit_of(self, kind: type) -> Any:
         """Return the limit of a kind, or None."""

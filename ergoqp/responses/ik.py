@@ -18,9 +18,9 @@ from ergoqp.responses.linear import spd_inverse
 from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
 
 DEFAULT_WEIGHTS: Final[dict[str, float]] = {
-    "trunk_flexion": 3.0,
-    "trunk_side_bend": 4.0,
-    "trunk_twist": 3.0,
+    "trunk_flexion": 2.5,
+    "trunk_side_bend": 8.0,
+    "trunk_twist": 5.0,
     "shoulder_flexion": 1.0,
     "shoulder_abduction": 1.2,
     "shoulder_rotation": 0.8,
@@ -29,11 +29,11 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "wrist_flexion": 0.6,
     "wrist_deviation": 0.8,
     "hip_flexion": 1.5,
-    "hip_abduction": 3.0,
-    "hip_rotation": 3.0,
+    "hip_abduction": 5.0,
+    "hip_rotation": 5.0,
     "knee_flexion": 1.0,
-    "ankle_flexion": 1.0,
-    "ankle_inversion": 2.0,
+    "ankle_flexion": 2.0,
+    "ankle_inversion": 5.0,
 }
 """Cost of moving each joint, relative; both sides alike. The trunk carries half the body, the forearm next to nothing."""
 
@@ -61,6 +61,7 @@ class IkResponse:
         free_about_tool: whether the hand may turn about the tool's axis.
         weights: cost of moving a joint, by name without its side, or with it; the rest as in `DEFAULT_WEIGHTS`.
         comfort_deg: posture that the person relaxes toward, by joint name, with or without the side [deg]; the rest zero.
+        balance: cost of moving the pelvis away from above the feet, per (m/s)^2, when standing: people keep their balance.
         relaxation_time: time constant of relaxing toward it [s].
         damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
     """
@@ -73,6 +74,7 @@ class IkResponse:
     free_about_tool: bool = True
     weights: Mapping[str, float] = field(default_factory=dict)
     comfort_deg: Mapping[str, float] = field(default_factory=dict)
+    balance: float = 60.0
     relaxation_time: float = 1.0
     damping: float = 0.02
 
@@ -85,7 +87,9 @@ class IkResponse:
             raise InputError(f"stance: got {self.stance!r}, allowed 'standing' or 'seated'")
         if self.tool not in TOOL_AXES:
             raise InputError(f"tool: got {self.tool!r}, allowed one of {', '.join(TOOL_AXES)}")
-        for name, low, high in (("seat_height", 0.2, 1.2), ("relaxation_time", 1e-2, 1e3), ("damping", 1e-6, 1.0)):
+        for name, low, high in (
+            *(("seat_height", 0.2, 1.2), ("balance", 0.0, 1e6), ("relaxation_time", 1e-2, 1e3), ("damping", 1e-6, 1.0)),
+        ):
             if not low <= getattr(self, name) <= high:
                 raise InputError(f"{name}: got {getattr(self, name)!r}, allowed {low} to {high}")
         if any(not weight > 0 or not np.isfinite(weight) for weight in self.weights.values()):
@@ -135,8 +139,16 @@ class IkResponse:
         """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``, in the world that the stance anchors."""
         return self._functions[2]
 
+    def grips(self) -> ca.Function:
+        """Return ``q (32,) -> grip poses side by side (4, 4 k)`` in the world, one per hand."""
+        return self._functions[3]
+
+    def reach(self) -> ca.Function:
+        """Return ``(q (32,), locked (32,), e (6 k,)) -> step (32,)``: the least step that moves the grips by `e`, world axes."""
+        return self._functions[4]
+
     @cached_property
-    def _functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+    def _functions(self) -> tuple[ca.Function, ...]:
         q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
         weights = ca.SX(ca.DM(self.weight_vector))
         moved = ca.SX(ca.DM([float(joint in self.joints) for joint in JOINTS]))
@@ -179,17 +191,22 @@ class IkResponse:
 
         base = _pose(stance.position, stance.yaw)
         contact = base @ _pose(position, rotation)
+        grips = ca.horzcat(*(base @ _pose(p, r) for p, r, _ in hands))
+        error = ca.SX.sym("e", 6 * len(hands))
+        reach = in_joints(gain @ P @ ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error)
         names = (["q", "locked"], ["sensitivity", "unmet"])
         return (
             ca.Function("sensitivity", [q, locked], ca.cse([ca.densify(S), ca.densify(E)]), *names),
             ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
             ca.Function("contact", [q], ca.cse([ca.densify(contact), ca.densify(base)]), ["q"], ["contact", "pelvis"]),
+            ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
+            ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
         )
 
     def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
         if self.stance == "seated":
             return seated(self.seat_height)
-        return standing(self.kinematics, q, weights, locked, wish)
+        return standing(self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time)
 
 
 def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.SX, ca.SX]:

@@ -53,7 +53,15 @@ def seated(seat_height: float) -> Stance:
     return Stance(False, ca.SX.eye(3), ca.SX([0, 0, seat_height]), ca.SX.eye(4), empty, ca.SX(4, 1))
 
 
-def standing(kinematics: Kinematics, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
+def standing(
+    kinematics: Kinematics,
+    q: ca.SX,
+    weights: ca.SX,
+    locked: ca.SX,
+    wish: ca.SX,
+    balance: float,
+    relaxation_time: float,
+) -> Stance:
     """Return the stance of a person whose soles stay where they are.
 
     With the soles fixed, each leg's six rates follow exactly from the four of the pelvis, so the legs and the twelve contact
@@ -65,11 +73,10 @@ def standing(kinematics: Kinematics, q: ca.SX, weights: ca.SX, locked: ca.SX, wi
         weights: cost of each joint's rate (32,).
         locked: 1 for joints that may not move (32,).
         wish: joint rates that the legs would choose (32,) [rad/s].
+        balance: cost of moving the pelvis over the floor, per (m/s)^2.
+        relaxation_time: in which the pelvis would come back to above the feet [s].
     """
-    bent = ca.SX(q)
-    for side in SIDES:
-        knee = INDEX[f"{side}_knee_flexion"]
-        bent[knee] = ca.fmax(q[knee], STRAIGHT_KNEE)
+    bent = with_bent_knees(q)
     legs = ca.SX(len(JOINTS), 4)
     weight = ca.SX(4, 4)
     pull = ca.SX(4, 1)
@@ -86,24 +93,42 @@ def standing(kinematics: Kinematics, q: ca.SX, weights: ca.SX, locked: ca.SX, wi
         true_position, rotation, _ = kinematics.at(f"{side}_sole", q)
         heading += rotation[:2, 0]
         middle += true_position / 2
+    # The pelvis wants to be above the middle of the feet as the joints want their comfort.
+    over_floor = ca.diag(ca.DM([balance, balance, 0, 0]))
+    weight += over_floor
+    pull += over_floor @ ca.vertcat(middle[:2], 0, 0) / relaxation_time
     cos_sin = heading / ca.sqrt(ca.sumsqr(heading) + 1e-12)
     yaw = ca.SX.eye(3)
     yaw[0, 0], yaw[0, 1], yaw[1, 0], yaw[1, 1] = cos_sin[0], cos_sin[1], -cos_sin[1], cos_sin[0]
     return Stance(True, yaw, -(yaw @ middle), weight, legs, spd_inverse(weight) @ pull)
 
 
-def _leg_rates(kinematics: Kinematics, q: ca.SX, side: str) -> ca.SX:
-    """Return (6, 4): the leg's joint rates per pelvis rate that keep the sole where it is.
+def with_bent_knees(q: ca.SX) -> ca.SX:
+    """Return the posture with straight knees bent a little, for Jacobians: see `STRAIGHT_KNEE`."""
+    bent = ca.SX(q)
+    for side in SIDES:
+        knee = INDEX[f"{side}_knee_flexion"]
+        bent[knee] = ca.fmax(q[knee], STRAIGHT_KNEE)
+    return bent
 
-    Written at the hip centre, which the three hip axes do not move: knee and ankle carry the hip centre along with the
-    pelvis, then the hip turns the sole back. Two systems of three instead of one of six.
+
+def _leg_rates(kinematics: Kinematics, q: ca.SX, side: str) -> ca.SX:
+    """Return (6, 4): the leg's joint rates per pelvis rate that keep the sole where it is."""
+    hip = kinematics.at(f"{side}_hip", q)[0]
+    return -move_sole(kinematics, q, side, base_jacobian(hip))
+
+
+def move_sole(kinematics: Kinematics, q: ca.SX, side: str, motion: ca.SX) -> ca.SX:
+    """Return the leg's joint steps (6, k) that move its sole by `motion` (6, k), given at the hip centre in pelvis axes.
+
+    Written at the hip centre, which the three hip axes do not move: knee and ankle carry that point, then the hip turns the
+    sole. Two systems of three instead of one of six.
     """
     columns = [INDEX[name] for name in LEG_JOINTS[side]]
     hip = kinematics.at(f"{side}_hip", q)[0]
     sole, _, jacobian = kinematics.at(f"{side}_sole", q)
-    pelvis = base_jacobian(hip)
     axes = jacobian[3:, columns]
     carried = jacobian[:3, columns[3:]] + ca.skew(sole - hip) @ axes[:, 3:]
-    knee_and_ankle = -solve3(carried, pelvis[:3, :])
-    hip_rates = -solve3(axes[:, :3], pelvis[3:, :] + axes[:, 3:] @ knee_and_ankle)
-    return ca.vertcat(hip_rates, knee_and_ankle)
+    knee_and_ankle = solve3(carried, motion[:3, :])
+    hip_steps = solve3(axes[:, :3], motion[3:, :] - axes[:, 3:] @ knee_and_ankle)
+    return ca.vertcat(hip_steps, knee_and_ankle)

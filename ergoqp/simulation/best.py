@@ -1,0 +1,184 @@
+"""Where the object could be for one person, by brute force: the yardstick that a closed loop is held against."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.problem import Problem
+from ergoqp.simulation.loop import Start
+from ergoqp.simulation.person import Follower
+
+SPACING = 0.08
+"""Distance of the places looked at [m]."""
+TURNS = (-0.9, -0.45, 0.0, 0.45, 0.9)
+"""Tilts of the tool's axis looked at, as shares of the cone's half angle."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """The exact score of a person's rest posture over the object workspace.
+
+    Attributes:
+        poses: object poses (n, 4, 4).
+        postures: rest postures (n, 32) [rad].
+        scores: exact score of each, 0 where the person does not reach (n,).
+    """
+
+    poses: np.ndarray
+    postures: np.ndarray
+    scores: np.ndarray
+
+    @property
+    def best(self) -> int:
+        """Lowest score over the workspace, 0 if nothing can be reached."""
+        reached = self.scores[self.scores > 0]
+        return int(reached.min()) if reached.size else 0
+
+
+def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACING, cache: bool = True) -> Map:
+    """Return the person's map, from the cache when the same was computed before.
+
+    Every pose is settled from the rest posture of the nearest pose settled before it, outward from the comfort posture.
+    """
+    key = _key(problem, person, spacing)
+    path = cache_folder() / "maps" / f"{key}.npz"
+    if cache and path.is_file():
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                return Map(data["poses"], data["postures"], data["scores"])
+        except (OSError, ValueError, KeyError):
+            path.unlink(missing_ok=True)
+    result = _compute(problem, person, spacing)
+    if cache:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_suffix(f".{os.getpid()}.npz")
+        np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
+        scratch.replace(path)
+    return result
+
+
+def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
+    comfort = person.response.comfort
+    soles, grasp = person.stand(comfort), person.grasp(comfort)
+    home = person.contact(comfort)[0]
+    poses = workspace_poses(problem, spacing)
+    order = np.argsort([_distance(pose, home) for pose in poses], kind="stable")
+    poses = poses[order]
+    postures, scores = np.zeros((len(poses), len(comfort))), np.zeros(len(poses), dtype=int)
+    reached = np.zeros(len(poses), dtype=bool)
+    features = np.array([_features(pose) for pose in poses])
+    for i, pose in enumerate(poses):
+        before = np.flatnonzero(reached[:i])
+        seed = comfort
+        if before.size:
+            seed = postures[before[np.argmin(((features[before] - features[i]) ** 2).sum(axis=1))]]
+        postures[i], reached[i] = person.settle(seed, pose, grasp, soles)
+    if reached.any():
+        scores[reached] = problem.assess(postures[reached]).final
+    return Map(poses, postures, scores)
+
+
+def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
+    """Return poses (n, 4, 4) over the workspace of a problem, over the axes that its object can move."""
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    lines = [np.linspace(a, b, max(1, round((b - a) / spacing) + 1)) for a, b in zip(lower, upper, strict=True)]
+    places = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    rotations = tilted_frames(cone, problem.twist_limit.axes)
+    poses = np.tile(np.eye(4), (len(places), len(rotations), 1, 1))
+    poses[..., :3, 3] = places[:, None]
+    poses[..., :3, :3] = rotations
+    return poses.reshape(-1, 4, 4)
+
+
+def tilted_frames(cone: AxisCone, axes: tuple[str, ...] = AXES, shares: tuple[float, ...] = TURNS) -> np.ndarray:
+    """Return contact rotations (n, 3, 3) within a cone: tilts about the frame's y and z, where such turns are allowed."""
+    middle = frame_of(np.asarray(cone.direction))
+    half = np.radians(cone.half_angle_deg)
+    about_y, about_z = (any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz")))
+    tilts = [(a, b) for a in (shares if about_y else (0.0,)) for b in (shares if about_z else (0.0,)) if np.hypot(a, b) <= 0.95]
+    return np.stack([middle @ turn_about(1, a * half) @ turn_about(2, b * half) for a, b in tilts])
+
+
+def frame_of(direction: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) with x along a direction and y level, to the left of it."""
+    x = direction / np.linalg.norm(direction)
+    up = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.99 else np.array([-1.0, 0.0, 0.0])
+    y = np.cross(up, x)
+    y /= np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def turn_about(axis: int, angle: float) -> np.ndarray:
+    """Return the rotation (3, 3) by an angle [rad] about axis 0, 1 or 2."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.eye(3)
+    rotation[i, i] = rotation[j, j] = np.cos(angle)
+    rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+    return rotation
+
+
+def draw_starts(problem: Problem, person: Follower, count: int, seed: int, at_least: int, tries: int = 2000) -> list[Start]:
+    """Return starts at rest in random reachable places of the workspace whose score is at least `at_least`.
+
+    Fewer than `count` come back when `tries` places do not hold that many.
+    """
+    rng = np.random.default_rng([seed, 3])
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    comfort = person.response.comfort
+    soles, grasp = person.stand(comfort), person.grasp(comfort)
+    starts: list[Start] = []
+    for _ in range(tries):
+        pose = np.eye(4)
+        pose[:3, 3] = rng.uniform(box.lower, box.upper)
+        shares = rng.uniform(-0.65, 0.65, 2)
+        axes = problem.twist_limit.axes
+        rotations = tilted_frames(cone, axes, tuple(shares))
+        pose[:3, :3] = rotations[rng.integers(len(rotations))]
+        posture, reached = person.settle(comfort, pose, grasp, soles)
+        if reached and problem.assess(posture).final[0] >= at_least:
+            # The person holds it as they hold it: about a free tool the hand has turned.
+            starts.append(Start(posture, person.contact(posture)[0], person.grasp(posture), soles))
+            if len(starts) == count:
+                break
+    return starts
+
+
+def cache_folder() -> Path:
+    """Return the user's cache folder for ergoqp: below ``XDG_CACHE_HOME``, else ``~/.cache``."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ergoqp"
+
+
+def _key(problem: Problem, person: Follower, spacing: float) -> str:
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    response = person.response
+    content = {
+        "version": 1,
+        "task": [dict(problem.task), asdict(problem.method)],
+        "box": [box.lower, box.upper],
+        "cone": [cone.direction, cone.half_angle_deg],
+        "axes": problem.twist_limit.axes,
+        "spacing": spacing,
+        "lengths": dict(response.body.lengths),
+        "weights": response.weight_vector.tolist(),
+        "comfort": response.comfort.tolist(),
+        "terms": [response.hands, response.stance, response.seat_height, response.tool, response.free_about_tool],
+        "numbers": [response.balance, response.relaxation_time, response.damping],
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def _features(pose: np.ndarray) -> np.ndarray:
+    # A quarter turn counts as much as 30 cm when looking for the nearest pose.
+    return np.concatenate([pose[:3, 3], 0.2 * pose[:3, 0]])
+
+
+def _distance(pose: np.ndarray, other: np.ndarray) -> float:
+    return float(np.linalg.norm(_features(pose) - _features(other)))

@@ -1,0 +1,140 @@
+"""The independent checker: every limit judged again in plain numpy, from what was sent and measured alone.
+
+It shares no code with the step. What it checks: every twist against speed, acceleration and axes; the object's pose after
+each period against workspace and cone; the model person's predicted posture against joint ranges and rates. A quantity that
+was outside before must not get further out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ergoqp.joints import LOWER, UPPER
+from ergoqp.limits import AxisCone, JointLimit, WorkspaceBox
+from ergoqp.problem import Problem
+
+_ALLOWED = 1e-8
+"""Rounding that is not a violation, in every unit."""
+
+
+@dataclass
+class Checker:
+    """Counts violations of one loop, step by step.
+
+    Attributes:
+        problem: whose limits are checked.
+        violations: steps that broke a limit, per limit.
+        max_violation: the worst of each, in `units`.
+    """
+
+    problem: Problem
+    violations: dict[str, int] = field(default_factory=dict)
+    max_violation: dict[str, float] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Set every count to zero, so that a limit that was never broken is reported too."""
+        limit = self.problem.twist_limit
+        self._speed = np.array([limit.linear_speed] * 3 + [limit.angular_speed] * 3)
+        self._acceleration = np.array([limit.linear_acceleration] * 3 + [limit.angular_acceleration] * 3)
+        self._frozen = np.array([axis not in limit.axes for axis in ("x", "y", "z", "rx", "ry", "rz")])
+        self._box = self.problem.limit_of(WorkspaceBox)
+        self._cone = self.problem.limit_of(AxisCone)
+        self._joints = self.problem.limit_of(JointLimit)
+        units = {"speed": "m/s, rad/s", "acceleration": "m/s^2, rad/s^2", "axes": "m/s, rad/s"}
+        units |= {"workspace": "m"} if self._box else {}
+        units |= {"tool axis": "rad"} if self._cone else {}
+        units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
+        self.units = units
+        self.violations = dict.fromkeys(units, 0)
+        self.max_violation = dict.fromkeys(units, 0.0)
+
+    def check(
+        self,
+        twist: np.ndarray,
+        previous: np.ndarray,
+        pose: np.ndarray,
+        posture: np.ndarray | None,
+        rate: np.ndarray,
+        dt: float,
+        observed: np.ndarray | None = None,
+    ) -> list[str]:
+        """Judge one step and return the names of the limits that it broke.
+
+        Args:
+            twist: sent (6,).
+            previous: twist of the period before (6,).
+            pose: of the object when the step was taken (4, 4).
+            posture: measured (32,) [rad], None when no frame arrived.
+            rate: how the model person follows (32,) [rad/s].
+            dt: period [s].
+            observed: (32,) bool, None: all.
+        """
+        braking = _braking_twist(previous, self._acceleration, dt)
+        is_braking = bool(np.abs(twist - braking).max() <= _ALLOWED)
+        excess = {
+            # Coming down from above the limit as fast as the acceleration allows is all that can be done.
+            "speed": 0.0 if is_braking else float(np.max(np.abs(twist) - self._speed)),
+            "acceleration": float(np.max(np.abs(twist - previous) - self._acceleration * dt)) / dt,
+            "axes": 0.0 if is_braking else float(np.max(np.abs(twist[self._frozen]), initial=0.0)),
+        }
+        after = _moved(pose, twist * dt)
+        if self._box:
+            low, high = np.asarray(self._box.lower), np.asarray(self._box.upper)
+            before_out = np.maximum(np.maximum(low - pose[:3, 3], pose[:3, 3] - high), 0)
+            after_out = np.maximum(low - after[:3, 3], after[:3, 3] - high)
+            excess["workspace"] = float(np.max(after_out - before_out))
+        if self._cone:
+            half = np.radians(self._cone.half_angle_deg)
+            before_out = max(_angle(pose[:3, 0], self._cone.direction) - half, 0.0)
+            excess["tool axis"] = _angle(after[:3, 0], self._cone.direction) - half - before_out
+        if self._joints and posture is not None:
+            excess |= self._joint_excess(posture, rate, dt, observed, is_braking)
+        if not np.isfinite(twist).all():
+            excess = {name: np.inf for name in excess}
+        broken = [name for name, value in excess.items() if value > _ALLOWED]
+        for name in broken:
+            self.violations[name] += 1
+            self.max_violation[name] = max(self.max_violation[name], excess[name])
+        return broken
+
+    def _joint_excess(
+        self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, is_braking: bool
+    ) -> dict[str, float]:
+        low, high = LOWER.copy(), UPPER.copy()
+        for name, (least, greatest) in self._joints.ranges_deg.items():
+            joint = self.problem.coordinates.index(name)
+            low[joint], high[joint] = np.radians([least, greatest])
+        predicted = posture + rate * dt
+        before = np.maximum(np.maximum(low - posture, posture - high), 0)
+        out = np.maximum(low - predicted, predicted - high) - before
+        too_fast = np.abs(rate) - np.radians(self._joints.rate_deg)
+        if observed is not None:
+            out, too_fast = out[observed], too_fast[observed]
+        # Acceleration and workspace come before posture: braking may be all that they leave.
+        return {"joint range": float(np.max(out)), "joint rate": 0.0 if is_braking else float(np.max(too_fast))}
+
+
+def _braking_twist(previous: np.ndarray, acceleration: np.ndarray, dt: float) -> np.ndarray:
+    seconds = float(np.max(np.abs(previous) / acceleration))
+    return previous * max(0.0, 1.0 - dt / seconds) if seconds > 0 else previous * 0.0
+
+
+def _moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    angle = float(np.linalg.norm(displacement[3:]))
+    rotation = np.eye(3)
+    if angle > 0:
+        x, y, z = displacement[3:] / angle
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        rotation += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    after = pose.copy()
+    after[:3, 3] += displacement[:3]
+    after[:3, :3] = rotation @ pose[:3, :3]
+    return after
+
+
+def _angle(axis: np.ndarray, direction: tuple[float, float, float]) -> float:
+    toward = np.asarray(direction)
+    return float(np.arctan2(np.linalg.norm(np.cross(toward, axis)), toward @ axis))

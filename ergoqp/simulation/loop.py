@@ -1,0 +1,150 @@
+"""The closed loop: a stepper, an object that does what it is told, and a person who follows."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ergoqp.joints import JOINTS, LOWER, UPPER
+from ergoqp.problem import Problem
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.people import Senses, frames
+from ergoqp.simulation.person import Follower
+from ergoqp.step import Step, Stepper
+
+LET_GO = 0.12
+"""A grip this far behind has let go [m]: more than the delay explains at any allowed speed."""
+
+
+@dataclass
+class Trace:
+    """What one loop left behind, sample by sample; see `ergoqp.simulation.run.Run` for the meaning of the fields."""
+
+    time: list[float] = field(default_factory=list)
+    postures: list[np.ndarray] = field(default_factory=list)
+    base_poses: list[np.ndarray] = field(default_factory=list)
+    poses: list[np.ndarray] = field(default_factory=list)
+    twists: list[np.ndarray] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    step_time: list[float] = field(default_factory=list)
+    let_go: float | None = None
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a loop starts: a posture, how the object is held in it, where it is, and where the soles stand."""
+
+    posture: np.ndarray
+    pose: np.ndarray
+    grasp: np.ndarray
+    soles: np.ndarray
+
+
+def start_at(person: Follower, posture: np.ndarray) -> Start:
+    """Return the start in which the person holds the object in a given posture (32,) [rad]."""
+    return Start(posture, person.contact(posture)[0], person.grasp(posture), person.stand(posture))
+
+
+def run_loop(
+    problem: Problem,
+    person: Follower,
+    start: Start,
+    *,
+    duration: float,
+    seed: int,
+    stepper: Stepper | None = None,
+    senses: Senses | None = None,
+    observed: np.ndarray | None = None,
+    checker: Checker | None = None,
+    stop_when_still: float | None = None,
+) -> Trace:
+    """Run the loop and return its trace.
+
+    Args:
+        problem: the task; its model of the person is not the person's.
+        person: who follows.
+        start: where everything is at time 0.
+        duration: [s].
+        seed: of noise and lost frames.
+        stepper: of this problem, reset here; None: a new one.
+        senses: what lies between person and controller.
+        observed: (32,) bool, joints that the sensors see; None: all.
+        checker: judges every step; None: nobody does.
+        stop_when_still: end early after resting for this long [s].
+    """
+    senses = senses or Senses()
+    stepper = stepper or problem.stepper()
+    stepper.reset()
+    dt, posture, pose = stepper.dt, start.posture.copy(), start.pose.copy()
+    late = deque([pose] * (1 + round(senses.delay / dt)))
+    follow = 1.0 - float(np.exp(-dt / senses.hand_time))
+    errors = frames(senses, dt, np.random.default_rng([seed, 2]))
+    trace, previous, age, still = Trace(), np.zeros(6), 0.0, 0.0
+    measured = posture.copy()
+    for number in range(round(duration / dt)):
+        error, arrives = next(errors)
+        age = 0.0 if arrives or number == 0 else age + dt
+        if age == 0.0:
+            measured = posture + error
+        begin = time.perf_counter()
+        step = stepper.step(measured, pose, age=age, observed=observed)
+        trace.step_time.append(time.perf_counter() - begin)
+        if checker is not None:
+            checker.check(step.twist, previous, pose, measured, step.posture_rate, dt, observed)
+        trace.time.append(number * dt)
+        trace.postures.append(posture)
+        trace.base_poses.append(person.contact(posture)[1])
+        trace.poses.append(pose)
+        trace.twists.append(step.twist)
+        trace.steps.append(step)
+        previous = step.twist
+        pose = moved(pose, step.twist * dt)
+        late.append(pose)
+        held = np.hstack([late.popleft() @ grip for grip in start.grasp])
+        posture, distance, _ = person.move(posture, held, start.soles, follow, dt)
+        if distance > LET_GO and trace.let_go is None and number * dt > 1.0:
+            trace.let_go = number * dt
+        still = still + dt if step.status == "settled" and not step.twist.any() else 0.0
+        if stop_when_still is not None and still >= stop_when_still:
+            break
+    return trace
+
+
+def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """Return a pose (4, 4) after a world-aligned displacement (6,) [m, rad]: what the robot does to the object."""
+    angle = float(np.linalg.norm(displacement[3:]))
+    after = pose.copy()
+    after[:3, 3] += displacement[:3]
+    if angle > 0:
+        x, y, z = displacement[3:] / angle
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        after[:3, :3] = (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)) @ pose[:3, :3]
+        # Orthonormal again to rounding, however many periods follow.
+        after[:3, :3] = after[:3, :3] @ (1.5 * np.eye(3) - 0.5 * after[:3, :3].T @ after[:3, :3])
+    return after
+
+
+def outside_of_range(postures: np.ndarray) -> dict[str, int]:
+    """Return how many samples of each joint are beyond its range, for the joints that ever are; postures (n, 32) [rad]."""
+    count = ((postures < LOWER - 1e-6) | (postures > UPPER + 1e-6)).sum(axis=0)
+    return {joint: int(n) for joint, n in zip(JOINTS, count, strict=True) if n}
+
+
+def settle_time(trace: Trace, still: float = 1.0) -> float:
+    """Return when the object came to rest for good [s]: inf if it was not at rest for the last `still` seconds."""
+    moving = np.flatnonzero(np.abs(trace.twists).max(axis=1) > 1e-9)
+    end = trace.time[-1]
+    came = trace.time[moving[-1]] if moving.size else 0.0
+    return came if end - came >= still else float("inf")
+
+
+def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
+    """Return the share of the twist's power above a frequency [Hz], each axis relative to its speed limit; 0 at standstill."""
+    moving = speed > 0
+    spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2
+    total = spectrum.sum()
+    high = np.fft.rfftfreq(len(twists), dt) > frequency
+    return float(spectrum[high].sum() / total) if total > 0 else 0.0

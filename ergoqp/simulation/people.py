@@ -1,0 +1,66 @@
+"""Who follows in tests and benchmarks: never the controller's own model, always the same person for the same seed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS
+from ergoqp.problem import Problem
+from ergoqp.responses.ik import IkResponse
+from ergoqp.simulation.person import Follower
+
+
+@dataclass(frozen=True)
+class Senses:
+    """What lies between a person and what the controller sees and does.
+
+    Attributes:
+        delay: from the object's motion to the person's [s].
+        hand_time: time constant of the hand's following, after the delay [s].
+        noise_deg: white noise of every angle of every frame, one standard deviation [deg].
+        drift_deg: slow drift of every angle, one standard deviation [deg].
+        drift_time: time in which the drift changes [s].
+        lost: share of frames that do not arrive.
+    """
+
+    delay: float = 0.15
+    hand_time: float = 0.05
+    noise_deg: float = 0.5
+    drift_deg: float = 1.0
+    drift_time: float = 10.0
+    lost: float = 0.01
+
+
+def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Follower:
+    """Return a person for a problem: joint weights times log-uniform 0.5 to 2, stature within 0.10 m of the controller's.
+
+    Args:
+        problem: its response must be an `IkResponse`.
+        seed: of the person.
+        body: the person's body, None: of a drawn stature.
+
+    Raises:
+        InputError: if the problem's response is of another kind.
+    """
+    response = problem.response
+    if not isinstance(response, IkResponse):
+        raise InputError(f"simulated person: got a response of type {type(response).__name__}, allowed IkResponse")
+    rng = np.random.default_rng([seed, 1])
+    factors = np.exp(rng.uniform(np.log(0.5), np.log(2.0), len(JOINTS)))
+    stature = response.body.stature + rng.uniform(-0.10, 0.10)
+    weights = dict(zip(JOINTS, (response.weight_vector * factors).tolist(), strict=True))
+    return Follower(replace(response, body=body or Body.of_stature(stature), weights=weights))
+
+
+def frames(senses: Senses, dt: float, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, bool]]:
+    """Yield, for every period, (measurement error (32,) [rad], whether the frame arrives)."""
+    keep = np.exp(-dt / senses.drift_time)
+    drift = rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
+    while True:
+        drift = keep * drift + np.sqrt(1 - keep**2) * rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
+        yield drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg), bool(rng.random() >= senses.lost)
