@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from numbers import Real
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
-from ergoqp.joints import JOINTS, spoken
+from ergoqp.joints import spoken
 from ergoqp.recordings.bvh import read_bvh
 from ergoqp.recordings.centre_model import BASE, CentreModel
 from ergoqp.recordings.fit import fit
@@ -22,13 +23,12 @@ from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_
 from ergoqp.recordings.person import given_person, measured_lengths, measured_person, suggested_stature
 from ergoqp.recordings.placing import find_unit, find_up, to_world
 from ergoqp.recordings.recording import Recording
+from ergoqp.recordings.remarks import remarks
 
 READERS: Final[dict[str, Callable[[Path], JointMotion]]] = {".bvh": read_bvh}
 """File name ending -> reader. Another format is one more file and one more line here."""
 
-_UPRIGHT: Final = math.radians(2)
-_POOR: Final = 0.06  # m
-_FASTEST: Final = 12.0  # m/s: above what a hand reaches in work
+_UPRIGHT: Final = math.radians(2)  # a neck that leans less at rest is not worth a sentence
 
 
 def load_recording(
@@ -84,9 +84,7 @@ def load_recording(
     world = _placed(named, unit, up, body, assumptions)
     order = [centre for centre in CENTRES if centre in world]
     result = fit(CentreModel(body, order), np.stack([world[centre] for centre in order], axis=1))
-    assumptions.extend(_poor(result.error))
-    assumptions.extend(_leaps(motion.time, world))
-    assumptions.extend(_unobserved(result.observed))
+    assumptions.extend(remarks(motion.time, world, result.observed, result.error))
     return Recording(
         time=motion.time,
         postures=result.configurations[:, BASE:],
@@ -100,7 +98,7 @@ def load_recording(
 
 
 def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
-    if unit_to_m is not None and not (math.isfinite(unit_to_m) and unit_to_m > 0):
+    if unit_to_m is not None and not (isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0):
         raise InputError(f"unit_to_m: got {unit_to_m!r}, allowed a length in metres above 0")
     if up not in (None, "y", "z"):
         raise InputError(f"up: got {up!r}, allowed 'y', 'z' or None")
@@ -159,36 +157,6 @@ def _placed(named: NamedCentres, unit: float, up: str, body: Body, assumptions: 
     if set(world) & {"right_knuckles", "left_knuckles"}:
         assumptions.append("The hands have average length; of the recording's hand joints only the directions are used.")
     return world
-
-
-def _poor(error: np.ndarray) -> list[str]:
-    """Return a sentence when the body does not look like the recording at all, as with a wrong axis or mapping."""
-    seen = error[np.isfinite(error)]
-    median = float(np.median(seen)) if len(seen) else 0.0
-    if median <= _POOR:
-        return []
-    how = f"The body fits poorly, by {1000 * median:.0f} mm in the median frame"
-    return [f"{how}; check the vertical axis, the person and the mapping."]
-
-
-def _leaps(time: np.ndarray, world: Mapping[str, np.ndarray]) -> list[str]:
-    """Return a sentence about frames that cannot follow one another at the stated frame time: calibration poses, keyframes."""
-    moved = np.fmax.reduce([np.linalg.norm(np.diff(path, axis=0), axis=1) for path in world.values()])
-    places = np.flatnonzero(moved > _FASTEST * np.diff(time))
-    if not len(places):
-        return []
-    first = places[0]
-    more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
-    return [
-        f"Between the frames {first + 1} and {first + 2}{more} a joint moves by {moved[places].max():.2f} m at once: "
-        "a calibration pose, or frames that are not uniform in time; all frames are kept."
-    ]
-
-
-def _unobserved(observed: np.ndarray) -> list[str]:
-    """Return the sentence that lists the joints held at zero because no centre tells them."""
-    never = [spoken(name) for name, seen in zip(JOINTS, np.any(observed, axis=0).tolist(), strict=True) if not seen]
-    return [f"Not told by the recording and held at zero: {', '.join(never)}."] if never else []
 
 
 def _poses(base: np.ndarray) -> np.ndarray:

@@ -34,7 +34,8 @@ _BONES: Final[tuple[tuple[tuple[str, ...], str], ...]] = (
 )
 """From the middle of some centres to another."""
 
-_BONE_WEIGHT: Final = 2.0  # a bone that is off by a vector counts as much as both its ends being off by it
+_BONE_WEIGHT: Final = 2.0  # twice what a centre counts
+_TRUNK_WEIGHT: Final = 8.0  # the shoulders pull at the trunk from both sides, and every arm angle is measured from it
 
 
 # A turn about the own axis of a limb shows only in what is bent beyond it, and a limb measured as bent slightly the wrong way
@@ -68,5 +69,5 @@ def weight_matrix(centres: Sequence[str], seen: np.ndarray) -> np.ndarray:
             row = np.zeros(len(present))
             row[present.index(end)] = 1.0
             row[[present.index(start) for start in starts]] = -1.0 / len(starts)
-            matrix += _BONE_WEIGHT * np.outer(row, row)
+            matrix += (_TRUNK_WEIGHT if end == "neck" else _BONE_WEIGHT) * np.outer(row, row)
     return np.kron(matrix, np.eye(3))

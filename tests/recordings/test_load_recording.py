@@ -209,7 +209,15 @@ def test_a_wrong_person_file_is_told(content: str, said: str, demo: Path, tmp_pa
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"person": 17.5}, {"person": True}, {"person": "no.toml"}, {"unit_to_m": -1.0}, {"unit_to_m": float("nan")}, {"up": "x"}],
+    [
+        {"person": 17.5},
+        {"person": True},
+        {"person": "no.toml"},
+        {"unit_to_m": -1.0},
+        {"unit_to_m": float("nan")},
+        {"unit_to_m": "cm"},
+        {"up": "x"},
+    ],
 )
 def test_wrong_arguments_are_told(wrong: dict, demo: Path):
     with pytest.raises(InputError):
