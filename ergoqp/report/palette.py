@@ -1,0 +1,76 @@
+"""The colours and words of scores: one meaning per colour, in the 3-D scene, the figures and the charts.
+
+The five colours run from teal over yellow to dark red. They were chosen to stay apart under simulated red-green blindness,
+and every place that uses them also writes the number.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.sheets import reba
+from ergoqp.sheets.method import sheet_of
+
+COLOURS: Final = ("#1f8a8c", "#9ccf9b", "#f7dc6f", "#dd6b20", "#a3123a")
+"""Fill of level 0 to 4, lowest risk first."""
+
+INKS: Final = ("#ffffff", "#10261a", "#2b2300", "#2b1400", "#ffffff")
+"""Text colour that is readable on each fill."""
+
+UNSCORED: Final = "#c3c9d0"
+"""Fill of what has no score: invalid postures, shoes, hair."""
+
+_SHEET: Final = sheet_of(reba.Method())
+
+SEGMENTS: Final[tuple[str, ...]] = tuple(segment.label(side) for segment in _SHEET.segments.values() for side in segment.sides)
+"""The segments that are scored apart, in the order of every table and chart."""
+
+POINTS: Final = ("1 point", "2 points", "3 points", "4 points", "5 or more")
+"""What the five colours mean on a segment."""
+
+
+def level_of_points(points: ArrayLike) -> NDArray[np.int64]:
+    """Return the colour level 0 to 4 of a segment's score: its points above the best, -1 where there is none.
+
+    Args:
+        points: segment scores, any shape; 0 where the posture could not be scored.
+    """
+    return np.clip(np.asarray(points, dtype=np.int64) - 1, -1, len(COLOURS) - 1)
+
+
+def colour_of_level(level: int) -> str:
+    """Return the fill of a level 0 to 4, or the one of what is not scored for -1."""
+    return COLOURS[level] if level >= 0 else UNSCORED
+
+
+def ink_of_level(level: int) -> str:
+    """Return the text colour on the fill of a level."""
+    return INKS[level] if level >= 0 else "#10161d"
+
+
+def risk_of_level(level: int) -> str:
+    """Return the sheet's word for an action level, ``"not scored"`` for -1."""
+    return reba.ACTION_LEVELS[level] if level >= 0 else "not scored"
+
+
+def level_of_score(final: ArrayLike) -> NDArray[np.int64]:
+    """Return the action level 0 to 4 of final scores, -1 for 0 (not scored); same shape."""
+    return np.searchsorted(_SHEET.level_starts, np.asarray(final), side="right") - 1
+
+
+def segment_highest(segment: str) -> int:
+    """Return a segment's highest score on the sheet, whichever side it is on."""
+    return _SHEET.segments[segment.removeprefix("right_").removeprefix("left_")].highest
+
+
+def level_starts() -> tuple[int, ...]:
+    """Return the lowest final score of each action level."""
+    return _SHEET.level_starts
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return the red, green and blue of ``"#rrggbb"``, 0 to 255."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

@@ -1,0 +1,108 @@
+"""The replay: which moments of a movement are shown, and the 3-D scene of them as one self-contained page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.human import Body
+
+LONGEST: Final = 60.0
+"""Longest replay [s]; a longer movement is shown faster."""
+
+FRAME_RATE: Final = 30.0
+"""Most frames per second of the replay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """What a replay shows: a scored movement, at every sample.
+
+    Attributes:
+        body: the person.
+        time: shape (n,) [s], increasing.
+        postures: shape (n, 32) [rad]; NaN where there is none.
+        base_poses: the pelvis in the world, upright, shape (n, 4, 4).
+        final: score, 0 where there is none; shape (n,).
+        segments: scores of the segments, shape (n,) each.
+        object_poses: contact frame of the held object in the world, shape (n, 4, 4), None without an object.
+    """
+
+    body: Body
+    time: NDArray[np.float64]
+    postures: NDArray[np.float64]
+    base_poses: NDArray[np.float64]
+    final: NDArray[np.int64]
+    segments: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    object_poses: NDArray[np.float64] | None = None
+
+    def at(self, samples: NDArray[np.int64]) -> Movement:
+        """Return some samples; a missing posture or pose is held from the last one before it, or taken from the first after."""
+        shown = _held(samples, _finite(self.postures) & _finite(self.base_poses))
+        objects = self.object_poses
+        if objects is not None:
+            objects = np.nan_to_num(objects[_held(samples, _finite(objects))])
+        return Movement(
+            body=self.body,
+            time=self.time[samples],
+            postures=np.nan_to_num(self.postures[shown]),
+            base_poses=np.nan_to_num(self.base_poses[shown]),
+            final=self.final[samples],
+            segments={name: scores[samples] for name, scores in self.segments.items()},
+            object_poses=objects,
+        )
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of n samples are numbers throughout."""
+    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+
+
+def _held(samples: NDArray[np.int64], good: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return for each sample the last good one up to it, else the first good one, else the sample itself."""
+    numbers = np.flatnonzero(good)
+    return numbers[np.maximum(np.searchsorted(numbers, samples, side="right") - 1, 0)] if len(numbers) else samples
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Which samples a replay shows, and how fast.
+
+    Attributes:
+        samples: number of the sample of each frame, shape (frames,).
+        frame_time: time a frame stays on the screen [s].
+        speed: movement time over replay time, 1 for real time.
+    """
+
+    samples: NDArray[np.int64]
+    frame_time: float
+    speed: float
+
+    @property
+    def note(self) -> str:
+        """Say what the replay leaves out, in one sentence."""
+        rate = f"{1 / self.frame_time:.3g} frames per second" if self.frame_time else "a single frame"
+        if self.speed > 1:
+            return f"The replay runs {self.speed:.3g} times faster than real time, to last {LONGEST:.0f} s, at {rate}."
+        return f"The replay runs in real time, at {rate}."
+
+
+def timing_of(time: NDArray[np.float64]) -> Timing:
+    """Choose the samples that a replay shows: at most 60 s and 30 frames per second, evenly spaced in time.
+
+    Args:
+        time: time of each sample, increasing, shape (n,) [s].
+    """
+    duration = float(time[-1] - time[0])
+    if len(time) < 2 or duration <= 0:
+        return Timing(np.zeros(1, dtype=np.int64), 0.0, 1.0)
+    speed = max(1.0, duration / LONGEST)
+    steps = max(1, min(len(time) - 1, int(np.floor(duration / speed * FRAME_RATE + 1e-9))))
+    moments = np.linspace(time[0], time[-1], steps + 1)
+    # Half a sample of tolerance: a moment that falls on a sample must not show the one before because of its last bit.
+    after = np.searchsorted(time, moments + 0.5 * duration / (len(time) - 1) * 1e-6, side="right") - 1
+    return Timing(np.clip(after, 0, len(time) - 1), duration / speed / steps, speed)

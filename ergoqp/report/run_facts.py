@@ -1,0 +1,100 @@
+"""What a run comes down to: the figures that the table in the terminal and the page both show."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.report import palette
+from ergoqp.simulation.run import Run
+
+STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
+"""Every status of a step, best first."""
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """Figures of a run.
+
+    Attributes:
+        before: score of the first sample.
+        after: score of the last.
+        best: lowest score seen.
+        best_at: when it was first seen [s].
+        segments_before: segment -> score.
+        segments_after: segment -> score.
+        status_counts: status -> number of steps, only those that occurred, best first.
+        settled_after: start of the settled stretch at the end [s], None if the run does not end settled.
+        step_us: median, 99th percentile and maximum of the step's duration [µs].
+    """
+
+    before: int
+    after: int
+    best: int
+    best_at: float
+    segments_before: dict[str, int]
+    segments_after: dict[str, int]
+    status_counts: dict[str, int]
+    settled_after: float | None
+    step_us: tuple[float, float, float]
+
+    @property
+    def change(self) -> str:
+        """Say the difference between before and after in words."""
+        points = abs(self.after - self.before)
+        if not points:
+            return "The score is what it was."
+        return f"{points} point{'s' if points > 1 else ''} {'better' if self.after < self.before else 'worse'}."
+
+    @property
+    def settling(self) -> str:
+        """Say whether and when the object came to rest for good."""
+        return "not settled at the end" if self.settled_after is None else f"settled after {self.settled_after:.1f} s"
+
+    @property
+    def timing(self) -> str:
+        """Say the duration of the steps."""
+        median, p99, highest = self.step_us
+        return f"median {median:.3g} µs, p99 {p99:.3g} µs, max {highest:.3g} µs"
+
+
+def facts_of(run: Run) -> RunFacts:
+    """Compute the figures of a run."""
+    scored = np.where(run.reba > 0, run.reba, np.iinfo(np.int64).max)
+    best = int(np.argmin(scored))
+    counts = Counter(run.statuses)
+    others = sorted(set(counts) - set(STATUSES))
+    unsettled = [i for i, status in enumerate(run.statuses) if status != "settled"]
+    rest = unsettled[-1] + 1 if unsettled else 0
+    microseconds = 1e6 * run.step_time[np.isfinite(run.step_time)]
+    if not microseconds.size:
+        microseconds = np.zeros(1)
+    return RunFacts(
+        before=int(run.reba[0]),
+        after=int(run.reba[-1]),
+        best=int(run.reba[best]),
+        best_at=float(run.time[best] - run.time[0]),
+        segments_before=segments_at(run, 0),
+        segments_after=segments_at(run, -1),
+        status_counts={status: counts[status] for status in (*STATUSES, *others) if counts[status]},
+        settled_after=float(run.time[rest] - run.time[0]) if rest < len(run.statuses) else None,
+        step_us=(float(np.median(microseconds)), float(np.percentile(microseconds, 99)), float(microseconds.max())),
+    )
+
+
+def segments_at(run: Run, row: int) -> dict[str, int]:
+    """Return the scores of the segments in the first (0) or the last (-1) posture of a run."""
+    return {name: int(run.assessment.segments[name][row]) for name in palette.SEGMENTS}
+
+
+def violation_rows(run: Run) -> list[tuple[str, str, str]]:
+    """Return per limit its name, the number of steps that broke it, and the worst of them with its unit."""
+    rows = []
+    for name, count in run.violations.items():
+        unit = run.units.get(name, "").removeprefix("1")
+        worst = f"{run.max_violation.get(name, 0.0):.3g} {unit}".rstrip() if count else "–"
+        rows.append((name, str(count), worst))
+    return rows

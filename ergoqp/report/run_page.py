@@ -1,0 +1,212 @@
+"""The page of a closed loop: before and after, the replay, what happened over time, why, and with which options."""
+
+from __future__ import annotations
+
+from itertools import zip_longest
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ergoqp.joints import spoken
+from ergoqp.report import palette
+from ergoqp.report.charts import lines_chart, score_chart, timing_chart
+from ergoqp.report.figure import posture_figure
+from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
+from ergoqp.report.replay import Movement, timing_of
+from ergoqp.report.run_facts import RunFacts, facts_of, segments_at, violation_rows
+from ergoqp.report.scene import scene_html
+from ergoqp.report.strips import Strip, segments_chart, segments_strips, strips_chart
+from ergoqp.sheets.assessment import Assessment, assess_rows
+from ergoqp.sheets.postures import read_postures
+from ergoqp.simulation.run import Run
+
+_STATUS_STYLE: Final = {
+    "optimal": "level0",
+    "settled": "level1",
+    "relaxed": "level2",
+    "recovering": "level3",
+    "braking": "level4",
+    "invalid": "level4",
+}
+_MOST_LIMITS: Final = 16
+_MOST_REASONS: Final = 25
+
+
+def write_run_page(run: Run, path: Path) -> None:
+    """Write the report of a run: one HTML file that needs nothing else.
+
+    Args:
+        run: what happened.
+        path: of the file; its folder exists.
+
+    Raises:
+        MissingExtraError: if viser or jinja2 is not installed.
+        OSError: if the file cannot be written.
+    """
+    facts = facts_of(run)
+    scores = _assess_all(run)
+    movement = Movement(run.body, run.time, run.postures, run.base_poses, run.reba, scores.segments, run.poses)
+    timing = timing_of(run.time)
+    page = Page(
+        title=run.title,
+        subtitle=_subtitle(run),
+        headlines=[
+            _headline("before", facts.before),
+            _headline("after", facts.after),
+            _headline(f"best, at {facts.best_at:.1f} s", facts.best),
+        ],
+        change=facts.change,
+        facts=_facts(run, facts),
+        replay=scene_html(movement, timing),
+        replay_note=timing.note,
+        figures=[_figure(run, 0, "before"), _figure(run, -1, "after")],
+        sections=[
+            _over_time(run, facts, scores),
+            _segments(run, facts),
+            _motion(run),
+            _limits(run),
+            _steps(run, facts),
+            Section("Options", tables=[Table(("what", "value"), [*run.options, ("control period", f"{1e3 * run.dt:.3g} ms")])]),
+            Section("Assumptions", sentences=run.assumptions or ["None."]),
+        ],
+    )
+    write_page(page, path)
+
+
+def _assess_all(run: Run) -> Assessment:
+    """Score every sample with the method and the task options of the run's own assessment."""
+    task = run.assessment._task.rows(0)
+    return assess_rows(read_postures(run.postures), run.assessment.method, task)
+
+
+def _headline(label: str, score: int) -> Headline:
+    level = int(palette.level_of_score(score))
+    words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
+    return Headline(label, str(score) if score else "–", level, words)
+
+
+def _subtitle(run: Run) -> str:
+    start = "" if run.recording is None else f", starting from the recording {run.recording}"
+    return f"REBA of a simulated person who follows the object. Problem {run.problem}{start}."
+
+
+def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
+    let_go = [] if run.let_go is None else [("the person let go", f"at {run.let_go:.1f} s")]
+    broken = sum(run.violations.values())
+    return [
+        ("duration", f"{run.time[-1] - run.time[0]:.1f} s, {len(run.time)} steps of {1e3 * run.dt:.3g} ms"),
+        ("rest", facts.settling),
+        ("limits broken", "none" if not broken else f"{broken} times, see the limits"),
+        ("duration of a step", f"median {facts.step_us[0]:.3g} µs"),
+        ("stature", f"{run.body.stature:.2f} m"),
+        ("seed", str(run.seed)),
+        *let_go,
+    ]
+
+
+def _figure(run: Run, row: int, name: str) -> Picture:
+    score = int(run.reba[row])
+    svg = posture_figure(
+        run.body, run.postures[row], run.base_poses[row], segments_at(run, row), f"Posture {name}", run.poses[row]
+    )
+    return Picture(svg, f"{name}: REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}")
+
+
+def _over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
+    start = float(run.time[0])
+    marks = [(start, facts.before, "before"), (float(run.time[-1]), facts.after, "after")]
+    if facts.best < min(facts.before, facts.after):
+        marks.insert(1, (start + facts.best_at, facts.best, "best"))
+    return Section(
+        "Score",
+        pictures=[
+            Picture(score_chart(run.time, run.reba, run.cost, marks), "Exact score of the true posture on its risk levels."),
+            Picture(segments_strips(run.time, scores.segments), "Segment scores, in the colours of the body."),
+        ],
+    )
+
+
+def _segments(run: Run, facts: RunFacts) -> Section:
+    before, after = run.assessment.reasons(0), run.assessment.reasons(-1)
+    rows = list(zip_longest(before, after, fillvalue=""))
+    changed = [
+        i for i, name in enumerate(palette.SEGMENTS) if facts.segments_before[name] != facts.segments_after[name]
+    ]  # the first sentences are those of the segments, in this order
+    return Section(
+        "Segments and reasons",
+        pictures=[Picture(segments_chart(facts.segments_before, facts.segments_after))],
+        tables=[Table((f"before: REBA {facts.before}", f"after: REBA {facts.after}"), rows, marked=changed, even=True)],
+    )
+
+
+def _motion(run: Run) -> Section:
+    linear = {f"v{axis}": 1e3 * run.twists[:, i] for i, axis in enumerate("xyz")}
+    angular = {f"ω{axis}": np.degrees(run.twists[:, 3 + i]) for i, axis in enumerate("xyz")}
+    way = np.linalg.norm(np.diff(run.poses[:, :3, 3], axis=0), axis=1).sum()
+    apart = np.linalg.norm(run.poses[-1, :3, 3] - run.poses[0, :3, 3])
+    return Section(
+        "Object",
+        f"Twist that was sent, at the contact frame along the axes of the world: x forward, y left, z up. "
+        f"The object went {100 * way:.1f} cm and ended {100 * apart:.1f} cm from where it began.",
+        pictures=[
+            Picture(lines_chart("Linear velocity of the object", run.time, linear, "mm/s"), "Linear velocity."),
+            Picture(lines_chart("Angular velocity of the object", run.time, angular, "deg/s"), "Angular velocity."),
+        ],
+    )
+
+
+def _limits(run: Run) -> Section:
+    names = sorted({name for active in run.active for name in active})
+    held = {name: np.array([name in active for active in run.active], dtype=np.int64) for name in names}
+    shown = sorted(names, key=lambda name: -int(held[name].sum()))[:_MOST_LIMITS]
+    styles = {1: ("active", "active")}
+    strips = [Strip(name, held[name], styles, _share(held[name])) for name in shown]
+    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
+    missing = len(names) - len(shown)
+    intro = "When a limit held the object back." if names else "No limit held the object back."
+    if missing:
+        intro += f" {missing} more were active for a smaller share."
+    pictures = [Picture(strips_chart("Active limits over time", f"{said}.", run.time, strips))] if strips else []
+    tables = [Table(("limit", "steps that broke it", "worst"), violation_rows(run), numeric=(1, 2))] if run.violations else []
+    sentences = [
+        f"The simulated person's own {spoken(joint)} was beyond its range in {count} samples."
+        for joint, count in run.person_outside.items()
+        if count
+    ]
+    return Section("Limits", f"{intro} An independent checker counted the steps that broke one.", pictures, tables, sentences)
+
+
+def _steps(run: Run, facts: RunFacts) -> Section:
+    statuses = np.array(run.statuses)
+    strips = []
+    for status, count in facts.status_counts.items():
+        here = (statuses == status).astype(np.int64)
+        style = {1: (_STATUS_STYLE.get(status, "unscored"), status)}
+        strips.append(Strip(status, here, style, f"{count} · {_share(here)}"))
+    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
+    return Section(
+        "Control steps",
+        pictures=[
+            Picture(strips_chart("Status of each step over time", f"{said}.", run.time, strips), "Status of each step."),
+            Picture(timing_chart(run.step_time, run.dt), f"Duration of a step: {facts.timing}."),
+        ],
+        tables=[Table(("from, s", "to, s", "status", "reason"), rows, numeric=(0, 1))] if (rows := _reasons(run)) else [],
+    )
+
+
+def _reasons(run: Run) -> list[tuple[str, str, str, str]]:
+    """Return the stretches of steps that gave the same reason, in order of time; the longest where there are many."""
+    stretches: list[tuple[int, int]] = []
+    for i in range(len(run.statuses)):
+        if stretches and (run.statuses[i], run.reasons[i]) == (run.statuses[i - 1], run.reasons[i - 1]):
+            stretches[-1] = (stretches[-1][0], i)
+        else:
+            stretches.append((i, i))
+    telling = sorted((s for s in stretches if run.reasons[s[0]]), key=lambda s: s[0] - s[1])[:_MOST_REASONS]
+    return [(f"{run.time[i]:.2f}", f"{run.time[j]:.2f}", run.statuses[i], run.reasons[i]) for i, j in sorted(telling)]
+
+
+def _share(here: np.ndarray) -> str:
+    share = 100 * float(here.mean())
+    return f"{share:.0f} %" if share >= 1 or share == 0 else "< 1 %"

@@ -1,0 +1,158 @@
+"""The page of a scored recording: the replay, the score over time, where the time goes, and the worst moment's reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ergoqp.joints import JOINTS, spoken
+from ergoqp.recordings import Recording
+from ergoqp.report import palette
+from ergoqp.report.charts import lines_chart, score_chart, shares_chart
+from ergoqp.report.figure import posture_figure
+from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
+from ergoqp.report.replay import Movement, timing_of
+from ergoqp.report.scene import scene_html
+from ergoqp.report.scores import summary_of, worst_frame
+from ergoqp.report.strips import segments_strips
+from ergoqp.sheets import reba
+from ergoqp.sheets.reba import Assessment
+
+
+def write_score_page(
+    recording: Recording, assessment: Assessment, path: Path, options: Sequence[tuple[str, str]], title: str = "Recording"
+) -> None:
+    """Write the report of a scored recording: one HTML file that needs nothing else.
+
+    Args:
+        recording: the movement.
+        assessment: of its n postures.
+        path: of the file; its folder exists.
+        options: what the scoring was told, as it is written: (what, value).
+        title: name of the recording, for the heading.
+
+    Raises:
+        MissingExtraError: if viser or jinja2 is not installed.
+        OSError: if the file cannot be written.
+    """
+    movement = Movement(
+        recording.person, recording.time, recording.postures, recording.base_poses, assessment.final, assessment.segments,
+        recording.object_poses,
+    )  # fmt: skip
+    timing = timing_of(recording.time)
+    summary = summary_of(recording, assessment)
+    page = Page(
+        title=title,
+        subtitle="REBA of a recorded movement.",
+        headlines=_headlines(summary),
+        change="",
+        facts=_facts(summary),
+        replay=scene_html(movement, timing),
+        replay_note=timing.note,
+        figures=_figures(movement, assessment),
+        sections=[
+            _over_time(recording, assessment, summary),
+            _worst(assessment, summary),
+            _fit(recording, summary),
+            Section("Options", tables=[Table(("what", "value"), options)] if options else [], intro="" if options else "None."),
+            Section("Assumptions", sentences=recording.assumptions or ("None.",)),
+        ],
+    )
+    write_page(page, path)
+
+
+def _headlines(summary: dict[str, Any]) -> list[Headline]:
+    worst = summary["worst"]
+    if worst is None:
+        return [Headline("score", "–", -1, "no frame could be scored")]
+    alarming = sum(summary["share"][name] for name in reba.ACTION_LEVELS[3:])
+
+    def headline(label: str, value: float, written: str) -> Headline:
+        level = int(palette.level_of_score(round(value)))
+        return Headline(label, written, level, f"{palette.risk_of_level(level)} risk")
+
+    return [
+        headline("mean", summary["mean"], f"{summary['mean']:.1f}"),
+        headline(f"worst, at {worst['time_s']:.1f} s", worst["reba"], str(worst["reba"])),
+        Headline("time at high risk or above", f"{100 * alarming:.0f} %", -1, "REBA 8 and more"),
+    ]
+
+
+def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    facts = [
+        ("duration", f"{summary['duration_s']:.1f} s"),
+        ("frames", f"{summary['valid_frames']} of {summary['frames']} scored"),
+    ]
+    if summary["worst"] is not None:
+        facts += [("median", f"{summary['median']:g}"), ("95th percentile", f"{summary['p95']:g}")]
+    facts.append(("stature", f"{summary['stature_m']:.2f} m"))
+    if summary["fit_error_mm"] is not None:
+        facts.append(("fit error", f"median {summary['fit_error_mm']['median']:.1f} mm"))
+    return facts
+
+
+def _figures(movement: Movement, assessment: Assessment) -> list[Picture]:
+    if not assessment.valid.any():
+        return []
+    lowest = int(np.argmin(np.where(assessment.valid, assessment.final, np.iinfo(np.int64).max)))
+    pictures = []
+    for name, i in (("worst moment", worst_frame(assessment)), ("best moment", lowest)):
+        posture = movement.at(np.array([i]))
+        segments = {segment: int(scores[0]) for segment, scores in posture.segments.items()}
+        contact = None if posture.object_poses is None else posture.object_poses[0]
+        svg = posture_figure(movement.body, posture.postures[0], posture.base_poses[0], segments, name.capitalize(), contact)
+        risk = palette.risk_of_level(int(assessment.band[i]))
+        pictures.append(Picture(svg, f"{name}, {movement.time[i]:.1f} s: REBA {assessment.final[i]}, {risk}"))
+    return pictures
+
+
+def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, Any]) -> Section:
+    worst = summary["worst"]
+    marks = [] if worst is None else [(float(recording.time[worst["frame"]]), worst["reba"], "worst")]
+    shares = {f"{name} risk": summary["share"][name] for name in reba.ACTION_LEVELS}
+    missing = [j for j in range(len(JOINTS)) if not recording.observed[:, j].any()]
+    intro = "" if not missing else f"Not told by the recording, taken as zero: {', '.join(spoken(JOINTS[j]) for j in missing)}."
+    return Section(
+        "Score",
+        intro,
+        pictures=[
+            Picture(score_chart(recording.time, assessment.final, marks=marks), "Score on its risk levels."),
+            Picture(shares_chart("Share of time per risk level", shares, range(len(shares))), "Share of the scored time."),
+            Picture(segments_strips(recording.time, assessment.segments), "Segment scores, in the colours of the body."),
+        ],
+    )
+
+
+def _worst(assessment: Assessment, summary: dict[str, Any]) -> Section:
+    worst = summary["worst"]
+    if worst is None:
+        return Section("Worst moment", "No frame could be scored.", sentences=assessment.reasons(0))
+    intro = f"Frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}."
+    segments = [
+        (name.replace("_", " "), f"{each['mean']:.2f}", str(each["max"]), *_highest_share(each["share"]))
+        for name, each in summary["segments"].items()
+    ]
+    head = ("segment", "mean", "highest", "most often", "share of the time")
+    return Section(
+        "Worst moment and segments", intro, tables=[Table(("reasons",), [(sentence,) for sentence in worst["reasons"]]),
+                                                    Table(head, segments, numeric=(1, 2, 3, 4))],
+    )  # fmt: skip
+
+
+def _highest_share(share: dict[str, float]) -> tuple[str, str]:
+    score = max(share, key=lambda name: share[name])
+    return score, f"{100 * share[score]:.0f} %"
+
+
+def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
+    error = {"fit error": 1e3 * recording.fit_error}
+    outside = [(spoken(name), str(frames)) for name, frames in summary["outside"].items()]
+    return Section(
+        "Fit",
+        "Distance between the joint centres of the recording and those of the fitted body (RMS over the centres).",
+        pictures=[Picture(lines_chart("Fit error", recording.time, error, "mm", from_zero=True))],
+        tables=[Table(("joint beyond its range", "frames"), outside, numeric=(1,))] if outside else [],
+    )

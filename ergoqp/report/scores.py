@@ -1,0 +1,138 @@
+"""The scores of a recording as files: one row per frame, and a summary.
+
+``scores.csv`` has one row per frame:
+
+- ``time_s``: time stamp [s];
+- ``reba``: final score 1 to 15, 0 when the frame could not be scored;
+- ``risk``: its action level in words, ``not scored`` for 0;
+- ``arm``: the arm that was carried forward, empty when not scored;
+- one column per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score, 0 when not scored;
+- ``fit_error_mm``: how far the fitted body is from the recording, RMS [mm];
+- ``valid``: 1 or 0;
+- ``outside``: joints beyond their range, separated by spaces.
+
+``scores.json`` holds `summary_of`.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ergoqp import __version__
+from ergoqp.joints import JOINTS
+from ergoqp.recordings import Recording
+from ergoqp.report import palette
+from ergoqp.sheets import reba
+from ergoqp.sheets.reba import Assessment
+
+
+def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> tuple[Path, Path]:
+    """Write ``scores.csv`` and ``scores.json``.
+
+    Args:
+        recording: what was scored.
+        assessment: of its n postures.
+        folder: where to; it is made if it is not there.
+
+    Returns:
+        The two files.
+
+    Raises:
+        OSError: if they cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rows, summary = folder / "scores.csv", folder / "scores.json"
+    with rows.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time_s", "reba", "risk", "arm", *palette.SEGMENTS, "fit_error_mm", "valid", "outside"])
+        for i, (valid, final) in enumerate(zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)):
+            writer.writerow(
+                [
+                    f"{recording.time[i]:.6g}",
+                    final,
+                    palette.risk_of_level(int(assessment.band[i])),
+                    assessment.arm[i] if valid else "",
+                    *(int(assessment.segments[name][i]) for name in palette.SEGMENTS),
+                    f"{1e3 * recording.fit_error[i]:.2f}",
+                    int(valid),
+                    " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
+                ]
+            )
+    summary.write_text(json.dumps(summary_of(recording, assessment), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return rows, summary
+
+
+def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
+    """Return what a scored recording comes down to.
+
+    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``duration_s``, ``stature_m``; ``mean``, ``median``,
+    ``p95``, ``max`` of the score over valid frames (null without one); ``share`` {action level: share of the valid frames};
+    ``worst`` {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with the highest
+    score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames
+    beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown); ``assumptions``. Frames count from 0.
+
+    Args:
+        recording: what was scored.
+        assessment: of its n postures.
+    """
+    final, count = assessment.final[assessment.valid], int(assessment.valid.sum())
+    levels = assessment.band[assessment.valid]
+    outside = assessment.outside.sum(axis=0)
+    error = 1e3 * recording.fit_error[np.isfinite(recording.fit_error)]
+    return {
+        "version": __version__,
+        "sheet": "REBA",
+        "frames": len(assessment.final),
+        "valid_frames": count,
+        "duration_s": round(float(recording.time[-1] - recording.time[0]), 6),
+        "stature_m": round(float(recording.person.stature), 4),
+        "mean": round(float(final.mean()), 4) if count else None,
+        "median": float(np.median(final)) if count else None,
+        "p95": round(float(np.percentile(final, 95)), 4) if count else None,
+        "max": int(final.max()) if count else None,
+        "share": {name: _share(levels == level, count) for level, name in enumerate(reba.ACTION_LEVELS)},
+        "worst": _worst(recording, assessment) if count else None,
+        "segments": {name: _segment(assessment, name, count) for name in palette.SEGMENTS},
+        "outside": {JOINTS[j]: int(outside[j]) for j in np.flatnonzero(outside)},
+        "fit_error_mm": _spread(error) if error.size else None,
+        "assumptions": list(recording.assumptions),
+    }
+
+
+def worst_frame(assessment: Assessment) -> int:
+    """Return the first frame with the highest score."""
+    return int(np.argmax(assessment.final))
+
+
+def _worst(recording: Recording, assessment: Assessment) -> dict[str, Any]:
+    i = worst_frame(assessment)
+    return {
+        "frame": i,
+        "time_s": round(float(recording.time[i]), 6),
+        "reba": int(assessment.final[i]),
+        "risk": palette.risk_of_level(int(assessment.band[i])),
+        "arm": str(assessment.arm[i]),
+        "reasons": assessment.reasons(i),
+    }
+
+
+def _segment(assessment: Assessment, name: str, count: int) -> dict[str, Any]:
+    scores = assessment.segments[name][assessment.valid]
+    return {
+        "mean": round(float(scores.mean()), 4) if count else None,
+        "max": int(scores.max()) if count else None,
+        "share": {str(score): _share(scores == score, count) for score in range(1, palette.segment_highest(name) + 1)},
+    }
+
+
+def _spread(values: np.ndarray) -> dict[str, float]:
+    return {"median": round(float(np.median(values)), 3), "max": round(float(values.max()), 3)}
+
+
+def _share(here: np.ndarray, count: int) -> float:
+    return round(float(here.sum()) / count, 6) if count else 0.0

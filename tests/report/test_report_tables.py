@@ -1,0 +1,113 @@
+import csv
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from report_samples import make_run
+from rich.console import Console
+
+from ergoqp.errors import MissingExtraError
+from ergoqp.report import run_table, score_table, write_run_page, write_score_page, write_scores
+from ergoqp.report.run_facts import facts_of
+from ergoqp.sheets import reba
+
+
+def printed(table):
+    console = Console(width=120, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    with console.file:
+        console.print(table)
+        return console.export_text()
+
+
+def test_run_table_has_scores_statuses_timing_and_limits(run):
+    text = printed(run_table(run))
+    facts = facts_of(run)
+    assert f"{facts.before} high" in text
+    assert "right upper arm" in text
+    assert "settled after" in text
+    assert "median" in text
+    assert "boundary 2 steps, worst 0.012" in text
+    assert "neck_flexion 3 samples" in text
+
+
+def test_run_table_of_somebody_who_let_go(run):
+    text = printed(run_table(replace(run, let_go=2.5, title="[bold]not markup[/bold]", violations={}, person_outside={})))
+    assert "could not reach any more at 2.5 s" in text
+    assert "[bold]not markup[/bold]" in text
+    assert "limits broken" in text
+
+
+def test_facts_follow_from_the_arrays(run):
+    facts = facts_of(run)
+    assert sum(facts.status_counts.values()) == len(run.time)
+    assert facts.best == run.reba.min()
+    assert run.reba[np.searchsorted(run.time, facts.best_at)] == facts.best
+    assert facts.settled_after == pytest.approx(0.8 * 6, abs=0.05)
+    assert "better" in facts.change
+    assert facts_of(replace(run, statuses=["optimal"] * len(run.time))).settled_after is None
+
+
+def test_score_table_names_the_worst_frame(recording):
+    assessment = reba.assess(recording.postures)
+    text = printed(score_table(recording, assessment))
+    assert f"{assessment.valid.sum()} of {len(recording.time)} scored" in text
+    assert f"max {assessment.final.max()}" in text
+    assert assessment.reasons(int(assessment.final.argmax()))[0] in text
+
+
+def test_scores_as_files(recording, tmp_path):
+    assessment = reba.assess(recording.postures)
+    rows, summary = write_scores(recording, assessment, tmp_path / "new" / "folder")
+    assert (rows.name, summary.name) == ("scores.csv", "scores.json")
+    with rows.open(newline="", encoding="utf-8") as file:
+        read = list(csv.DictReader(file))
+    assert [int(row["reba"]) for row in read] == assessment.final.tolist()
+    assert [int(row["valid"]) for row in read] == assessment.valid.astype(int).tolist()
+    assert [int(row["left_wrist"]) for row in read] == assessment.segments["left_wrist"].tolist()
+    assert read[22]["risk"] == "not scored"
+    assert read[22]["arm"] == ""
+    assert float(read[-1]["time_s"]) == pytest.approx(recording.time[-1])
+
+    data = json.loads(summary.read_text(encoding="utf-8"))
+    assert data["frames"] == len(recording.time)
+    assert data["valid_frames"] == int(assessment.valid.sum())
+    assert data["max"] == assessment.final.max() == data["worst"]["reba"]
+    assert data["mean"] == pytest.approx(assessment.final[assessment.valid].mean(), abs=1e-4)
+    assert sum(data["share"].values()) == pytest.approx(1, abs=1e-5)
+    assert list(data["share"]) == list(reba.ACTION_LEVELS)
+    assert data["worst"]["reasons"] == assessment.reasons(data["worst"]["frame"])
+    assert all(sum(each["share"].values()) == pytest.approx(1, abs=1e-5) for each in data["segments"].values())
+
+
+def test_scores_of_a_recording_that_cannot_be_scored(recording, tmp_path):
+    nothing = SimpleNamespace(**vars(recording) | {"postures": np.full_like(recording.postures, np.nan)})
+    nothing.fit_error = np.full(len(recording.time), np.nan)
+    assessment = reba.assess(nothing.postures)
+    _, summary = write_scores(nothing, assessment, tmp_path)
+    data = json.loads(summary.read_text(encoding="utf-8"))
+    assert data["valid_frames"] == 0
+    assert data["mean"] is data["worst"] is data["fit_error_mm"] is None
+    assert "0 of" in printed(score_table(nothing, assessment))
+
+
+@pytest.mark.parametrize("module", ["viser", "jinja2"])
+def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=rf"the report page needs the package '{module}'.*ergoqp\[report\]"):
+        write_run_page(make_run(0.2), tmp_path / "report.html")
+    with pytest.raises(MissingExtraError, match=module):
+        write_score_page(recording, reba.assess(recording.postures), tmp_path / "report.html", [])
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables_need_no_extra():
+    code = (
+        "import sys; sys.modules['viser'] = sys.modules['jinja2'] = None; "
+        "from ergoqp.report import run_table, score_table, write_scores"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
