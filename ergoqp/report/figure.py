@@ -13,7 +13,7 @@ from ergoqp.human import Body
 from ergoqp.report import palette, svg
 from ergoqp.report.person import matrix_of, parts_of, place
 
-_HEIGHT: Final = 300.0
+_HEIGHT: Final = 300.0  # of an upright person with some room around [px]
 _VIEW_DEG: Final = 35.0  # from the right side towards the front
 _OWN_COLOUR: Final = "#4b4f57"  # hair and shoes
 
@@ -72,7 +72,7 @@ def posture_figure(
 
     def at(point: NDArray[np.float64]) -> tuple[float, float]:
         x = (float(point @ across) - float(horizontal.min()) + margin) * scale
-        return x, _HEIGHT - (float(point[2]) - float(vertical.min()) + margin) * scale
+        return x, (height - margin + float(vertical.min()) - float(point[2])) * scale
 
     drawn: list[str] = []
     # Shapes that move together and have one colour get one outline, so that the trunk is not cut into rings.
@@ -91,4 +91,4 @@ def posture_figure(
         drawn.append(svg.element("line", x1=x, y1=y, x2=tip_x, y2=tip_y, class_="tool"))
         drawn.append(svg.element("circle", cx=x, cy=y, r=4, class_="dot"))
     said = ", ".join(f"{name.replace('_', ' ')} {segments[name]}" for name in palette.SEGMENTS if name in segments)
-    return svg.picture(drawn, max(breadth * scale, 120.0), _HEIGHT, title, f"Seen from the front right. Scores: {said}.")
+    return svg.picture(drawn, max(breadth * scale, 120.0), height * scale, title, f"Seen from the front right. Scores: {said}.")

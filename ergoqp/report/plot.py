@@ -14,7 +14,7 @@ from ergoqp.report.scales import Scale, thinned, words_of
 WIDTH: Final = 800.0
 """Width of every chart [px]."""
 
-_CHARACTER: Final = 6.3  # average width of a character at 12 px, a little generous [px]
+_CHARACTER: Final = 7.0  # average width of a character at 12 px, a little generous [px]
 _LEGEND_ROW: Final = 20.0
 
 

@@ -30,6 +30,7 @@ class Movement:
         final: score, 0 where there is none; shape (n,).
         segments: scores of the segments, shape (n,) each.
         object_poses: contact frame of the held object in the world, shape (n, 4, 4), None without an object.
+        seated: the person sits, so that a seat is drawn.
     """
 
     body: Body
@@ -39,6 +40,7 @@ class Movement:
     final: NDArray[np.int64]
     segments: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     object_poses: NDArray[np.float64] | None = None
+    seated: bool = False
 
     def at(self, samples: NDArray[np.int64]) -> Movement:
         """Return some samples; a missing posture or pose is held from the last one before it, or taken from the first after."""
@@ -54,6 +56,7 @@ class Movement:
             final=self.final[samples],
             segments={name: scores[samples] for name, scores in self.segments.items()},
             object_poses=objects,
+            seated=self.seated,
         )
 
 
@@ -85,7 +88,7 @@ class Timing:
     @property
     def note(self) -> str:
         """Say what the replay leaves out, in one sentence."""
-        rate = f"{1 / self.frame_time:.3g} frames per second" if self.frame_time else "a single frame"
+        rate = f"{1 / self.frame_time:.2g} frames per second" if self.frame_time else "a single frame"
         if self.speed > 1:
             return f"The replay runs {self.speed:.3g} times faster than real time, to last {LONGEST:.0f} s, at {rate}."
         return f"The replay runs in real time, at {rate}."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -17,8 +18,8 @@ from ergoqp.report.replay import Movement, timing_of
 from ergoqp.report.run_facts import RunFacts, facts_of, segments_at, violation_rows
 from ergoqp.report.scene import scene_html
 from ergoqp.report.strips import Strip, segments_chart, segments_strips, strips_chart
-from ergoqp.sheets.assessment import Assessment, assess_rows
-from ergoqp.sheets.postures import read_postures
+from ergoqp.report.task import is_seated, scored_alike
+from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
 
 _STATUS_STYLE: Final = {
@@ -45,11 +46,12 @@ def write_run_page(run: Run, path: Path) -> None:
         OSError: if the file cannot be written.
     """
     facts = facts_of(run)
-    scores = _assess_all(run)
-    movement = Movement(run.body, run.time, run.postures, run.base_poses, run.reba, scores.segments, run.poses)
+    scores = scored_alike(run.assessment, run.postures)
+    seated = is_seated(run.assessment)
+    movement = Movement(run.body, run.time, run.postures, run.base_poses, run.reba, scores.segments, run.poses, seated)
     timing = timing_of(run.time)
     page = Page(
-        title=run.title,
+        title=run.title[:1].upper() + run.title[1:],
         subtitle=_subtitle(run),
         headlines=[
             _headline("before", facts.before),
@@ -72,12 +74,6 @@ def write_run_page(run: Run, path: Path) -> None:
         ],
     )
     write_page(page, path)
-
-
-def _assess_all(run: Run) -> Assessment:
-    """Score every sample with the method and the task options of the run's own assessment."""
-    task = run.assessment._task.rows(0)
-    return assess_rows(read_postures(run.postures), run.assessment.method, task)
 
 
 def _headline(label: str, score: int) -> Headline:
@@ -161,20 +157,23 @@ def _limits(run: Run) -> Section:
     held = {name: np.array([name in active for active in run.active], dtype=np.int64) for name in names}
     shown = sorted(names, key=lambda name: -int(held[name].sum()))[:_MOST_LIMITS]
     styles = {1: ("active", "active")}
-    strips = [Strip(name, held[name], styles, _share(held[name])) for name in shown]
+    strips = [Strip(spoken(name), held[name], styles, _share(held[name])) for name in shown]
     said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
     missing = len(names) - len(shown)
     intro = "When a limit held the object back." if names else "No limit held the object back."
     if missing:
         intro += f" {missing} more were active for a smaller share."
     pictures = [Picture(strips_chart("Active limits over time", f"{said}.", run.time, strips))] if strips else []
-    tables = [Table(("limit", "steps that broke it", "worst"), violation_rows(run), numeric=(1, 2))] if run.violations else []
+    broken = [(spoken(name), *rest) for name, *rest in violation_rows(run)]
+    tables = [Table(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))] if broken else []
+    if broken:
+        intro += " The steps that broke one were counted by an independent checker."
     sentences = [
         f"The simulated person's own {spoken(joint)} was beyond its range in {count} samples."
         for joint, count in run.person_outside.items()
         if count
     ]
-    return Section("Limits", f"{intro} An independent checker counted the steps that broke one.", pictures, tables, sentences)
+    return Section("Limits", intro, pictures, tables, sentences)
 
 
 def _steps(run: Run, facts: RunFacts) -> Section:
@@ -191,20 +190,26 @@ def _steps(run: Run, facts: RunFacts) -> Section:
             Picture(strips_chart("Status of each step over time", f"{said}.", run.time, strips), "Status of each step."),
             Picture(timing_chart(run.step_time, run.dt), f"Duration of a step: {facts.timing}."),
         ],
-        tables=[Table(("from, s", "to, s", "status", "reason"), rows, numeric=(0, 1))] if (rows := _reasons(run)) else [],
+        tables=[Table(("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3))]
+        if (rows := _reasons(run))
+        else [],
     )
 
 
-def _reasons(run: Run) -> list[tuple[str, str, str, str]]:
-    """Return the stretches of steps that gave the same reason, in order of time; the longest where there are many."""
-    stretches: list[tuple[int, int]] = []
-    for i in range(len(run.statuses)):
-        if stretches and (run.statuses[i], run.reasons[i]) == (run.statuses[i - 1], run.reasons[i - 1]):
-            stretches[-1] = (stretches[-1][0], i)
-        else:
-            stretches.append((i, i))
-    telling = sorted((s for s in stretches if run.reasons[s[0]]), key=lambda s: s[0] - s[1])[:_MOST_REASONS]
-    return [(f"{run.time[i]:.2f}", f"{run.time[j]:.2f}", run.statuses[i], run.reasons[i]) for i, j in sorted(telling)]
+def _reasons(run: Run) -> list[tuple[str, str, str, str, str]]:
+    """Return per reason its status, its number of steps, when it was first and last given [s], and its sentence.
+
+    A reason that only counts on (``by 0.137``, ``by 0.136``) is one reason, told with its first numbers.
+    """
+    kinds: dict[tuple[str, str], list[int]] = {}
+    for i, (status, reason) in enumerate(zip(run.statuses, run.reasons, strict=True)):
+        if reason:
+            kinds.setdefault((status, re.sub(r"\d[\d.e+-]*", "#", reason)), []).append(i)
+    most = sorted(kinds.values(), key=lambda steps: (-len(steps), steps[0]))[:_MOST_REASONS]
+    return [
+        (run.statuses[at[0]], str(len(at)), f"{run.time[at[0]]:.2f}", f"{run.time[at[-1]]:.2f}", run.reasons[at[0]])
+        for at in most
+    ]
 
 
 def _share(here: np.ndarray) -> str:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _OWN_COLOUR: Final = {"hair": (58, 52, 50), "right_foot": (58, 60, 66), "left_foot": (58, 60, 66)}
 _OBJECT_COLOUR: Final = (70, 84, 105)
+_SEAT_HEIGHT: Final = 0.05  # of the cushion [m]
+_SEAT_COLOUR: Final = (176, 184, 193)
 _PATH_COLOUR: Final = (70, 84, 105)
 _LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
 
@@ -90,16 +92,30 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
         "/floor", width=size, height=size, cell_size=0.25, section_size=1.0, position=(centre[0], centre[1], floor),
         cell_color=(222, 226, 230), section_color=(190, 197, 204), plane_color=(247, 248, 250), plane_opacity=1.0,
     )  # fmt: skip
+    if movement.seated:
+        _set_seat(server, np.median(pelvis, axis=0), floor, movement.body.stature)
     server.scene.configure_default_lights(enabled=True, cast_shadow=True)
     forward = movement.base_poses[0, :3, 0]
     right = -movement.base_poses[0, :3, 1]
     middle = np.array([centre[0], centre[1], floor + 0.52 * movement.body.stature]) + 0.12 * forward
-    distance = 1.6 * movement.body.stature + 0.8 * spread
+    # Near enough for the person to fill the picture, far enough for the way walked to stay within it.
+    distance = max(1.6 * movement.body.stature, 0.9 * spread + 1.5)
     direction = 0.75 * forward + 0.85 * right + np.array([0, 0, 0.3])
     camera = server.initial_camera
     camera.fov = float(np.radians(45))
     camera.look_at = middle
     camera.position = middle + distance * direction / np.linalg.norm(direction)
+
+
+def _set_seat(server: viser.ViserServer, pelvis: NDArray[np.float64], floor: float, stature: float) -> None:
+    """Put a stool under the pelvis [m]."""
+    top = float(pelvis[2]) - 0.045 * stature
+    height = top - floor - _SEAT_HEIGHT
+    if height <= 0:
+        return
+    for name, radius, length, bottom in (("seat", 0.17, _SEAT_HEIGHT, floor + height), ("post", 0.035, height, floor)):
+        middle = (float(pelvis[0]), float(pelvis[1]), bottom + length / 2)
+        server.scene.add_cylinder(f"/{name}", radius=radius, height=length, position=middle, color=_SEAT_COLOUR)
 
 
 class _Person:
@@ -137,7 +153,7 @@ class _Person:
 
 
 class _Words:
-    """The score above the head and the time at the feet."""
+    """The score above the head and the time on the floor, to the right of the feet."""
 
     def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement, floor: float) -> None:
         self._movement, self._placement = movement, placement
@@ -151,7 +167,7 @@ class _Words:
         head, _ = self._placement.of("head")
         pelvis = self._movement.base_poses[frame]
         self._score.position = _coarse(head[frame] + np.array([0, 0, self._top]))
-        self._time.position = _coarse([*(pelvis[:2, 3] + 0.55 * pelvis[:2, 0]), self._floor + 0.02])
+        self._time.position = _coarse([*(pelvis[:2, 3] - 0.55 * pelvis[:2, 1]), self._floor + 0.02])
         for label, text in ((self._score, _score_text), (self._time, _time_text)):
             words = text(self._movement, frame)
             if label.text != words:

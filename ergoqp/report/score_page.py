@@ -18,6 +18,7 @@ from ergoqp.report.replay import Movement, timing_of
 from ergoqp.report.scene import scene_html
 from ergoqp.report.scores import summary_of, worst_frame
 from ergoqp.report.strips import segments_strips
+from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
 
@@ -40,7 +41,7 @@ def write_score_page(
     """
     movement = Movement(
         recording.person, recording.time, recording.postures, recording.base_poses, assessment.final, assessment.segments,
-        recording.object_poses,
+        recording.object_poses, is_seated(assessment),
     )  # fmt: skip
     timing = timing_of(recording.time)
     summary = summary_of(recording, assessment)

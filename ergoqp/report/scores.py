@@ -53,7 +53,7 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
         for i, (valid, final) in enumerate(zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)):
             writer.writerow(
                 [
-                    f"{recording.time[i]:.6g}",
+                    f"{recording.time[i]:.6f}",
                     final,
                     palette.risk_of_level(int(assessment.band[i])),
                     assessment.arm[i] if valid else "",

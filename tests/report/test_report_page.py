@@ -13,6 +13,9 @@ from report_samples import make_recording, make_run
 
 from ergoqp.report import write_run_page, write_score_page
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, render, write_page
+from ergoqp.report.replay import Movement, timing_of
+from ergoqp.report.scene import scene_html
+from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
@@ -149,6 +152,22 @@ def test_a_recording_without_any_score_still_has_a_page(tmp_path):
     recording.postures = np.full_like(recording.postures, np.nan)
     write_score_page(recording, reba.assess(recording.postures), tmp_path / "score.html", [], "nothing")
     assert "no frame could be scored" in (tmp_path / "score.html").read_text(encoding="utf-8")
+
+
+def test_the_same_reason_is_told_once(tmp_path):
+    run = make_run(1)
+    reasons = [f"outside, coming back: workspace x by {0.1 - i / 1000:.3f}" for i in range(len(run.time))]
+    write_run_page(replace(run, reasons=reasons, statuses=["recovering"] * len(run.time)), tmp_path / "run.html")
+    assert (tmp_path / "run.html").read_text(encoding="utf-8").count("workspace x by") == 1
+
+
+def test_a_seated_person_has_a_seat(tmp_path):
+    run = make_run(0.2)
+    seated = replace(run, assessment=reba.assess(run.postures[[0, -1]], seated=True))
+    movement = Movement(run.body, run.time, run.postures, run.base_poses, run.reba, {}, None, is_seated(seated.assessment))
+    assert movement.seated
+    timing = timing_of(run.time)
+    assert len(scene_html(movement, timing)) > len(scene_html(replace(movement, seated=False), timing))
 
 
 def test_a_run_of_one_step_has_a_page(tmp_path):
