@@ -37,6 +37,7 @@ class Control:
         rest_after: for how long it must be that low [s].
         move_above: predicted gain above which it moves again [points].
         move_after: for how long it must be that high [s].
+        rest_filter: time constant over which the predicted gain is averaged: it sees every angle's noise [s].
         max_age: oldest posture that still counts [s].
     """
 
@@ -50,6 +51,7 @@ class Control:
     rest_after: float = 0.5
     move_above: float = 0.06
     move_after: float = 0.3
+    rest_filter: float = 0.5
     max_age: float = 0.10
 
     def __post_init__(self) -> None:
@@ -58,13 +60,11 @@ class Control:
             value = getattr(self, name)
             if not (isinstance(value, (int, float)) and 0 <= value < float("inf")):
                 raise ProblemError(f"control.{name}: got {value!r}, allowed a finite number of at least 0")
-        for name in ("look_ahead", "effort_linear", "effort_angular", "max_age"):
+        for name in ("look_ahead", "effort_linear", "effort_angular", "rest_filter", "max_age"):
             if getattr(self, name) == 0:
                 raise ProblemError(f"control.{name}: got 0, allowed a positive number")
         if self.move_above < self.rest_below:
-            raise ProblemError(
-                f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}: rest would flicker"
-            )
+            raise ProblemError(f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}")
 
 
 @dataclass(frozen=True)

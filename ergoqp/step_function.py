@@ -14,7 +14,7 @@ from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.rest import rest_update
 from ergoqp.rigid import exp_rotation, rotation_error
 from ergoqp.solvers import QpSolver
-from ergoqp.step_rows import braking, limit_values, movable_rows, row_bounds, stop_displacement
+from ergoqp.step_rows import braking, driven, limit_values, movable_rows, row_bounds, stop_displacement
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 N: Final = len(JOINTS)
 PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
-HELD: Final = 1e-9
-"""A hard margin above minus this counts as held [m, rad]."""
+HELD: Final = 1e-12
+"""Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 _CAUTION_EPS: Final = 0.1
+_STILL: Final = ca.SX(6, 1)
 
 
 class Status(IntEnum):
@@ -64,7 +65,7 @@ OUTPUTS: Final = (
 )
 _SIZES: Final = {
     **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "stored_pose": (4, 4), "executed": (6, 1), "sent": (6, 1)},
-    "rest": (2, 1),
+    "rest": (3, 1),
 }
 
 
@@ -96,8 +97,9 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     pattern = _pattern(problem)
     judge, shorten, account = _judge(problem, pattern), _shorten(problem, pattern), _account(problem, pattern, movable)
     seen = raw["observed"]
-    wanted, brake, now, solved, outside, gain, rest, whole = judge(
-        posture, seen, pose, previous, dt, gradient, xi, S, residual, usable, raw["rest"]
+    gain = _gain(problem)(posture, value, xi, S)
+    wanted, brake, now, solved, outside, rest, whole = judge(
+        posture, seen, pose, previous, dt, gain, xi, S, residual, usable, raw["rest"]
     )
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
@@ -172,17 +174,20 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     sizes = ((N, 1), (N, 1), (4, 4), (6, 1), (1, 1), (1, 1), (N, 1), (N, 1), (1, 1), (N, 6), unmet)
     sx = {name: ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
     S = _with_pattern(sx["S"], _pattern(problem))
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S)
-    movable = movable_rows(problem.row_limits, situation)
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
-    bounds = row_bounds(problem.row_limits, situation, brake, sx["final"], movable)
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, sx["previous"] * brake.reach)
+    movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
+    bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
     H, g = _objective(problem, sx, S)
-    data = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, brake.low, brake.high]
-    prepare = ca.Function("prepare", list(sx.values()), ca.cse([ca.densify(part) for part in data]))
+    parts = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, brake.low, brake.high]
+    prepare = ca.Function("prepare", list(sx.values()), ca.cse([ca.densify(part) for part in parts]))
 
     mx = {name: ca.MX.sym(name, *size) for name, size in zip(names[:-2], sizes[:-2], strict=True)}
     S_value, E_value = problem.response.sensitivity()(mx["posture"], mx["locked"])
-    xi, slack, multipliers, residual = build_qp(solver, len(movable))(*prepare(*mx.values(), S_value, E_value))
+    data = prepare(*mx.values(), S_value, E_value)
+    xi, slack, multipliers, residual = build_qp(solver, len(movable))(*data)
+    # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
+    xi = ca.fmin(ca.fmax(xi, data[7]), data[8])
     newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["locked"], S_value, xi, residual)
     locked = ca.fmax(mx["locked"], newly)
     again = ca.mmax(newly)
@@ -221,7 +226,7 @@ def _newly_locked(problem: Problem) -> ca.Function:
     """Joints that are at their end, not yet locked, and would move outward."""
     q, observed, locked = ca.SX.sym("q", N), ca.SX.sym("observed", N), ca.SX.sym("locked", N)
     S, xi, residual = ca.SX.sym("S", N, 6), ca.SX.sym("xi", 6), ca.SX.sym("residual")
-    situation = Situation(q, observed, ca.SX.eye(4), S)
+    situation = Situation(q, observed, ca.SX.eye(4), S, _STILL)
     outward = ca.SX(N, 1)
     for limit in problem.row_limits:
         if not limit.yield_zone:
@@ -244,21 +249,20 @@ def _judge(problem: Problem, pattern: ca.SX) -> ca.Function:
     sx = {name: ca.SX.sym(name, *size) for name, size in _JUDGED.items()}
     S = _with_pattern(sx["S"], pattern)
     limits, dt = problem.row_limits, sx["dt"]
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S)
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, _STILL)
     brake = braking(problem.twist_limit, sx["previous"], dt)
     now = _margins(problem, situation, ca.SX(6, 1), dt)
     solved = sx["residual"] < TOLERANCE
-    outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(limits, situation))
+    outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(problem, situation))
     must_move = ca.mmax(outside)
-    gain = _gain(problem, S.T @ sx["gradient"], sx["xi"])
     counts = ca.logic_and(sx["usable"], solved)
-    rest = rest_update(problem.control, sx["rest"], ca.if_else(must_move, ca.inf, gain), dt, counts)
+    rest = rest_update(problem.control, sx["rest"], sx["gain"], must_move, dt, counts)
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
     # The answer of a failed QP may be NaN; it goes no further.
     wanted = ca.if_else(solved, wanted, brake.twist)
     through = _margins(problem, situation, wanted, dt)
     whole = ca.mmin(through - _floor(problem, now)) >= 0
-    outputs = [wanted, brake.twist, now, solved, outside, gain, rest, whole]
+    outputs = [wanted, brake.twist, now, solved, outside, rest, whole]
     return ca.Function("judge", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
 
 
@@ -270,7 +274,7 @@ def _shorten(problem: Problem, pattern: ca.SX) -> ca.Function:
     names = ("posture", "observed", "pose", "dt", "S", "wanted", "brake", "now")
     sizes = {**_JUDGED, "wanted": (6, 1), "brake": (6, 1), "now": (len(problem.row_names), 1)}
     sx = {name: ca.SX.sym(name, *sizes[name]) for name in names}
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern))
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL)
     at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
     floor = _floor(problem, ca.fmin(sx["now"], at_braking))
     share = ca.SX(0)
@@ -288,11 +292,11 @@ def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Functio
         **{name: _JUDGED[name] for name in ("posture", "observed", "pose", "dt", "S", "residual", "usable")},
         **{"E": problem.response.sensitivity().size_out(1), "slack": (m, 1), "multipliers": (m, 1), "causes": (1, 1)},
         **{"wanted": (6, 1), "brake": (6, 1), "now": (rows_in_all, 1), "solved": (1, 1), "outside": (rows_in_all, 1)},
-        **{"rest": (2, 1), "share": (1, 1)},
+        **{"rest": (3, 1), "share": (1, 1)},
     }
     sx = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
     limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern))
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL)
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
     twist = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
     rate = _model_rate(limits, situation, situation.sensitivity @ twist, dt)
@@ -300,7 +304,9 @@ def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Functio
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
 
     tolerance = ca.DM(limit_values(limits, "tolerance"))
-    used = ca.mmax(sx["slack"] * (sx["now"][movable] >= -tolerance[movable])) > 10 * TOLERANCE
+    # Slack of a row on the object side only says that the QP asked for more than needed: the certificate is exact there.
+    soft = ca.DM(1 - limit_values(limits, "hard"))[movable]
+    used = ca.mmax(soft * sx["slack"] * (sx["now"][movable] >= -tolerance[movable])) > 10 * TOLERANCE
     status = ca.if_else(sx["rest"][0] > 0.5, int(Status.settled), int(Status.optimal))
     status = ca.if_else(used, int(Status.relaxed), status)
     status = ca.if_else(ca.mmax(sx["outside"]), int(Status.recovering), status)
@@ -317,8 +323,8 @@ def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Functio
 
 
 _JUDGED: Final = {
-    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "previous": (6, 1), "dt": (1, 1), "gradient": (N, 1)},
-    **{"xi": (6, 1), "S": (N, 6), "residual": (1, 1), "usable": (1, 1), "rest": (2, 1)},
+    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "previous": (6, 1), "dt": (1, 1), "gain": (1, 1)},
+    **{"xi": (6, 1), "S": (N, 6), "residual": (1, 1), "usable": (1, 1), "rest": (3, 1)},
 }
 
 
@@ -333,16 +339,29 @@ def _floor(problem: Problem, margins: ca.SX) -> ca.SX:
     return ca.fmin(margins, 0) - HELD - 1e-7 * ca.DM(1 - limit_values(problem.row_limits, "hard"))
 
 
-def _moves(limits: tuple, situation: Situation) -> ca.SX:
-    return ca.vertcat(*(ca.sum2(ca.fabs(ca.densify(limit.rows(situation).matrix))) > 1e-6 for limit in limits))
+def _moves(problem: Problem, situation: Situation) -> ca.SX:
+    """Whether some twist that the object can do moves each row."""
+    matrices = [driven(problem.twist_limit, limit.rows(situation).matrix) for limit in problem.row_limits]
+    return ca.vertcat(*(ca.sum2(ca.fabs(ca.densify(matrix))) > 1e-6 for matrix in matrices))
 
 
-def _gain(problem: Problem, slope: ca.SX, xi: ca.SX) -> ca.SX:
-    """Improvement of one second at full speed along the answer [points]."""
+_LOOKS: Final = (0.2, 0.5, 1.0)
+"""Seconds at full speed after which the improvement is looked up."""
+
+
+def _gain(problem: Problem) -> ca.Function:
+    """``(posture, V, xi, S) -> best improvement within one second at full speed along the answer [points]``.
+
+    The cost itself is looked up on the way: its slope alone would promise a point for every band end within the noise.
+    """
+    posture, value, xi, S = ca.MX.sym("q", N), ca.MX.sym("V"), ca.MX.sym("xi", 6), ca.MX.sym("S", N, 6)
     speed = problem.twist_limit.speed
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
-    return -ca.dot(slope, xi) / (relative + 1e-9)
+    full = S @ (xi / (relative + 1e-9))
+    ahead = [problem.cost.expression(posture + seconds * full) for seconds in _LOOKS]
+    gain = value - ca.mmin(ca.vertcat(*ahead))
+    return ca.Function("gain", [posture, value, xi, S], [ca.if_else(relative > 1e-6, gain, 0)])
 
 
 def _model_rate(limits: tuple, situation: Situation, rate: ca.SX, dt: ca.SX) -> ca.SX:

@@ -1,8 +1,11 @@
 """From margins to bounds: what each row asks of the twist of this period, so that the whole stop afterwards stays inside.
 
 The object stops along a straight line: from twist xi it takes t_s = max_i |xi_i| / a_i seconds and, whatever the periods of
-the steps to come, moves at most xi (dt + t_s / 2). So a row with `above` left holds through the stop if
-A xi <= above / (dt + t_s / 2), with the longest t_s that this period can reach.
+the steps to come, moves at most xi (dt + t_s / 2). So a row with d left holds through the stop if A xi <= d / h with
+h = dt + t_s / 2 for the longest t_s that this period can reach.
+
+That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h, and the row can only be
+slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before that its tangent parabola v^2 = 2 a d - a^2 h^2.
 """
 
 from __future__ import annotations
@@ -16,6 +19,12 @@ import numpy as np
 from ergoqp.limits import Limit, Situation, TwistLimit
 from ergoqp.qp import FREE
 
+STEADY_RETURN = 0.01
+"""Slowest pace of coming back from outside [m/s, rad/s]."""
+
+CLEARANCE = 1e-8
+"""Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
+
 
 @dataclass(frozen=True)
 class Braking:
@@ -26,12 +35,16 @@ class Braking:
         low: least twist of this period (6,).
         high: greatest twist of this period (6,); both allow the braking twist.
         reach: seconds of motion at the new twist that a stop from it takes at most [s].
+        acceleration: largest per axis (6,).
+        dt: period [s].
     """
 
     twist: ca.SX
     low: ca.SX
     high: ca.SX
     reach: ca.SX
+    acceleration: ca.DM
+    dt: ca.SX
 
 
 def braking(limit: TwistLimit, previous: ca.SX, dt: ca.SX) -> Braking:
@@ -42,7 +55,7 @@ def braking(limit: TwistLimit, previous: ca.SX, dt: ca.SX) -> Braking:
     # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
     low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
     high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-    return Braking(twist, low, high, dt + (stop + dt) / 2)
+    return Braking(twist, low, high, dt + (stop + dt) / 2, acceleration, dt)
 
 
 def stop_time(limit: TwistLimit, twist: ca.SX) -> ca.SX:
@@ -66,55 +79,77 @@ class RowBounds:
     cap: ca.SX
 
 
-def movable_rows(limits: Sequence[Limit], situation: Situation) -> list[int]:
+def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
+    """Return a row matrix (m, 6) with the columns of axes that the object cannot move dropped."""
+    kept = ca.SX(*matrix.shape)
+    columns = np.flatnonzero(limit.speed > 0).tolist()
+    kept[:, columns] = matrix[:, columns]
+    return ca.sparsify(kept)
+
+
+def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:
     """Return the numbers, among all rows, of those that are not zero by structure."""
     numbers, start = [], 0
     for limit in limits:
-        matrix = limit.rows(situation).matrix
+        matrix = driven(twist, limit.rows(situation).matrix)
         numbers += [start + row for row in range(matrix.shape[0]) if matrix[row, :].nnz()]
         start += matrix.shape[0]
     return numbers
 
 
 def row_bounds(
-    limits: Sequence[Limit], situation: Situation, brake: Braking, final: ca.SX, movable: Sequence[int]
+    twist: TwistLimit, limits: Sequence[Limit], situation: Situation, brake: Braking, final: ca.SX, movable: Sequence[int]
 ) -> RowBounds:
     """Return the bounds of the movable rows.
 
     Args:
+        twist: which axes the object can move.
         limits: the row limits of the problem.
         situation: where things are.
         brake: of this period.
         final: 1 in the last pass, in which joints near their end do not yield any more.
         movable: which rows to keep, see `movable_rows`.
     """
-    blocks = [_bounds(limit, situation, brake, final) for limit in limits]
+    blocks = [_bounds(twist, limit, situation, brake, final) for limit in limits]
     matrix, lower, upper, side, cap = (ca.vertcat(*parts) for parts in zip(*blocks, strict=True))
     return RowBounds(*(ca.densify(part[movable, :]) for part in (matrix, lower, upper, side, cap)))
 
 
-def _bounds(limit: Limit, situation: Situation, brake: Braking, final: ca.SX) -> tuple[ca.SX, ...]:
+def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Braking, final: ca.SX) -> tuple[ca.SX, ...]:
     rows = limit.rows(situation)
-    at_braking = rows.matrix @ brake.twist
+    matrix = driven(twist, rows.matrix)
+    at_braking = matrix @ brake.twist
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
-    moves = ca.sum2(ca.fabs(ca.densify(rows.matrix))) > 1e-6
-    upper, cap_up = _one_end(limit, rows.above, rows.rate, at_braking, moves, brake, final)
-    lower, cap_down = _one_end(limit, rows.below, rows.rate, -at_braking, moves, brake, final)
+    size = ca.fabs(ca.densify(matrix))
+    moves, slowing = ca.sum2(size) > 1e-6, size @ brake.acceleration
+    upper, cap_up = _one_end(limit, rows.above, rows.rate, at_braking, moves, slowing, brake, final)
+    lower, cap_down = _one_end(limit, rows.below, rows.rate, -at_braking, moves, slowing, brake, final)
     upper = ca.fmin(upper, FREE)
     # An inward target never asks for more than the other end allows; the slack covers only one side.
     lower = ca.fmin(ca.fmax(-lower, -FREE), upper)
     relaxes_up = cap_up > 0
-    return rows.matrix, lower, upper, ca.if_else(relaxes_up, 1.0, -1.0), ca.if_else(relaxes_up, cap_up, cap_down)
+    return matrix, lower, upper, ca.if_else(relaxes_up, 1.0, -1.0), ca.if_else(relaxes_up, cap_up, cap_down)
 
 
 def _one_end(
-    limit: Limit, distance: ca.SX, rate: ca.SX, at_braking: ca.SX, moves: ca.SX, brake: Braking, final: ca.SX
+    limit: Limit,
+    distance: ca.SX,
+    rate: ca.SX,
+    at_braking: ca.SX,
+    moves: ca.SX,
+    slowing: ca.SX,
+    brake: Braking,
+    final: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
     """Return (largest rate toward this end, by how much it may be exceeded) for each row."""
     inside = distance >= -limit.tolerance
-    coming_back = ca.fmin(rate, -distance / limit.recovery_time)
+    # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
+    pace = ca.fmin(ca.fmax(-distance / limit.recovery_time, STEADY_RETURN), -distance / brake.dt)
+    coming_back = ca.fmin(rate, pace)
     wanted_back = ca.if_else(moves, coming_back, 0.0)
-    allowed = ca.fmin(rate, ca.fmax(distance, 0) / brake.reach)
+    left, knee = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE), slowing * brake.reach**2
+    parabola = ca.sqrt(ca.fmax(2 * slowing * left - slowing * knee, 0))
+    allowed = ca.fmin(rate, ca.if_else(left <= knee, left / brake.reach, parabola))
     bound = ca.if_else(inside, allowed, -wanted_back)
     least = ca.if_else(inside, allowed, 0.0)
     if limit.yield_zone:
@@ -122,10 +157,6 @@ def _one_end(
         near = ca.logic_and(distance < limit.yield_zone, distance >= -limit.tolerance)
         yields = ca.logic_and(near, ca.logic_not(final))
         bound, least = ca.if_else(yields, rate, bound), ca.if_else(yields, rate, least)
-    if limit.hard:
-        # The last acceptance promised the braking twist, so a hard row never excludes it and needs no slack inside.
-        bound = ca.if_else(inside, ca.fmax(bound, at_braking), bound)
-        least = ca.if_else(inside, bound, least)
     return bound, ca.fmax(0, ca.fmax(least, at_braking) - bound)
 
 

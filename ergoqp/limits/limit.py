@@ -17,12 +17,14 @@ class Situation:
         observed: 1 for joints that are seen (32,).
         pose: contact frame in the world (4, 4).
         sensitivity: S (32, 6) with the locks of this pass.
+        swing: displacement (6,) [m, rad] of a stop at about the present twist: how far curved rows must look ahead.
     """
 
     posture: ca.SX
     observed: ca.SX
     pose: ca.SX
     sensitivity: ca.SX
+    swing: ca.SX
 
 
 @dataclass(frozen=True)

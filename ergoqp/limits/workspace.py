@@ -26,7 +26,7 @@ class WorkspaceBox:
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
-    tolerance: float = 1e-9
+    tolerance: float = 1e-6
     recovery_time: float = 1.0
     yield_zone: float = 0.0
     hard = True
@@ -63,7 +63,7 @@ class AxisCone:
 
     direction: tuple[float, float, float]
     half_angle_deg: float
-    tolerance: float = 1e-9
+    tolerance: float = 1e-6
     recovery_time: float = 1.0
     yield_zone: float = 0.0
     hard = True
@@ -81,14 +81,23 @@ class AxisCone:
             raise InputError(f"half_angle_deg: got {self.half_angle_deg!r}, allowed above 0 to 170 deg")
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row: the angle between the axis and the direction grows with turning about their normal."""
+        """Return the one row: the angle between the axis and the direction grows with turning about their normal.
+
+        A cone is curved: along the swing W the angle also grows by its second derivative, from cos(angle) = d . a. The row
+        keeps that much free, and a share for turns that differ from the swing, or the certificate would have to brake a turn
+        that runs along the cone.
+        """
         middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
         normal = ca.cross(middle, axis)
-        sine = ca.sqrt(ca.sumsqr(normal) + 1e-18)
-        angle = ca.atan2(sine, ca.dot(middle, axis))
+        sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
         matrix = ca.SX(1, 6)
         matrix[0, 3:] = (normal / sine).T
-        return Rows(matrix, ca.SX([ca.inf]), np.radians(self.half_angle_deg) - angle, ca.SX([ca.inf]))
+        turn = situation.swing[3:]
+        slope = ca.dot(normal / sine, turn)
+        bend = cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn)
+        ahead = 1.5 * ca.fmax(0, bend / (2 * ca.fmax(sine, 0.1)))
+        above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine)
+        return Rows(matrix, ca.SX([ca.inf]), ca.if_else(above > 0, ca.fmax(0.8 * above - ahead, 0), above), ca.SX([ca.inf]))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margin while turning about a fixed axis; exact.

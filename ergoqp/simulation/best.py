@@ -15,9 +15,9 @@ from ergoqp.problem import Problem
 from ergoqp.simulation.loop import Start
 from ergoqp.simulation.person import Follower
 
-SPACING = 0.08
+SPACING = 0.10
 """Distance of the places looked at [m]."""
-TURNS = (-0.9, -0.45, 0.0, 0.45, 0.9)
+TURNS = (-0.66, 0.0, 0.66)
 """Tilts of the tool's axis looked at, as shares of the cone's half angle."""
 
 
@@ -128,27 +128,32 @@ def turn_about(axis: int, angle: float) -> np.ndarray:
 def draw_starts(problem: Problem, person: Follower, count: int, seed: int, at_least: int, tries: int = 2000) -> list[Start]:
     """Return starts at rest in random reachable places of the workspace whose score is at least `at_least`.
 
-    Fewer than `count` come back when `tries` places do not hold that many.
+    Places are drawn from the person's map and shifted by up to half its spacing. Fewer than `count` come back when `tries`
+    places do not hold that many.
     """
+    found = workspace_map(problem, person)
+    candidates = np.flatnonzero(found.scores >= at_least)
     rng = np.random.default_rng([seed, 3])
-    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    box = problem.limit_of(WorkspaceBox)
     comfort = person.response.comfort
     soles, grasp = person.stand(comfort), person.grasp(comfort)
     starts: list[Start] = []
-    for _ in range(tries):
-        pose = np.eye(4)
-        pose[:3, 3] = rng.uniform(box.lower, box.upper)
-        shares = rng.uniform(-0.65, 0.65, 2)
-        axes = problem.twist_limit.axes
-        rotations = tilted_frames(cone, axes, tuple(shares))
-        pose[:3, :3] = rotations[rng.integers(len(rotations))]
-        posture, reached = person.settle(comfort, pose, grasp, soles)
+    for _ in range(tries if candidates.size else 0):
+        chosen = rng.choice(candidates)
+        pose = found.poses[chosen].copy()
+        pose[:3, 3] = np.clip(pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING, box.lower, box.upper)
+        posture, reached = person.settle(found.postures[chosen], pose, grasp, soles)
         if reached and problem.assess(posture).final[0] >= at_least:
-            # The person holds it as they hold it: about a free tool the hand has turned.
-            starts.append(Start(posture, person.contact(posture)[0], person.grasp(posture), soles))
+            # The hand has turned about a free tool: the person holds the object as they hold it now.
+            starts.append(Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles))
             if len(starts) == count:
                 break
     return starts
+
+
+def _grips(person: Follower, posture: np.ndarray) -> np.ndarray:
+    contact = person.contact(posture)[0]
+    return np.stack([contact @ grip for grip in person.grasp(posture)])
 
 
 def cache_folder() -> Path:

@@ -1,8 +1,8 @@
 """The independent checker: every limit judged again in plain numpy, from what was sent and measured alone.
 
 It shares no code with the step. What it checks: every twist against speed, acceleration and axes; the object's pose after
-each period against workspace and cone; the model person's predicted posture against joint ranges and rates. A quantity that
-was outside before must not get further out.
+each period against workspace and cone; the model person's predicted posture against joint ranges and rates. What was outside
+may only come in, and what is in stays in: the object's pose is never further out than it ever was.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ class Checker:
         units |= {"workspace": "m"} if self._box else {}
         units |= {"tool axis": "rad"} if self._cone else {}
         units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
+        self._least_out: dict[str, np.ndarray] = {}
         self.units = units
         self.violations = dict.fromkeys(units, 0)
         self.max_violation = dict.fromkeys(units, 0.0)
@@ -83,13 +84,13 @@ class Checker:
         after = _moved(pose, twist * dt)
         if self._box:
             low, high = np.asarray(self._box.lower), np.asarray(self._box.upper)
-            before_out = np.maximum(np.maximum(low - pose[:3, 3], pose[:3, 3] - high), 0)
-            after_out = np.maximum(low - after[:3, 3], after[:3, 3] - high)
-            excess["workspace"] = float(np.max(after_out - before_out))
+            excess["workspace"] = self._further_out("workspace", _outside_box(pose, low, high), _outside_box(after, low, high))
         if self._cone:
-            half = np.radians(self._cone.half_angle_deg)
-            before_out = max(_angle(pose[:3, 0], self._cone.direction) - half, 0.0)
-            excess["tool axis"] = _angle(after[:3, 0], self._cone.direction) - half - before_out
+            before, behind = (
+                np.array([_angle(frame[:3, 0], self._cone.direction) - np.radians(self._cone.half_angle_deg)])
+                for frame in (pose, after)
+            )
+            excess["tool axis"] = self._further_out("tool axis", before, behind)
         if self._joints and posture is not None:
             excess |= self._joint_excess(posture, rate, dt, observed, is_braking)
         if not np.isfinite(twist).all():
@@ -99,6 +100,12 @@ class Checker:
             self.violations[name] += 1
             self.max_violation[name] = max(self.max_violation[name], excess[name])
         return broken
+
+    def _further_out(self, name: str, before: np.ndarray, after: np.ndarray) -> float:
+        """How much further out than ever before since it was there: what has come in stays in, over any number of steps."""
+        least = np.minimum(self._least_out.get(name, np.inf), np.maximum(before, 0.0))
+        self._least_out[name] = np.minimum(least, np.maximum(after, 0.0))
+        return float(np.max(after - least))
 
     def _joint_excess(
         self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, is_braking: bool
@@ -120,6 +127,10 @@ class Checker:
 def _braking_twist(previous: np.ndarray, acceleration: np.ndarray, dt: float) -> np.ndarray:
     seconds = float(np.max(np.abs(previous) / acceleration))
     return previous * max(0.0, 1.0 - dt / seconds) if seconds > 0 else previous * 0.0
+
+
+def _outside_box(pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.maximum(low - pose[:3, 3], pose[:3, 3] - high)
 
 
 def _moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:

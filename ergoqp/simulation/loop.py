@@ -103,7 +103,8 @@ def run_loop(
         previous = step.twist
         pose = moved(pose, step.twist * dt)
         late.append(pose)
-        held = np.hstack([late.popleft() @ grip for grip in start.grasp])
+        followed = late.popleft()
+        held = np.hstack([followed @ grip for grip in start.grasp])
         posture, distance, _ = person.move(posture, held, start.soles, follow, dt)
         if distance > LET_GO and trace.let_go is None and number * dt > 1.0:
             trace.let_go = number * dt

@@ -34,7 +34,10 @@ class Follower:
 
     @cached_property
     def _step(self) -> ca.Function:
-        """``(q, locked, targets (4, 4 k), soles (4, 8), gain, relax) -> (step (32,), position error, angle error)``."""
+        """``(q, locked, targets (4, 4 k), soles (4, 8), gain, relax) -> (step (32,), distance, angle)``.
+
+        The distance is the largest of grips and soles from where they should be [m].
+        """
         response = self.response
         k = len(response.hands)
         q, locked = ca.SX.sym("q", N), ca.SX.sym("locked", N)
@@ -54,7 +57,9 @@ class Follower:
             angles.append(ca.norm_2(turn))
         step = response.reach()(q, locked, gain * ca.vertcat(*errors)) + relax * response.drift()(q, locked)
         if response.stance == "standing":
-            step = step + self._sole_step(q, soles) * (1 - locked)
+            sole_step, slipped = self._sole_step(q, soles)
+            step = step + sole_step * (1 - locked)
+            distances.append(slipped)
         outputs = [step, ca.mmax(ca.vertcat(*distances)), ca.mmax(ca.vertcat(*angles))]
         return ca.Function("person", [q, locked, targets, soles, gain, relax], ca.cse([ca.densify(part) for part in outputs]))
 
@@ -63,11 +68,11 @@ class Follower:
 
         return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
 
-    def _sole_step(self, q: ca.SX, soles: ca.SX) -> ca.SX:
-        """One Newton step of the legs that brings the soles back to where they stand."""
+    def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """One Newton step of the legs that brings the soles back to where they stand, and how far off they are [m]."""
         pelvis = self.response.contact()(q)[1]
         kinematics, bent = self.response.kinematics, with_bent_knees(q)
-        step = ca.SX(N, 1)
+        step, off = ca.SX(N, 1), ca.SX(0)
         for number, side in enumerate(SIDES):
             position, rotation, _ = kinematics.at(f"{side}_sole", q)
             want = soles[:, 4 * number : 4 * number + 4]
@@ -75,8 +80,11 @@ class Follower:
             error = _pose_error(ca.horzcat(rotation, position), local)
             hip = kinematics.at(f"{side}_hip", q)[0]
             at_hip = ca.vertcat(error[:3] + ca.cross(error[3:], hip - position), error[3:])
-            step[[INDEX[name] for name in LEG_JOINTS[side]]] = move_sole(kinematics, bent, side, at_hip)
-        return step
+            leg = move_sole(kinematics, bent, side, at_hip)
+            # Far from where it stands a leg must not jump to the other way of bending.
+            step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * ca.fmin(1, 0.1 / (ca.norm_inf(leg) + 1e-12))
+            off = ca.fmax(off, ca.norm_2(error[:3]))
+        return step, off
 
     @cached_property
     def _sole_poses(self) -> ca.Function:
