@@ -12,9 +12,6 @@ PENALTY: Final = 1e4
 """Weight of one unit of slack: above every multiplier that the objective can bring about, so that slack stays zero whenever
 the rows allow it (exact penalty: Nocedal and Wright, section 17.2)."""
 
-SLACK_CURVATURE: Final = 1e-2
-"""A little curvature keeps the Hessian positive definite."""
-
 FREE: Final = 1e9
 """Stands for "no bound": large against every quantity here, and finite, so that residuals stay numbers."""
 
@@ -51,15 +48,18 @@ def _hard(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
 
 def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
     H, g, A, lower, upper, side, cap, low, high = inputs
-    full_H = ca.diagcat(H, ca.MX(SLACK_CURVATURE * ca.DM.eye(m)))
-    full_g = ca.vertcat(g, ca.MX(ca.DM([PENALTY] * m)))
-    full_A = ca.horzcat(A, -ca.diag(side))
-    full_low, full_high = ca.vertcat(low, ca.MX(ca.DM.zeros(m))), ca.vertcat(high, cap)
+    # The unknowns are shares of the caps, z = s / cap in [0, 1]: a row without a cap has a z that touches nothing and stays
+    # at 0 by its own curvature. With s itself it would be a variable between equal bounds, for which DAQP was seen to lose a
+    # multiplier.
+    full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
+    full_g = ca.vertcat(g, PENALTY * cap)
+    full_A = ca.horzcat(A, -ca.diag(side * cap))
+    full_low, full_high = ca.vertcat(low, ca.MX(ca.DM.zeros(m))), ca.vertcat(high, ca.MX(ca.DM.ones(m)))
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
     x, rows, box = solver.function(n, m)(*data)
     residual = _residual(n, m)(*data, x, rows, box)
-    return ca.Function("relaxed", inputs, [x[:6], x[6:], rows, residual])
+    return ca.Function("relaxed", inputs, [x[:6], cap * x[6:], rows, residual])
 
 
 def _residual(n: int, m: int) -> ca.Function:

@@ -14,7 +14,7 @@ from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.rest import rest_update
 from ergoqp.rigid import exp_rotation, rotation_error
 from ergoqp.solvers import QpSolver
-from ergoqp.step_rows import braking, driven, limit_values, movable_rows, row_bounds, stop_displacement
+from ergoqp.step_rows import braking, driven, limit_values, movable_rows, row_bounds, stop_displacement, unhurried
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -176,6 +176,7 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     S = _with_pattern(sx["S"], _pattern(problem))
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
     situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, sx["previous"] * brake.reach)
+    brake = unhurried(problem.twist_limit, problem.row_limits, situation, brake, sx["previous"])
     movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
     bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
     H, g = _objective(problem, sx, S)

@@ -6,12 +6,13 @@ h = dt + t_s / 2 for the longest t_s that this period can reach.
 
 That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h, and the row can only be
 slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before that its tangent parabola v^2 = 2 a d - a^2 h^2.
+And while a hard row is approached at v, no axis may speed up so much that the stop takes longer than 2 (d / v - dt).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -85,6 +86,22 @@ def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
     columns = np.flatnonzero(limit.speed > 0).tolist()
     kept[:, columns] = matrix[:, columns]
     return ca.sparsify(kept)
+
+
+def unhurried(twist: TwistLimit, limits: Sequence[Limit], situation: Situation, brake: Braking, previous: ca.SX) -> Braking:
+    """Return the same braking with twist bounds that do not make a stop too long for the hard rows ahead."""
+    longest = ca.SX(FREE)
+    for limit in limits:
+        if limit.hard:
+            rows = limit.rows(situation)
+            pace = driven(twist, rows.matrix) @ previous
+            for distance, toward in ((rows.above, pace), (rows.below, -pace)):
+                left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
+                longest = ca.fmin(longest, ca.mmin(2 * (left / ca.fmax(toward, 1e-9) - brake.dt)))
+    most = brake.acceleration * ca.fmax(longest, 0)
+    high = ca.fmax(ca.fmin(brake.high, most), brake.twist)
+    low = ca.fmin(ca.fmax(brake.low, -most), brake.twist)
+    return replace(brake, low=low, high=high)
 
 
 def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:

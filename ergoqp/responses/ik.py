@@ -22,7 +22,7 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "trunk_side_bend": 8.0,
     "trunk_twist": 5.0,
     "shoulder_flexion": 1.0,
-    "shoulder_abduction": 2.0,
+    "shoulder_abduction": 3.0,
     "shoulder_rotation": 0.8,
     "elbow_flexion": 0.6,
     "forearm_pronation": 0.4,
