@@ -1,6 +1,67 @@
-"""ergoqp: the robot moves the object so that the person's posture gets better."""
+"""ergoqp: the robot moves the object so that the person's posture gets better.
 
+>>> import ergoqp
+>>> problem = ergoqp.load_problem("screwing")
+>>> stepper = problem.stepper()
+>>> step = stepper.step(problem.response.comfort)
+>>> step.twist.shape
+(6,)
+
+What needs CasADi or MuJoCo is imported when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ergoqp import errors as errors
 from ergoqp.joints import JOINTS as JOINTS
 from ergoqp.sheets import reba as reba
 
+if TYPE_CHECKING:
+    from ergoqp.problem import Control as Control
+    from ergoqp.problem import Problem as Problem
+    from ergoqp.problem_file import load_problem as load_problem
+    from ergoqp.recordings import load_recording as load_recording
+    from ergoqp.step import Step as Step
+    from ergoqp.step import Stepper as Stepper
+    from ergoqp.step import replay as replay
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "JOINTS",
+    "Control",
+    "Problem",
+    "Step",
+    "Stepper",
+    "__version__",
+    "errors",
+    "load_problem",
+    "load_recording",
+    "reba",
+    "replay",
+]
+
+_LATER = {
+    "Control": "ergoqp.problem",
+    "Problem": "ergoqp.problem",
+    "Step": "ergoqp.step",
+    "Stepper": "ergoqp.step",
+    "load_problem": "ergoqp.problem_file",
+    "load_recording": "ergoqp.recordings",
+    "replay": "ergoqp.step",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is used for the first time."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_LATER[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, those not imported yet included."""
+    return sorted({*globals(), *__all__})

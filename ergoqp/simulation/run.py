@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -41,6 +42,11 @@ class Run:
         options: the problem's terms and the method's options, for the report: (what, value).
         assumptions: sentences on everything that was taken as given.
         recording: name of the recording that the run started from, None if none.
+        start_time: moment of the recording that the run started from [s], None if none.
+        unobserved: joints that the controller could not see.
+        reba_standing_still: exact score at which the person would come to rest had the object stayed where it was: what the
+            robot is to be compared with.
+        settle: when the object came to rest for good [s], None if it was still moving at the end.
     """
 
     problem: str
@@ -69,3 +75,23 @@ class Run:
     options: list[tuple[str, str]] = field(default_factory=list)
     assumptions: list[str] = field(default_factory=list)
     recording: str | None = None
+    start_time: float | None = None
+    unobserved: tuple[str, ...] = ()
+    reba_standing_still: int = 0
+    settle: float | None = None
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``run.json``, what the run comes down to, and ``run.npz``, every array of it; see ``docs/run_json.md``.
+
+        Args:
+            folder: where to; it is made if it is not there.
+
+        Returns:
+            The path of ``run.json``.
+
+        Raises:
+            OSError: if the files cannot be written.
+        """
+        from ergoqp.simulation.run_json import write_run
+
+        return write_run(self, Path(folder))

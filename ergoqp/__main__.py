@@ -1,0 +1,6 @@
+"""``python -m ergoqp``: the same as the command ``ergoqp``."""
+
+from ergoqp.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,223 @@
+"""The command ``ergoqp``: which commands and options there are, and what becomes of mistakes and faults."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ergoqp import __version__
+from ergoqp.errors import ErgoqpError
+
+DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses."""
+
+
+class Up(StrEnum):
+    """Vertical axes that a recording can have."""
+
+    y = "y"
+    z = "z"
+
+
+class Side(StrEnum):
+    """Which arm an option is about."""
+
+    right = "right"
+    left = "left"
+    both = "both"
+
+
+app = typer.Typer(
+    name="ergoqp",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+# Lines after \b stay as they are, down to the next empty one.
+_ABOUT = """Move the object so that the person's posture gets better.
+
+\b
+Examples:
+  ergoqp run screwing
+  ergoqp run screwing --from recording.bvh
+  ergoqp score recording.bvh --load-kg 4
+
+Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
+"""
+_ABOUT_RUN = """Run the closed loop of a problem with a simulated person who follows the object.
+
+Prints a table and writes report.html, run.json and run.npz.
+
+\b
+Examples:
+  ergoqp run screwing                                at an awkward place, drawn with the seed
+  ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
+  ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
+"""
+_ABOUT_SCORE = """Score every frame of a recording by REBA.
+
+Prints a table and writes scores.csv, scores.json and report.html. What joint angles cannot tell is given by options.
+
+\b
+Examples:
+  ergoqp score take.bvh
+  ergoqp score take.bvh --load-kg 6 --coupling 1
+  ergoqp score take.bvh --seated --unit-to-m 0.01 --up y
+"""
+
+_Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
+_Unit = Annotated[
+    float | None, typer.Option("--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found].")
+]
+_Up = Annotated[Up | None, typer.Option("--up", help="The recording's vertical axis [found].", show_default=False)]
+_Person = Annotated[
+    str | None,
+    typer.Option("--person", metavar="M|FILE", help="Stature in metres, or a person file (TOML) [measured in the recording]."),
+]
+_Mapping = Annotated[
+    Path | None,
+    typer.Option("--mapping", metavar="FILE", help="TOML file that names the recording's joints [known namings]."),
+]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"ergoqp {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True, help=_ABOUT)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command("run", help=_ABOUT_RUN, short_help="Close the loop of a problem with a simulated person.")
+def _run(
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="PROBLEM",
+            help="dentist, desk, low_bin, overhead, screwing, or the path of a TOML file.",
+            show_default=False,
+        ),
+    ],
+    recording: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="RECORDING", help="Start in a posture of a recording, with its person's body."),
+    ] = None,
+    at: Annotated[
+        float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
+    ] = None,
+    out: _Out = None,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the person, the noise, and where the object starts.")
+    ] = 0,
+    duration: Annotated[float, typer.Option("--duration", metavar="SECONDS", help="Of the closed loop.")] = 20.0,
+    person: _Person = None,
+    unit_to_m: _Unit = None,
+    up: _Up = None,
+    mapping: _Mapping = None,
+) -> None:
+    from ergoqp.commands.common import RecordingOptions
+    from ergoqp.commands.run import run
+
+    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+
+
+@app.command("score", help=_ABOUT_SCORE)
+def _score(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A motion-capture file (.bvh).", show_default=False)],
+    out: _Out = None,
+    load_kg: Annotated[float, typer.Option("--load-kg", metavar="KG", help="Mass handled.")] = 0.0,
+    shock: Annotated[bool, typer.Option("--shock", help="Shock or a rapid build-up of force.")] = False,
+    coupling: Annotated[
+        int, typer.Option("--coupling", metavar="0-3", help="Grip: 0 good, 1 fair, 2 poor, 3 unacceptable.")
+    ] = 0,
+    activity: Annotated[
+        int, typer.Option("--activity", metavar="0-3", help="One for each of: static, repeated, rapid large changes.")
+    ] = 0,
+    seated: Annotated[bool, typer.Option("--seated", help="Knees are not counted.")] = False,
+    one_leg: Annotated[bool, typer.Option("--one-leg", help="Weight on one leg, or an unstable stance.")] = False,
+    arm_supported: Annotated[
+        Side | None, typer.Option("--arm-supported", help="Arm supported or gravity assisted.", show_default=False)
+    ] = None,
+    shoulder_raised: Annotated[
+        Side | None, typer.Option("--shoulder-raised", help="Raised shoulder.", show_default=False)
+    ] = None,
+    person: _Person = None,
+    unit_to_m: _Unit = None,
+    up: _Up = None,
+    mapping: _Mapping = None,
+) -> None:
+    from ergoqp.commands.common import RecordingOptions
+    from ergoqp.commands.score import score
+    from ergoqp.sheets.task import TaskOptions
+
+    task = TaskOptions(
+        load_kg=load_kg,
+        shock=shock,
+        coupling=coupling,
+        activity=activity,
+        seated=seated,
+        one_leg=one_leg,
+        arm_supported=_pair(arm_supported),
+        shoulder_raised=_pair(shoulder_raised),
+    )
+    score(recording, out, task, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+
+
+def _pair(side: Side | None) -> tuple[bool, bool]:
+    return side in (Side.right, Side.both), side in (Side.left, Side.both)
+
+
+def execute(arguments: Sequence[str]) -> int:
+    """Run a command line (without the program's name) and return the exit status; mistakes and faults go to standard error."""
+    try:
+        status = app(args=list(arguments), prog_name="ergoqp", standalone_mode=False)
+    except ErgoqpError as mistake:
+        return _complain(str(mistake), MISTAKE)
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Who reads has gone, for example `| head`: nothing more to say, and nothing to flush at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAULT
+    except Exception as error:
+        # A usage error of the command line's own library, whichever version of it carries the class.
+        if hasattr(error, "format_message"):
+            words = " ".join(error.format_message().split())  # type: ignore[attr-defined]
+            return _complain(f"{words.rstrip('.')}; see `ergoqp --help`", MISTAKE)
+        if os.environ.get("ERGOQP_DEBUG") == "1":
+            traceback.print_exc()
+        kind = type(error).__name__
+        return _complain(f"internal fault, {kind}: {error}; set ERGOQP_DEBUG=1 to see where, and please report it", FAULT)
+    return status if isinstance(status, int) else DONE
+
+
+def _complain(words: str, status: int) -> int:
+    print(f"ergoqp: {words}", file=sys.stderr)
+    return status
+
+
+def main() -> None:
+    """Run the command line of this process."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal or pipe that cannot show a letter gets its code, not an error.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    sys.exit(execute(sys.argv[1:]))

@@ -1,0 +1,136 @@
+"""``ergoqp run``: the closed loop of a problem with a simulated person."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from ergoqp.commands.common import (
+    RecordingOptions,
+    console,
+    make_folder,
+    print_assumptions,
+    working,
+    write_report,
+    writing,
+)
+from ergoqp.errors import InputError
+from ergoqp.problem import Problem
+from ergoqp.problem_file import load_problem
+from ergoqp.recordings import Recording
+from ergoqp.recordings.person import given_person
+from ergoqp.report import run_table, write_run_page
+from ergoqp.sheets.reba import ACTION_LEVELS
+from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.run import Run
+from ergoqp.simulation.simulate import simulate
+from ergoqp.simulation.starts import PLACES, awkward_start
+
+
+def run(
+    problem_name: str,
+    recording_path: Path | None,
+    at: float | None,
+    out: Path | None,
+    seed: int,
+    duration: float,
+    options: RecordingOptions,
+) -> None:
+    """Close the loop, print the table, and write ``run.json``, ``run.npz`` and ``report.html``.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    problem = load_problem(problem_name)
+    screen = console()
+    if recording_path is None:
+        options.refuse_without_recording()
+        if at is not None:
+            raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        folder = make_folder(out, problem.name)
+        result = _from_awkward_place(problem, screen, seed, duration, options)
+    else:
+        with working(f"reading {recording_path.name}"):
+            recording = options.load(recording_path)
+        frame = _frame(problem, recording, at)
+        folder = make_folder(out, problem.name)
+        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration)
+    with writing(folder):
+        result.save(folder)
+    print_assumptions(screen, result.assumptions)
+    screen.print(run_table(result))
+    screen.print(Text(f"had the object stayed where it was: REBA {result.reba_standing_still}"))
+    write_report(screen, folder, lambda path: write_run_page(result, path))
+
+
+def _from_awkward_place(problem: Problem, screen: Console, seed: int, duration: float, options: RecordingOptions) -> Run:
+    body = None if options.person_value is None else given_person(options.person_value)
+    with working("looking for an awkward place"):
+        person = sample_person(problem, seed, body)
+        posture = awkward_start(problem, person, seed)
+    screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
+    note = f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed {seed})."
+    with working(f"closed loop, {duration:g} s") as done:
+        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done)
+
+
+def _from_recording(
+    problem: Problem,
+    screen: Console,
+    recording: Recording,
+    name: str,
+    frame: int,
+    is_worst: bool,
+    seed: int,
+    duration: float,
+) -> Run:
+    posture, time = recording.postures[frame], float(recording.time[frame])
+    which = "the worst-scored frame" if is_worst else "frame"
+    count = len(recording.time)
+    screen.print(Text(f"starts at {which}, {frame} of 0 to {count - 1}, at {time:.2f} s: {_score(problem, posture)}"))
+    notes = [
+        *recording.assumptions,
+        f"The run starts in the posture of frame {frame}, at {time:.2f} s, of {name}, with the body measured there; from then "
+        "on the person is simulated.",
+        "The recording says nothing of the object: it is taken to be in the hand as the problem says, wherever the hand is.",
+    ]
+    with working(f"closed loop, {duration:g} s") as done:
+        return simulate(
+            problem,
+            posture,
+            duration,
+            seed,
+            person=recording.person,
+            observed=recording.observed[frame],
+            recording=name,
+            start_time=time,
+            assumptions=notes,
+            progress=done,
+        )
+
+
+def _frame(problem: Problem, recording: Recording, at: float | None) -> int:
+    """Return the frame nearest to a time, or the first of the worst-scored ones.
+
+    Raises:
+        InputError: if the recording has no such time, or shows nothing.
+    """
+    seen = recording.observed.any(axis=1)
+    if not seen.any():
+        raise InputError("--from: the recording shows no joint of the person in any frame")
+    if at is None:
+        return int(np.argmax(np.where(seen, problem.assess(recording.postures).final, -1)))
+    first, last = float(recording.time[0]), float(recording.time[-1])
+    # What is printed with two digits must be allowed.
+    if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):
+        raise InputError(f"--at: got {at:g} s, allowed {first:.2f} to {last:.2f} s")
+    return int(np.argmin(np.abs(recording.time - at)))
+
+
+def _score(problem: Problem, posture: np.ndarray) -> str:
+    assessment = problem.assess(posture)
+    return f"REBA {assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"

@@ -1,0 +1,190 @@
+"""A closed loop from beginning to end: a problem, a person who starts somewhere, and everything that a `Run` says about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
+from ergoqp.problem import Problem
+from ergoqp.responses.ik import IkResponse
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import Start, outside_of_range, run_loop, settle_time, start_at
+from ergoqp.simulation.options import options_of
+from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.simulation.person import Follower
+from ergoqp.simulation.run import Run
+
+LONGEST = 3600.0
+"""Longest run [s]."""
+
+_SOLVER = "daqp"
+_AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
+
+Progress = Callable[[float], None]
+"""Told the share of the loop that is done, 0 to 1."""
+
+
+def simulate(
+    problem: Problem,
+    posture: ArrayLike,
+    duration: float = 20.0,
+    seed: int = 0,
+    *,
+    person: Follower | Body | None = None,
+    observed: ArrayLike | None = None,
+    recording: str | None = None,
+    start_time: float | None = None,
+    assumptions: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Run:
+    """Close the loop of a problem with a simulated person who is built otherwise than the controller's model.
+
+    Args:
+        problem: the task; its response must be an `IkResponse`.
+        posture: in which the person starts, holding the object (32,) [rad].
+        duration: of the loop [s].
+        seed: of the person, of noise and of lost frames.
+        person: who follows, or their body; None: drawn with the seed.
+        observed: (32,) bool, False for joints that the controller does not see; None: all are seen.
+        recording: name of the recording that the posture comes from, for the report.
+        start_time: when it was taken there [s].
+        assumptions: sentences on what was taken as given before, for the report.
+        progress: called now and then with the share that is done.
+
+    Returns:
+        Everything that happened, judged by the independent checker.
+
+    Raises:
+        InputError: if an argument is not usable, naming it.
+    """
+    _check_numbers(problem, duration, seed)
+    model = problem.response
+    if not isinstance(model, IkResponse):
+        raise InputError(f"problem {problem.name}: got a response of type {type(model).__name__}, allowed IkResponse")
+    start_posture, beyond = _start_posture(posture)
+    seen = _read_observed(observed)
+    follower = person if isinstance(person, Follower) else sample_person(problem, seed, person)
+    start = start_at(follower, start_posture)
+    checker = _Watched(problem, progress, round(duration / problem.dt))
+    stepper = problem.stepper(solver=_SOLVER)
+    trace = run_loop(problem, follower, start, duration=duration, seed=seed, stepper=stepper, observed=seen, checker=checker)
+    postures = np.array(trace.postures)
+    scores = problem.assess(postures).final
+    settled = settle_time(trace)
+    unobserved = () if seen is None else tuple(name for name, there in zip(JOINTS, seen, strict=True) if not there)
+    return Run(
+        problem=problem.name,
+        title=problem.title or problem.name,
+        body=follower.response.body,
+        joints=problem.joints,
+        dt=problem.dt,
+        seed=int(seed),
+        time=np.array(trace.time),
+        postures=postures,
+        base_poses=np.array(trace.base_poses),
+        poses=np.array(trace.poses),
+        twists=np.array(trace.twists),
+        reba=scores,
+        cost=np.array([step.cost for step in trace.steps]),
+        statuses=[step.status for step in trace.steps],
+        reasons=[step.reason for step in trace.steps],
+        active=[step.active for step in trace.steps],
+        step_time=np.array(trace.step_time),
+        assessment=problem.assess(postures[[0, -1]]),
+        violations=dict(checker.violations),
+        max_violation=dict(checker.max_violation),
+        units=dict(checker.units),
+        person_outside=outside_of_range(postures),
+        let_go=trace.let_go,
+        options=options_of(problem, _SOLVER),
+        assumptions=[*assumptions, *beyond, *_assumptions(model, follower, unobserved)],
+        recording=recording,
+        start_time=start_time,
+        unobserved=unobserved,
+        reba_standing_still=_standing_still(problem, follower, start),
+        settle=settled if math.isfinite(settled) else None,
+    )
+
+
+class _Watched(Checker):
+    """The checker sees every step, so it is what can say how far the loop is."""
+
+    def __init__(self, problem: Problem, progress: Progress | None, steps: int) -> None:
+        super().__init__(problem)
+        self._progress, self._steps, self._done = progress, steps, 0
+        self._every = max(1, steps // 100)
+
+    def check(self, *args: Any, **kwargs: Any) -> list[str]:
+        """Judge one step, and say how far the loop is."""
+        self._done += 1
+        if self._progress is not None and self._done % self._every == 0:
+            self._progress(self._done / self._steps)
+        return super().check(*args, **kwargs)
+
+
+def _standing_still(problem: Problem, person: Follower, start: Start) -> int:
+    """Return the exact score of the person's rest posture with the object left where it is."""
+    posture, _ = person.settle(start.posture, start.pose, start.grasp, start.soles)
+    return int(problem.assess(posture).final[0])
+
+
+def _check_numbers(problem: Problem, duration: float, seed: int) -> None:
+    if not (isinstance(duration, Real) and problem.dt <= duration <= LONGEST):
+        raise InputError(f"duration: got {duration!r} s, allowed {problem.dt:g} to {LONGEST:g} s")
+    if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
+        raise InputError(f"seed: got {seed!r}, allowed a whole number of at least 0")
+
+
+def _start_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
+    """Return the posture within the joints' ranges, and a sentence if it was not."""
+    try:
+        angles = np.array(posture, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} angles in radians") from None
+    if angles.shape != (len(JOINTS),):
+        raise InputError(f"posture: got shape {angles.shape}, allowed ({len(JOINTS)},), in the order of ergoqp.JOINTS")
+    wrong = np.flatnonzero(~(np.abs(angles) <= np.pi))
+    if wrong.size:
+        raise InputError(
+            f"posture: got {angles[wrong[0]]:g} for {JOINTS[wrong[0]]}, allowed radians within ±π (degrees given as radians?)"
+        )
+    inside = np.clip(angles, LOWER, UPPER)
+    beyond = [spoken(JOINTS[i]) for i in np.flatnonzero(np.abs(angles - inside) > _AT_END)]
+    if not beyond:
+        return inside, []
+    return inside, [f"The start is beyond the range of {', '.join(beyond)}; the person starts at its end."]
+
+
+def _read_observed(observed: ArrayLike | None) -> np.ndarray | None:
+    if observed is None:
+        return None
+    seen = np.asarray(observed)
+    if seen.shape != (len(JOINTS),) or seen.dtype != bool:
+        raise InputError(f"observed: got {seen.dtype} of shape {seen.shape}, allowed bool of shape ({len(JOINTS)},)")
+    return seen
+
+
+def _assumptions(model: IkResponse, person: Follower, unobserved: tuple[str, ...]) -> list[str]:
+    senses, own = Senses(), person.response.body
+    sentences = [
+        f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay ({1e3 * senses.delay:.0f} ms) and "
+        f"measurement noise ({senses.noise_deg:g} deg white, {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the "
+        "frames lost) that the controller does not know.",
+        f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
+        "The hand holds the object at the start as the posture has it, and keeps hold of it; "
+        + ("the soles stay where they stand." if model.stance == "standing" else "the pelvis stays on its seat."),
+    ]
+    if unobserved:
+        sentences.append(
+            f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated person starts with "
+            f"{'it' if len(unobserved) == 1 else 'them'} as given in the start."
+        )
+    return sentences

@@ -1,0 +1,54 @@
+"""Where a run starts when nobody says: at an awkward place that the person reaches, found in a fraction of a second."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem import Problem
+from ergoqp.simulation.best import TURNS, tilted_frames
+from ergoqp.simulation.person import Follower
+
+PLACES = 40
+"""How many places are tried."""
+
+_EDGE = 0.02
+"""Distance kept from the workspace's ends [m]: the hand comes to rest a little beside where the object is."""
+
+
+def awkward_start(problem: Problem, person: Follower, seed: int, places: int = PLACES) -> np.ndarray:
+    """Return the worst-scored rest posture (32,) [rad] of a person over random places of the object.
+
+    Args:
+        problem: its workspace and tool axis say where the object can be.
+        person: who follows.
+        seed: of the places.
+        places: how many to try.
+
+    Raises:
+        InputError: if the problem has no workspace or no tool axis, or the person reaches none of the places.
+    """
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    if box is None or cone is None:
+        raise InputError(
+            f"problem {problem.name}: has no limits.{'workspace' if box is None else 'tool_axis'}, so nothing says where the "
+            "object may start; give a recording to start from"
+        )
+    rng = np.random.default_rng([seed, 4])
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    inset = np.minimum(_EDGE, (upper - lower) / 2)
+    rotations = tilted_frames(cone, problem.twist_limit.axes, TURNS)
+    comfort = person.response.comfort
+    soles, grasp = person.stand(comfort), person.grasp(comfort)
+    postures = []
+    for _ in range(places):
+        pose = np.eye(4)
+        pose[:3, 3] = rng.uniform(lower + inset, upper - inset)
+        pose[:3, :3] = rotations[rng.integers(len(rotations))]
+        posture, reached = person.settle(comfort, pose, grasp, soles)
+        if reached:
+            postures.append(posture)
+    if not postures:
+        raise InputError(f"problem {problem.name}: the person reaches none of {places} places of the workspace; enlarge it")
+    return postures[int(np.argmax(problem.assess(np.array(postures)).final))]
