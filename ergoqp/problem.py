@@ -19,6 +19,7 @@ from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
 
 if TYPE_CHECKING:
+    from ergoqp.simulation.run import Run
     from ergoqp.step import Stepper
 
 
@@ -33,6 +34,8 @@ class Control:
         effort_angular: R of the angular axes [points / (rad/s)^2].
         caution: beta, curvature from moving the person's joints [points s^2/rad^2 per unit of joint weight].
         contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points / (rad/s)^2].
+        comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint weight]: where the sheet is flat
+            it leads the way.
         rest_below: predicted gain of one second at full speed below which the object comes to rest [points].
         rest_after: for how long it must be that low [s].
         move_above: predicted gain above which it moves again [points].
@@ -47,6 +50,7 @@ class Control:
     effort_angular: float = 0.15
     caution: float = 0.02
     contact: float = 20.0
+    comfort: float = 0.1
     rest_below: float = 0.02
     rest_after: float = 0.5
     move_above: float = 0.06
@@ -160,3 +164,9 @@ class Problem:
         from ergoqp.step import Stepper
 
         return Stepper(self, solver=solver, dt=dt, log=log)
+
+    def simulate(self, posture: ArrayLike, duration: float = 20.0, seed: int = 0, **options: Any) -> Run:
+        """Close the loop with a simulated person who starts in `posture`; see `ergoqp.simulation.simulate.simulate`."""
+        from ergoqp.simulation.simulate import simulate
+
+        return simulate(self, posture, duration, seed, **options)
