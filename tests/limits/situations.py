@@ -1,0 +1,83 @@
+"""Limits and bounds as numeric functions, made once per limit."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.limits import Situation, TwistLimit
+from ergoqp.step_rows import braking, movable_rows, row_bounds, stop_displacement, stop_time
+
+SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}
+DEFAULTS = {"observed": np.ones(32), "pose": np.eye(4)}
+
+
+def symbols() -> dict[str, ca.SX]:
+    return {field.name: ca.SX.sym(field.name, *SIZES.get(field.name, (1, 1))) for field in fields(Situation)}
+
+
+_MADE: dict[int, tuple[Any, ca.Function]] = {}
+
+
+def _rows(limit: Any) -> ca.Function:
+    """By identity: limits hold dicts."""
+    if id(limit) not in _MADE:
+        _MADE[id(limit)] = (limit, _build(limit))
+    return _MADE[id(limit)][1]
+
+
+def _build(limit: Any) -> ca.Function:
+    parts = symbols()
+    displacement = ca.SX.sym("displacement", 6)
+    situation = Situation(**parts)
+    rows = limit.rows(situation)
+    outputs = [rows.matrix, rows.below, rows.above, rows.rate, limit.margins(situation, displacement)]
+    return ca.Function("limit", [*parts.values(), displacement], [ca.densify(part) for part in outputs])
+
+
+def ask(limit: Any, *, displacement: Any = (0.0,) * 6, **given: Any) -> list[np.ndarray]:
+    """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is zero or as at rest."""
+    values = [given.get(f.name, DEFAULTS.get(f.name, np.zeros(SIZES.get(f.name, (1, 1))))) for f in fields(Situation)]
+    found = [np.array(part) for part in _rows(limit)(*values, displacement)]
+    return [found[0], *(part.ravel() for part in found[1:])]
+
+
+@cache
+def _brake(limit: TwistLimit) -> ca.Function:
+    previous, dt = ca.SX.sym("previous", 6), ca.SX.sym("dt")
+    found = braking(limit, previous, dt)
+    outputs = [found.twist, found.low, found.high, stop_displacement(limit, previous, dt), stop_time(limit, previous)]
+    return ca.Function("brake", [previous, dt], [ca.densify(part) for part in outputs])
+
+
+def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float) -> dict[str, np.ndarray]:
+    names = ("twist", "low", "high", "displacement", "time")
+    return dict(zip(names, (np.array(part).ravel() for part in _brake(limit)(previous, dt)), strict=True))
+
+
+@cache
+def _bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, list[int]]:
+    pose, previous, dt = ca.SX.sym("pose", 4, 4), ca.SX.sym("previous", 6), ca.SX.sym("dt")
+    brake = braking(twist_limit, previous, dt)
+    parts = {name: ca.SX(*symbol.shape) for name, symbol in symbols().items()}
+    parts |= {"observed": ca.SX.ones(32), "pose": pose, "swing": previous * brake.reach}
+    situation = Situation(**parts)
+    movable = movable_rows(twist_limit, [limit], situation)
+    found = row_bounds(twist_limit, [limit], situation, brake, ca.SX(1), movable)
+    outputs = [found.lower, found.upper, found.side, found.cap]
+    return ca.Function("bounds", [pose, previous, dt], [ca.densify(part) for part in outputs]), movable
+
+
+def bounds_of(limit: Any, twist_limit: TwistLimit, pose: np.ndarray, previous: np.ndarray, dt: float) -> dict[str, np.ndarray]:
+    names = ("lower", "upper", "side", "cap")
+    return dict(
+        zip(names, (np.array(part).ravel() for part in _bounds(limit, twist_limit)[0](pose, previous, dt)), strict=True)
+    )
+
+
+def movable_of(limit: Any, twist_limit: TwistLimit) -> list[int]:
+    return _bounds(limit, twist_limit)[1]

@@ -1,0 +1,126 @@
+"""From margins to bounds: braking, the stop that must fit, and the one end that gives way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from situations import bounds_of, brake_of, movable_of
+
+from ergoqp.limits import TwistLimit, WorkspaceBox
+from ergoqp.qp import FREE
+
+LIMIT = TwistLimit(0.2, 0.6, 0.6, 2.0)
+SMALL = WorkspaceBox((0.0, 0.0, 0.0), (0.02, 0.3, 1.0))
+twists = st.lists(st.floats(-1, 1), min_size=6, max_size=6).map(lambda v: np.array(v) * LIMIT.speed)
+periods = st.floats(1e-3, 0.05)
+
+
+def stop(twist: np.ndarray, dt: float) -> np.ndarray:
+    """Displacement of one period at a twist and the whole stop after it, by simulation of the braking law."""
+    total, current = twist * dt, twist
+    for _ in range(100_000):
+        slowest = np.max(np.abs(current) / LIMIT.acceleration)
+        if slowest <= dt:
+            return total
+        current = current * (1 - dt / slowest)
+        total = total + current * dt
+    raise AssertionError("the stop never ends")
+
+
+@given(twists, periods)
+@settings(deadline=None, max_examples=100)
+def test_the_braking_twist_is_allowed_straight_and_as_fast_as_can_be(previous: np.ndarray, dt: float) -> None:
+    brake = brake_of(LIMIT, previous, dt)
+    assert np.all(brake["low"] <= brake["twist"])
+    assert np.all(brake["twist"] <= brake["high"])
+    np.testing.assert_allclose(np.outer(brake["twist"], previous), np.outer(previous, brake["twist"]), atol=1e-15)
+    change = np.abs(brake["twist"] - previous) / (LIMIT.acceleration * dt)
+    assert change.max() <= 1 + 1e-9
+    # As fast as can be: some axis brakes at its limit, or everything stands.
+    assert change.max() >= 1 - 1e-6 or np.abs(brake["twist"]).max() < 1e-12
+
+
+@given(twists, st.floats(1.0, 4.0), periods)
+@settings(deadline=None, max_examples=60)
+def test_bounds_hold_speed_and_acceleration_and_come_down_from_above_it(twist: np.ndarray, factor: float, dt: float) -> None:
+    previous = factor * twist
+    brake = brake_of(LIMIT, previous, dt)
+    assert np.all(brake["high"] - previous <= LIMIT.acceleration * dt + 1e-12)
+    assert np.all(previous - brake["low"] <= LIMIT.acceleration * dt + 1e-12)
+    assert np.all(brake["low"] <= brake["high"])
+    inside = np.abs(previous) <= LIMIT.speed
+    assert np.all(brake["high"][inside] <= LIMIT.speed[inside] + 1e-12)
+    assert np.all(np.abs(brake["low"]) <= np.maximum(np.abs(previous), LIMIT.speed) + 1e-12)
+
+
+@given(twists, periods)
+@settings(deadline=None, max_examples=100)
+def test_a_stop_never_goes_further_than_reckoned(twist: np.ndarray, dt: float) -> None:
+    brake, real = brake_of(LIMIT, twist, dt), stop(twist, dt)
+    reckoned = brake["displacement"]
+    assert np.all(np.abs(real) <= np.abs(reckoned) + 1e-12)
+    assert np.all(np.abs(reckoned) <= np.abs(real) + np.abs(twist) * dt + 1e-12)
+    assert brake["time"][0] == pytest.approx(np.max(np.abs(twist) / LIMIT.acceleration))
+
+
+def bounds_at(point: np.ndarray, previous: np.ndarray, dt: float, box: WorkspaceBox = SMALL) -> dict[str, np.ndarray]:
+    pose = np.eye(4)
+    pose[:3, 3] = point
+    return bounds_of(box, LIMIT, pose, previous, dt)
+
+
+@given(st.integers(0, 2**32 - 1), twists, periods)
+@settings(deadline=None, max_examples=150)
+def test_a_twist_within_the_bounds_can_stop_inside(seed: int, previous: np.ndarray, dt: float) -> None:
+    """The bound is for any twist that this period can reach, whatever the other axes do."""
+    rng = np.random.default_rng(seed)
+    point = rng.uniform(SMALL.lower, SMALL.upper)
+    bounds, brake = bounds_at(point, previous, dt), brake_of(LIMIT, previous, dt)
+    assert np.all(bounds["lower"] <= bounds["upper"])
+    for _ in range(5):
+        twist = rng.uniform(brake["low"], brake["high"])
+        twist[:3] = np.clip(twist[:3], bounds["lower"], bounds["upper"])
+        if np.any(twist < brake["low"]) or np.any(twist > brake["high"]):
+            continue
+        end = point + stop(twist, dt)[:3]
+        assert np.all(end >= np.asarray(SMALL.lower) - 1e-9)
+        assert np.all(end <= np.asarray(SMALL.upper) + 1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), twists, periods)
+@settings(deadline=None, max_examples=100)
+def test_braking_itself_always_fits_with_the_slack(seed: int, previous: np.ndarray, dt: float) -> None:
+    rng = np.random.default_rng(seed)
+    point = rng.uniform(np.asarray(SMALL.lower) - 0.05, np.asarray(SMALL.upper) + 0.05)
+    bounds, twist = bounds_at(point, previous, dt), brake_of(LIMIT, previous, dt)["twist"][:3]
+    upper = bounds["upper"] + np.where(bounds["side"] > 0, bounds["cap"], 0)
+    lower = bounds["lower"] - np.where(bounds["side"] < 0, bounds["cap"], 0)
+    outside = (point < np.asarray(SMALL.lower) - 1e-6) | (point > np.asarray(SMALL.upper) + 1e-6)
+    assert np.all(twist <= upper + 1e-9)
+    assert np.all(twist >= lower - 1e-9)
+    # Standing still is always one of the answers for who is outside.
+    assert np.all(upper[outside] >= -1e-9)
+    assert np.all(lower[outside] <= 1e-9)
+
+
+def test_outside_the_row_asks_to_come_back_and_no_more_than_the_box_holds() -> None:
+    still, dt = np.zeros(6), 0.01
+    above = bounds_at(np.array([0.12, 0.1, 0.5]), still, dt)
+    assert above["upper"][0] == pytest.approx(-0.1)
+    assert (above["side"][0], above["cap"][0]) == (1, pytest.approx(0.1))
+    below = bounds_at(np.array([0.01, -0.2, 0.5]), still, dt)
+    assert below["lower"][1] == pytest.approx(0.2)
+    assert (below["side"][1], below["cap"][1]) == (-1, pytest.approx(0.2))
+    flat = bounds_at(np.array([0.1, 0.1, 0.5]), still, dt, WorkspaceBox((0.0, 0, 0), (0.0, 1, 1)))
+    assert flat["lower"][0] <= flat["upper"][0] < 0
+
+
+def test_axes_that_cannot_move_have_no_rows() -> None:
+    desk = TwistLimit(0.1, 0.3, 0.3, 1.0, axes=("z", "ry"))
+    assert movable_of(SMALL, desk) == [2]
+    assert movable_of(SMALL, LIMIT) == [0, 1, 2]
+    bounds = bounds_of(SMALL, desk, np.eye(4), np.zeros(6), 0.01)
+    assert bounds["upper"].shape == (1,)
+    assert np.abs(bounds["upper"]).max() < FREE
