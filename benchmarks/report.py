@@ -35,15 +35,15 @@ class Report:
 
         Args:
             name: its key in the JSON file.
-            value: a finite number.
+            value: a number; infinite only where the measure says what never means.
             meaning: unit or explanation, for the reader only.
 
         Raises:
-            ValueError: for a number that JSON does not have, or a name given twice.
+            ValueError: for a value that is not a number, or a name given twice.
         """
         value = float(value)
-        if not math.isfinite(value) or name in self.figures:
-            raise ValueError(f"figure {name}: got {value}, allowed: a finite number, once")
+        if math.isnan(value) or name in self.figures:
+            raise ValueError(f"figure {name}: got {value}, allowed: a number, once")
         self.figures[name] = value
         print(f"{name:<32} {value:>14.6g}  {meaning}".rstrip(), flush=True)
 

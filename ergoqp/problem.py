@@ -46,8 +46,8 @@ class Control:
 
     look_ahead: float = 0.5
     smoothing: float = 0.15
-    effort_linear: float = 2.0
-    effort_angular: float = 0.15
+    effort_linear: float = 10.0
+    effort_angular: float = 1.0
     caution: float = 0.02
     contact: float = 20.0
     comfort: float = 0.1

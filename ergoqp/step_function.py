@@ -80,10 +80,10 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     """
     raw = {name: ca.MX.sym(name, *_SIZES.get(name, (1, 1))) for name in INPUTS}
     posture, pose, previous, dt, usable, causes = _checked(problem)(*(raw[name] for name in INPUTS))
-    value, gradient = _cost(problem)(posture, raw["observed"])
+    value, total, gradient = _cost(problem)(posture, raw["observed"])
     one_pass, movable = _one_pass(problem, solver)
 
-    fixed = [posture, raw["observed"], pose, previous, dt, value, gradient]
+    fixed = [posture, raw["observed"], pose, previous, dt, total, gradient]
     result = one_pass(*fixed, ca.MX(ca.DM.zeros(N)), 0)
     # Result: xi, S, E, slack, multipliers, residual, locked, again. A further pass only where a joint has to be locked.
     shapes = [ca.MX.sym("r", part.sparsity()) for part in result]
@@ -97,7 +97,7 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     pattern = _pattern(problem)
     judge, shorten, account = _judge(problem, pattern), _shorten(problem, pattern), _account(problem, pattern, movable)
     seen = raw["observed"]
-    gain = _gain(problem)(posture, value, xi, S)
+    gain = _gain(problem)(posture, total, xi, S)
     wanted, brake, now, solved, outside, rest, whole = judge(
         posture, seen, pose, previous, dt, gain, xi, S, residual, usable, raw["rest"]
     )
@@ -154,15 +154,23 @@ def _stand_in(problem: Problem) -> np.ndarray:
     return np.asarray(getattr(problem.response, "comfort", np.zeros(N)), dtype=float)
 
 
+def _total(problem: Problem, q: ca.MX) -> ca.MX:
+    """V, and a little comfort: where the sheet is flat, the posture that the person would relax to leads the way."""
+    away = q - ca.DM(_stand_in(problem))
+    moved = np.array([joint in problem.joints for joint in problem.coordinates], dtype=float)
+    weights = problem.control.comfort * moved * problem.response.weight_vector
+    return problem.cost.expression(q) + ca.dot(ca.DM(weights), away**2) / 2
+
+
 def _cost(problem: Problem) -> ca.Function:
-    """V and its gradient; joints that are not seen, or that the object cannot move, do not pull."""
+    """``(posture, observed) -> (V, total, its gradient)``; what is not seen, or cannot be moved, does not pull."""
     q, observed = ca.MX.sym("q", N), ca.MX.sym("observed", N)
-    value = problem.cost.expression(q)
+    total = _total(problem, q)
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
     gradient = ca.MX(N, 1)
-    gradient[moved] = (ca.gradient(value, q) * (observed > 0.5))[moved]
+    gradient[moved] = (ca.gradient(total, q) * (observed > 0.5))[moved]
     # As scalars the value and its gradient share what they have in common.
-    scalar = ca.Function("cost", [q, observed], [value, ca.densify(gradient)]).expand()
+    scalar = ca.Function("cost", [q, observed], [problem.cost.expression(q), total, ca.densify(gradient)]).expand()
     inputs = [ca.SX.sym("q", N), ca.SX.sym("observed", N)]
     return ca.Function("cost", inputs, ca.cse(list(scalar(*inputs))))
 
@@ -175,7 +183,7 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     sx = {name: ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
     S = _with_pattern(sx["S"], _pattern(problem))
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, sx["previous"] * brake.reach)
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, sx["previous"] * brake.reach, brake.sway)
     brake = unhurried(problem.twist_limit, problem.row_limits, situation, brake, sx["previous"])
     movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
     bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
@@ -227,7 +235,7 @@ def _newly_locked(problem: Problem) -> ca.Function:
     """Joints that are at their end, not yet locked, and would move outward."""
     q, observed, locked = ca.SX.sym("q", N), ca.SX.sym("observed", N), ca.SX.sym("locked", N)
     S, xi, residual = ca.SX.sym("S", N, 6), ca.SX.sym("xi", 6), ca.SX.sym("residual")
-    situation = Situation(q, observed, ca.SX.eye(4), S, _STILL)
+    situation = Situation(q, observed, ca.SX.eye(4), S, _STILL, ca.SX(0))
     outward = ca.SX(N, 1)
     for limit in problem.row_limits:
         if not limit.yield_zone:
@@ -250,7 +258,7 @@ def _judge(problem: Problem, pattern: ca.SX) -> ca.Function:
     sx = {name: ca.SX.sym(name, *size) for name, size in _JUDGED.items()}
     S = _with_pattern(sx["S"], pattern)
     limits, dt = problem.row_limits, sx["dt"]
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, _STILL)
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, _STILL, ca.SX(0))
     brake = braking(problem.twist_limit, sx["previous"], dt)
     now = _margins(problem, situation, ca.SX(6, 1), dt)
     solved = sx["residual"] < TOLERANCE
@@ -275,7 +283,7 @@ def _shorten(problem: Problem, pattern: ca.SX) -> ca.Function:
     names = ("posture", "observed", "pose", "dt", "S", "wanted", "brake", "now")
     sizes = {**_JUDGED, "wanted": (6, 1), "brake": (6, 1), "now": (len(problem.row_names), 1)}
     sx = {name: ca.SX.sym(name, *sizes[name]) for name in names}
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL)
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL, ca.SX(0))
     at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
     floor = _floor(problem, ca.fmin(sx["now"], at_braking))
     share = ca.SX(0)
@@ -297,7 +305,7 @@ def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Functio
     }
     sx = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
     limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL)
+    situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL, ca.SX(0))
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
     twist = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
     rate = _model_rate(limits, situation, situation.sensitivity @ twist, dt)
@@ -360,7 +368,7 @@ def _gain(problem: Problem) -> ca.Function:
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
     full = S @ (xi / (relative + 1e-9))
-    ahead = [problem.cost.expression(posture + seconds * full) for seconds in _LOOKS]
+    ahead = [_total(problem, posture + seconds * full) for seconds in _LOOKS]
     gain = value - ca.mmin(ca.vertcat(*ahead))
     return ca.Function("gain", [posture, value, xi, S], [ca.if_else(relative > 1e-6, gain, 0)])
 

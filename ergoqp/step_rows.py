@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import Limit, Situation, TwistLimit
+from ergoqp.limits import Limit, Rows, Situation, TwistLimit
 from ergoqp.qp import FREE
 
 STEADY_RETURN = 0.01
@@ -46,6 +46,11 @@ class Braking:
     reach: ca.SX
     acceleration: ca.DM
     dt: ca.SX
+
+    @property
+    def sway(self) -> ca.SX:
+        """By how much the turn of a stop can differ from that of the present twist [rad]."""
+        return np.sqrt(3.0) * self.acceleration[3] * self.dt * self.reach
 
 
 def braking(limit: TwistLimit, previous: ca.SX, dt: ca.SX) -> Braking:
@@ -97,7 +102,9 @@ def unhurried(twist: TwistLimit, limits: Sequence[Limit], situation: Situation, 
             pace = driven(twist, rows.matrix) @ previous
             for distance, toward in ((rows.above, pace), (rows.below, -pace)):
                 left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
-                longest = ca.fmin(longest, ca.mmin(2 * (left / ca.fmax(toward, 1e-9) - brake.dt)))
+                # Sliding along a limit is no approach.
+                time = ca.if_else(toward > 1e-5, 2 * (left / ca.fmax(toward, 1e-5) - brake.dt), FREE)
+                longest = ca.fmin(longest, ca.mmin(time))
     most = brake.acceleration * ca.fmax(longest, 0)
     high = ca.fmax(ca.fmin(brake.high, most), brake.twist)
     low = ca.fmin(ca.fmax(brake.low, -most), brake.twist)
@@ -139,8 +146,8 @@ def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Brakin
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
     size = ca.fabs(ca.densify(matrix))
     moves, slowing = ca.sum2(size) > 1e-6, size @ brake.acceleration
-    upper, cap_up = _one_end(limit, rows.above, rows.rate, at_braking, moves, slowing, brake, final)
-    lower, cap_down = _one_end(limit, rows.below, rows.rate, -at_braking, moves, slowing, brake, final)
+    upper, cap_up = _one_end(limit, rows.above, rows, at_braking, moves, slowing, brake, final)
+    lower, cap_down = _one_end(limit, rows.below, rows, -at_braking, moves, slowing, brake, final)
     upper = ca.fmin(upper, FREE)
     # An inward target never asks for more than the other end allows; the slack covers only one side.
     lower = ca.fmin(ca.fmax(-lower, -FREE), upper)
@@ -151,7 +158,7 @@ def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Brakin
 def _one_end(
     limit: Limit,
     distance: ca.SX,
-    rate: ca.SX,
+    rows: Rows,
     at_braking: ca.SX,
     moves: ca.SX,
     slowing: ca.SX,
@@ -162,18 +169,18 @@ def _one_end(
     inside = distance >= -limit.tolerance
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
     pace = ca.fmin(ca.fmax(-distance / limit.recovery_time, STEADY_RETURN), -distance / brake.dt)
-    coming_back = ca.fmin(rate, pace)
+    coming_back = ca.fmin(rows.rate, pace)
     wanted_back = ca.if_else(moves, coming_back, 0.0)
-    left, knee = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE), slowing * brake.reach**2
+    left, knee = ca.fmin(distance - CLEARANCE - rows.reserve, FREE), slowing * brake.reach**2
     parabola = ca.sqrt(ca.fmax(2 * slowing * left - slowing * knee, 0))
-    allowed = ca.fmin(rate, ca.if_else(left <= knee, left / brake.reach, parabola))
+    allowed = ca.fmin(rows.rate, ca.if_else(left <= knee, left / brake.reach, parabola))
     bound = ca.if_else(inside, allowed, -wanted_back)
     least = ca.if_else(inside, allowed, 0.0)
     if limit.yield_zone:
         # In the zone the first passes let the joint go where the QP wants it: outward, it is locked and the object goes on.
         near = ca.logic_and(distance < limit.yield_zone, distance >= -limit.tolerance)
         yields = ca.logic_and(near, ca.logic_not(final))
-        bound, least = ca.if_else(yields, rate, bound), ca.if_else(yields, rate, least)
+        bound, least = ca.if_else(yields, rows.rate, bound), ca.if_else(yields, rows.rate, least)
     return bound, ca.fmax(0, ca.fmax(least, at_braking) - bound)
 
 

@@ -17,7 +17,8 @@ class Situation:
         observed: 1 for joints that are seen (32,).
         pose: contact frame in the world (4, 4).
         sensitivity: S (32, 6) with the locks of this pass.
-        swing: displacement (6,) [m, rad] of a stop at about the present twist: how far curved rows must look ahead.
+        swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must look ahead.
+        sway: by how much the swing can differ at the next twist, in any direction [rad].
     """
 
     posture: ca.SX
@@ -25,6 +26,7 @@ class Situation:
     pose: ca.SX
     sensitivity: ca.SX
     swing: ca.SX
+    sway: ca.SX
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,14 @@ class Rows:
         below: distance to the lower end (m,), inf without one.
         above: distance to the upper end (m,), inf without one.
         rate: largest rate allowed (m,), inf without one.
+        reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for straight ones.
     """
 
     matrix: ca.SX
     below: ca.SX
     above: ca.SX
     rate: ca.SX
+    reserve: ca.SX
 
 
 class Limit(Protocol):

@@ -45,7 +45,7 @@ class WorkspaceBox:
         point = situation.pose[:3, 3]
         matrix = ca.SX(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
-        return Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, ca.SX([ca.inf] * 3))
+        return Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, ca.SX([ca.inf] * 3), ca.SX(3, 1))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way; exact, a box is convex."""
@@ -84,8 +84,8 @@ class AxisCone:
         """Return the one row: the angle between the axis and the direction grows with turning about their normal.
 
         A cone is curved: along the swing W the angle also grows by its second derivative, from cos(angle) = d . a. The row
-        keeps that much free, and a share for turns that differ from the swing, or the certificate would have to brake a turn
-        that runs along the cone.
+        reserves that much, and some for turns that differ from the swing, or the certificate would have to brake a turn that
+        runs along the cone.
         """
         middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
         normal = ca.cross(middle, axis)
@@ -94,10 +94,10 @@ class AxisCone:
         matrix[0, 3:] = (normal / sine).T
         turn = situation.swing[3:]
         slope = ca.dot(normal / sine, turn)
-        bend = cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn)
-        ahead = 1.5 * ca.fmax(0, bend / (2 * ca.fmax(sine, 0.1)))
+        bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
+        reserve = 1.5 * (ca.sqrt(bend) + situation.sway) ** 2 / (2 * ca.fmax(sine, 0.1))
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine)
-        return Rows(matrix, ca.SX([ca.inf]), ca.if_else(above > 0, ca.fmax(0.8 * above - ahead, 0), above), ca.SX([ca.inf]))
+        return Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve)
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margin while turning about a fixed axis; exact.
