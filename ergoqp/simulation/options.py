@@ -25,6 +25,7 @@ _UNITS: Final[dict[str, str]] = {
     "effort_linear": "points/(m/s)²",
     "effort_angular": "points/(rad/s)²",
     "contact": "points/(m/s)²",
+    "comfort": "points/rad²",
     "linear_speed": "m/s",
     "angular_speed": "rad/s",
     "linear_acceleration": "m/s²",

@@ -1,0 +1,30 @@
+"""The examples run as they are, without a warning, and say what they promise."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+SAYS = {
+    "01_step_in_a_loop": ["at the start: REBA", "without a frame: braking, no posture arrived"],
+    "02_own_problem_from_python": ["smooth_reba", "quadratic", "limits broken 0 times"],
+    "03_score_a_recording": ["negligible", "worst: REBA", "trunk"],
+}
+
+
+def test_every_example_is_tested():
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SAYS)
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_example(name, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / f"{name}.py")], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    for words in SAYS[name]:
+        assert words in done.stdout
+    assert not list(tmp_path.iterdir())
