@@ -27,7 +27,7 @@ from ergoqp.report import run_table, write_run_page
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.run import Run
-from ergoqp.simulation.simulate import simulate
+from ergoqp.simulation.simulate import check_numbers, simulate
 from ergoqp.simulation.starts import PLACES, awkward_start
 
 
@@ -46,6 +46,7 @@ def run(
         ErgoqpError: if what the user gave cannot be used.
     """
     problem = load_problem(problem_name)
+    check_numbers(problem, duration, seed)
     screen = console()
     if recording_path is None:
         options.refuse_without_recording()

@@ -65,7 +65,7 @@ def simulate(
     Raises:
         InputError: if an argument is not usable, naming it.
     """
-    _check_numbers(problem, duration, seed)
+    check_numbers(problem, duration, seed)
     model = problem.response
     if not isinstance(model, IkResponse):
         raise InputError(f"problem {problem.name}: got a response of type {type(model).__name__}, allowed IkResponse")
@@ -136,7 +136,12 @@ def _standing_still(problem: Problem, person: Follower, start: Start) -> int:
     return int(problem.assess(posture).final[0])
 
 
-def _check_numbers(problem: Problem, duration: float, seed: int) -> None:
+def check_numbers(problem: Problem, duration: float, seed: int) -> None:
+    """Check what can be checked before anything is computed.
+
+    Raises:
+        InputError: for a duration or a seed that no run can have.
+    """
     if not (isinstance(duration, Real) and problem.dt <= duration <= LONGEST):
         raise InputError(f"duration: got {duration!r} s, allowed {problem.dt:g} to {LONGEST:g} s")
     if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
