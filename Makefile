@@ -1,0 +1,50 @@
+# The whole project on a machine with Python 3.11 or newer and make:
+#   make demo    the main job, on a recording that the project makes itself; prints where report.html is
+#   make test    everything installed, all tests
+#   make check   style, formatting, types
+#   make bench   the benchmarks' quick samples
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out/demo
+BIN = $(VENV)/bin
+
+.PHONY: demo test check bench clean
+
+demo: $(VENV)/.runs
+	@mkdir -p $(OUT)
+	@$(BIN)/python -c "from ergoqp.simulation.demo_recording import demo_recording; demo_recording('$(OUT)/demo.bvh')"
+	@$(BIN)/ergoqp run screwing --from $(OUT)/demo.bvh --out $(OUT)
+	@echo
+	@echo "The report is in $(abspath $(OUT))/report.html"
+
+test: $(VENV)/.tests
+	$(BIN)/python -m pytest -n 2
+
+check: $(VENV)/.tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+bench: $(VENV)/.tests
+	@for file in benchmarks/*.py; do \
+		name=$$(basename $$file .py); \
+		grep -q '__name__ == "__main__"' $$file || continue; \
+		echo "== benchmarks.$$name"; \
+		$(BIN)/python -m benchmarks.$$name --quick || exit 1; \
+	done
+
+clean:
+	rm -rf $(VENV) out
+
+# What is installed follows from pyproject.toml; the code itself is not copied, so it is always the checkout's.
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and "Python 3.11 or newer is needed, %s is %d.%d; make PYTHON=... names another" % (sys.executable, v[0], v[1]))'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.runs: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[report,mocap]'
+	@touch $@
+
+$(VENV)/.tests: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(VENV)/.runs
