@@ -48,18 +48,18 @@ def _hard(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
 
 def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
     H, g, A, lower, upper, side, cap, low, high = inputs
-    # The unknowns are shares of the caps, z = s / cap in [0, 1]: a row without a cap has a z that touches nothing and stays
-    # at 0 by its own curvature. With s itself it would be a variable between equal bounds, for which DAQP was seen to lose a
-    # multiplier.
+    # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between equal bounds instead, DAQP
+    # was seen to lose a multiplier.
+    loose = ca.if_else(cap > 0, 1.0, 0.0)
     full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
-    full_g = ca.vertcat(g, PENALTY * cap)
-    full_A = ca.horzcat(A, -ca.diag(side * cap))
-    full_low, full_high = ca.vertcat(low, ca.MX(ca.DM.zeros(m))), ca.vertcat(high, ca.MX(ca.DM.ones(m)))
+    full_g = ca.vertcat(g, PENALTY * loose)
+    full_A = ca.horzcat(A, -ca.diag(side * loose))
+    full_low, full_high = ca.vertcat(low, ca.MX(ca.DM.zeros(m))), ca.vertcat(high, ca.if_else(cap > 0, cap, 1.0))
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
     x, rows, box = solver.function(n, m)(*data)
     residual = _residual(n, m)(*data, x, rows, box)
-    return ca.Function("relaxed", inputs, [x[:6], cap * x[6:], rows, residual])
+    return ca.Function("relaxed", inputs, [x[:6], loose * x[6:], rows, residual])
 
 
 def _residual(n: int, m: int) -> ca.Function:

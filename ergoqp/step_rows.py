@@ -23,6 +23,9 @@ from ergoqp.qp import FREE
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""
 
+ELBOW = 1e-6
+"""Room around the braking twist, so that the QP's feasible set has an inside even where braking is all that is left."""
+
 CLEARANCE = 1e-8
 """Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
 
@@ -181,7 +184,8 @@ def _one_end(
         near = ca.logic_and(distance < limit.yield_zone, distance >= -limit.tolerance)
         yields = ca.logic_and(near, ca.logic_not(final))
         bound, least = ca.if_else(yields, rows.rate, bound), ca.if_else(yields, rows.rate, least)
-    return bound, ca.fmax(0, ca.fmax(least, at_braking) - bound)
+    needed = ca.fmax(least, at_braking) - bound
+    return bound, ca.if_else(ca.logic_or(needed > 0, at_braking > bound - ELBOW), needed + ELBOW, 0)
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:

@@ -18,7 +18,7 @@ from ergoqp.responses.linear import spd_inverse
 from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
 
 DEFAULT_WEIGHTS: Final[dict[str, float]] = {
-    "trunk_flexion": 2.5,
+    "trunk_flexion": 3.5,
     "trunk_side_bend": 8.0,
     "trunk_twist": 5.0,
     "shoulder_flexion": 1.0,
@@ -28,11 +28,11 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "forearm_pronation": 0.4,
     "wrist_flexion": 0.6,
     "wrist_deviation": 0.8,
-    "hip_flexion": 1.5,
+    "hip_flexion": 2.0,
     "hip_abduction": 5.0,
     "hip_rotation": 5.0,
-    "knee_flexion": 1.0,
-    "ankle_flexion": 2.0,
+    "knee_flexion": 2.5,
+    "ankle_flexion": 3.0,
     "ankle_inversion": 5.0,
 }
 """Cost of moving each joint, relative; both sides alike. The trunk carries half the body, the forearm next to nothing."""
