@@ -1,0 +1,136 @@
+"""What is installed is all that is needed: the wheel away from the checkout, the source distribution, the public names."""
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import ergoqp
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def call(*command, cwd, **environment):
+    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    done = subprocess.run(
+        [str(part) for part in command], cwd=cwd, env={**clean, **environment}, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory):
+    """The wheel and the source distribution, built without a network."""
+    pytest.importorskip("hatchling")
+    out = tmp_path_factory.mktemp("dist")
+    call(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-t", "wheel", "-d", out, cwd=ROOT)
+    return next(out.glob("*.whl")), next(out.glob("*.tar.gz"))
+
+
+@pytest.fixture(scope="module")
+def installed(distributions, tmp_path_factory):
+    """The Python of an environment that holds the wheel, and sees this one's dependencies but not the checkout."""
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder, with_pip=False, symlinks=True)
+    python = folder / "bin" / "python"
+    packages = Path(call(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
+    call(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", distributions[0], cwd=folder)
+    # Later on the path than the wheel, and only the folder itself: its .pth files, the editable install's too, do not count.
+    for place in {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}:
+        with (packages / "dependencies.pth").open("a", encoding="utf-8") as file:
+            file.write(f"{place}\n")
+    return python
+
+
+def test_wheel_holds_the_data(distributions):
+    names = zipfile.ZipFile(distributions[0]).namelist()
+    for kind in ("models", "problems"):
+        for path in (ROOT / kind).iterdir():
+            assert f"ergoqp/{kind}/{path.name}" in names
+    for path in (ROOT / "ergoqp").rglob("*"):
+        if path.is_file() and "__pycache__" not in path.parts:
+            assert str(path.relative_to(ROOT)) in names
+    assert not [name for name in names if name.startswith(("tests", "benchmarks", "examples"))]
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+
+
+def test_source_distribution_holds_everything(distributions):
+    with tarfile.open(distributions[1]) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    for kind in ("ergoqp", "models", "problems", "examples", "docs", "tests", "benchmarks"):
+        for path in (ROOT / kind).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                assert str(path.relative_to(ROOT)) in names
+    assert {"README.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "pyproject.toml"} <= names
+
+
+def test_wheel_works_elsewhere(installed, tmp_path):
+    code = (
+        "import ergoqp; from pathlib import Path; from ergoqp.human import Body; from ergoqp.paths import data_folder\n"
+        "assert data_folder('models').parent == Path(ergoqp.__file__).parent\n"
+        "print(ergoqp.__file__, ergoqp.load_problem('screwing').name, Body().model.nq)"
+    )
+    place, name, size = call(installed, "-W", "error", "-c", code, cwd=tmp_path).split()
+    assert not Path(place).is_relative_to(ROOT)
+    assert (name, size) == ("screwing", "36")
+
+
+def test_command_of_the_wheel(installed, tmp_path):
+    command = installed.parent / "ergoqp"
+    assert call(command, "--version", cwd=tmp_path) == f"ergoqp {ergoqp.__version__}\n"
+    assert "PROBLEM" in call(command, "run", "--help", cwd=tmp_path)
+    call(command, "run", "desk", "--duration", "0.2", cwd=tmp_path)
+    assert (tmp_path / "ergoqp-out" / "desk" / "run.json").is_file()
+
+
+def test_public_names():
+    assert set(ergoqp.__all__) == {
+        "JOINTS", "Control", "Problem", "Step", "Stepper", "__version__", "errors", "load_problem", "load_recording", "reba",
+        "replay",
+    }  # fmt: skip
+    for name in ergoqp.__all__:
+        assert getattr(ergoqp, name) is not None
+        assert name in dir(ergoqp)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        ergoqp.nonsense  # noqa: B018
+
+
+def test_import_is_light():
+    heavy = ("casadi", "mujoco", "pydantic", "typer", "viser", "bvhio")
+    code = f"import sys, ergoqp; print([name for name in {heavy} if name in sys.modules])"
+    assert call(sys.executable, "-W", "error", "-c", code, cwd=ROOT) == "[]\n"
+
+
+def test_version_is_said_once():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["version"] == ergoqp.__version__
+    assert f"## [{ergoqp.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_readme_names_what_is_there():
+    """Links lead somewhere, and benchmarks and problems that are named exist."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        assert (ROOT / target).exists(), target
+    for name in re.findall(r"python -m benchmarks\.(\w+)", text):
+        assert (ROOT / "benchmarks" / f"{name}.py").is_file()
+    for path in (ROOT / "problems").glob("*.toml"):
+        assert f"`{path.stem}`" in text
+
+
+def test_problem_of_the_readme():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.search(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    assert found
+    from ergoqp.problem_file import problem_from_dict
+
+    assert problem_from_dict(tomllib.loads(found[1]), "readme").title == "polishes a panel, standing"
