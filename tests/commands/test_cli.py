@@ -4,49 +4,16 @@ import csv
 import io
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import mistake
 
-from ergoqp import __version__, cli
+from ergoqp import __version__
 from ergoqp.problem_file import problem_names
-from ergoqp.simulation.demo_recording import demo_recording
-
-
-class Outcome:
-    def __init__(self, status, out, err):
-        self.status, self.out, self.err = status, out, err
-
-
-@pytest.fixture
-def ergoqp(capsys, monkeypatch, tmp_path):
-    """Run a command line in an empty folder, in this process."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        status = cli.execute([str(argument) for argument in arguments])
-        return Outcome(status, *capsys.readouterr())
-
-    return call
-
-
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory) -> Path:
-    return demo_recording(tmp_path_factory.mktemp("cli") / "demo.bvh")
-
-
-def mistake(outcome):
-    """The one sentence on standard error of a user's mistake."""
-    assert outcome.status == 2, outcome.err
-    lines = [line for line in outcome.err.splitlines() if not line.endswith(" ...")]
-    assert len(lines) == 1, outcome.err
-    assert lines[0].startswith("ergoqp: ")
-    assert "Traceback" not in outcome.err
-    return lines[0]
 
 
 def test_version(ergoqp):
@@ -236,44 +203,6 @@ class TestScore:
         assert words in mistake(ergoqp("score", demo, *arguments))
 
 
-BROKEN = ["empty", "text", "truncated", "cut", "still", "no_frames", "huge", "nan", "spider"]
-
-
-def broken_files(demo: Path) -> dict[str, str]:
-    text = demo.read_text(encoding="utf-8")
-    head, frames = text.split("MOTION", 1)
-    lines = frames.splitlines()
-    values = lines[3].split()
-    return {
-        "empty": "",
-        "text": "Dear diary,\ntoday nothing moved.\n",
-        "truncated": text[: len(head) // 2],
-        "cut": text[: len(text) - len(text) // 3],
-        "still": head,
-        "no_frames": head + "MOTION\nFrames: 0\nFrame Time: 0.033\n",
-        "huge": head + f"MOTION\nFrames: 999999999999\n{lines[2]}\n{lines[3]}\n",
-        "nan": head + f"MOTION\nFrames: 1\n{lines[2]}\n{' '.join(['nan', *values[1:]])}\n",
-        "spider": re.sub(r"(ROOT|JOINT) (\w+)", lambda found: f"{found[1]} leg_{found.start()}", text),
-    }  # fmt: skip
-
-
-class TestBrokenRecordings:
-    @pytest.mark.parametrize("name", BROKEN)
-    @pytest.mark.parametrize("command", [("score",), ("run", "screwing", "--from")])
-    def test_one_sentence(self, ergoqp, demo, tmp_path, name, command):
-        (tmp_path / f"{name}.bvh").write_text(broken_files(demo)[name], encoding="utf-8")
-        assert f"{name}.bvh" in mistake(ergoqp(*command, f"{name}.bvh"))
-        assert not (tmp_path / "ergoqp-out").exists()
-
-    @pytest.mark.parametrize("command", [("score",), ("run", "screwing", "--from")])
-    def test_no_file(self, ergoqp, tmp_path, command):
-        assert "none.bvh" in mistake(ergoqp(*command, "none.bvh"))
-        assert "recordings end in .bvh" in mistake(ergoqp(*command, "notes.txt"))
-        (tmp_path / "folder.bvh").mkdir()
-        assert "folder" in mistake(ergoqp(*command, "folder.bvh"))
-        assert "folder" in mistake(ergoqp(*command, tmp_path))
-
-
 class TestFaults:
     """A bug is not the user's mistake: another status, a short message, the traceback for who asks."""
 
@@ -341,16 +270,3 @@ def test_bar_on_a_terminal(ergoqp, monkeypatch):
     assert "closed loop, 0.5 s" in terminal.getvalue()
     assert "100%" in terminal.getvalue()
     assert "\x1b" in terminal.getvalue()
-
-
-@pytest.mark.parametrize("name", ["cmu_131_01_walk_max", "cmu_62_04_screwing_keyframes", "toolbox_freebvh", "xsens_motionbox"])
-def test_score_shared_recordings(ergoqp, shared, name):
-    outcome = ergoqp("score", shared / "mocap" / "bvh" / f"{name}.bvh")
-    assert outcome.status == 0, outcome.err
-
-
-@pytest.mark.parametrize("name", ["cmu_62_04_screwing_keyframes", "xsens_motionbox"])
-def test_run_from_shared_recordings(ergoqp, shared, name):
-    outcome = ergoqp("run", "screwing", "--from", shared / "mocap" / "bvh" / f"{name}.bvh", "--duration", "2")
-    assert outcome.status == 0, outcome.err
-    assert "starts at the worst-scored frame" in outcome.out
