@@ -40,7 +40,9 @@ class Control:
         rest_after: for how long it must be that low [s].
         move_above: predicted gain above which it moves again [points].
         move_after: for how long it must be that high [s].
-        rest_filter: time constant over which the predicted gain is averaged: it sees every angle's noise [s].
+        stall_gain: improvement of the cost that counts as one [points].
+        stall_after: without an improvement for this long the object comes to rest all the same [s].
+        rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
         max_age: oldest posture that still counts [s].
     """
 
@@ -50,11 +52,13 @@ class Control:
     effort_angular: float = 1.0
     caution: float = 0.02
     contact: float = 20.0
-    comfort: float = 0.1
-    rest_below: float = 0.02
+    comfort: float = 0.2
+    rest_below: float = 0.04
     rest_after: float = 0.5
-    move_above: float = 0.06
-    move_after: float = 0.3
+    move_above: float = 0.30
+    move_after: float = 0.5
+    stall_gain: float = 0.05
+    stall_after: float = 3.0
     rest_filter: float = 0.5
     max_age: float = 0.10
 

@@ -11,7 +11,7 @@ import numpy as np
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Situation
 from ergoqp.qp import TOLERANCE, build_qp
-from ergoqp.rest import rest_update
+from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation, rotation_error
 from ergoqp.solvers import QpSolver
 from ergoqp.step_rows import braking, driven, limit_values, movable_rows, row_bounds, stop_displacement, unhurried
@@ -65,7 +65,7 @@ OUTPUTS: Final = (
 )
 _SIZES: Final = {
     **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "stored_pose": (4, 4), "executed": (6, 1), "sent": (6, 1)},
-    "rest": (3, 1),
+    "rest": (STATES, 1),
 }
 
 
@@ -99,7 +99,7 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     seen = raw["observed"]
     gain = _gain(problem)(posture, total, xi, S)
     wanted, brake, now, solved, outside, rest, whole = judge(
-        posture, seen, pose, previous, dt, gain, xi, S, residual, usable, raw["rest"]
+        posture, seen, pose, previous, dt, gain, total, xi, S, residual, usable, raw["rest"]
     )
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
@@ -265,7 +265,7 @@ def _judge(problem: Problem, pattern: ca.SX) -> ca.Function:
     outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(problem, situation))
     must_move = ca.mmax(outside)
     counts = ca.logic_and(sx["usable"], solved)
-    rest = rest_update(problem.control, sx["rest"], sx["gain"], must_move, dt, counts)
+    rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], must_move, dt, counts)
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
     # The answer of a failed QP may be NaN; it goes no further.
     wanted = ca.if_else(solved, wanted, brake.twist)
@@ -301,7 +301,7 @@ def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Functio
         **{name: _JUDGED[name] for name in ("posture", "observed", "pose", "dt", "S", "residual", "usable")},
         **{"E": problem.response.sensitivity().size_out(1), "slack": (m, 1), "multipliers": (m, 1), "causes": (1, 1)},
         **{"wanted": (6, 1), "brake": (6, 1), "now": (rows_in_all, 1), "solved": (1, 1), "outside": (rows_in_all, 1)},
-        **{"rest": (3, 1), "share": (1, 1)},
+        **{"rest": (STATES, 1), "share": (1, 1)},
     }
     sx = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
     limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
@@ -332,8 +332,16 @@ def _account(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Functio
 
 
 _JUDGED: Final = {
-    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "previous": (6, 1), "dt": (1, 1), "gain": (1, 1)},
-    **{"xi": (6, 1), "S": (N, 6), "residual": (1, 1), "usable": (1, 1), "rest": (3, 1)},
+    **{
+        "posture": (N, 1),
+        "observed": (N, 1),
+        "pose": (4, 4),
+        "previous": (6, 1),
+        "dt": (1, 1),
+        "gain": (1, 1),
+        "value": (1, 1),
+    },
+    **{"xi": (6, 1), "S": (N, 6), "residual": (1, 1), "usable": (1, 1), "rest": (STATES, 1)},
 }
 
 
@@ -354,7 +362,7 @@ def _moves(problem: Problem, situation: Situation) -> ca.SX:
     return ca.vertcat(*(ca.sum2(ca.fabs(ca.densify(matrix))) > 1e-6 for matrix in matrices))
 
 
-_LOOKS: Final = (0.2, 0.5, 1.0)
+_LOOKS: Final = (0.1, 0.3, 1.0)
 """Seconds at full speed after which the improvement is looked up."""
 
 

@@ -31,7 +31,7 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "hip_flexion": 2.0,
     "hip_abduction": 5.0,
     "hip_rotation": 5.0,
-    "knee_flexion": 2.5,
+    "knee_flexion": 3.5,
     "ankle_flexion": 3.0,
     "ankle_inversion": 5.0,
 }
