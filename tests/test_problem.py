@@ -1,0 +1,101 @@
+"""Problems from Python: terms that fit together, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from step_samples import NAMES, comfort_of, problem_of
+
+from ergoqp import reba
+from ergoqp.errors import ProblemError
+from ergoqp.joints import JOINTS
+from ergoqp.limits import JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.problem import Control, Problem
+
+
+def terms(**changed: Any) -> dict[str, Any]:
+    given = problem_of("screwing")
+    return {"cost": given.cost, "response": given.response, "limits": [TwistLimit(), JointLimit()]} | changed
+
+
+def test_a_problem_of_python_steps() -> None:
+    problem = Problem(**terms())
+    assert problem.coordinates == JOINTS
+    assert problem.joints == problem.response.joints
+    assert problem.row_names == JOINTS
+    step = problem.stepper().step(comfort_of("screwing"))
+    assert step.status in ("optimal", "settled")
+    assert tuple(step.margins) == problem.row_names
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_sheet_is_read_as_the_task_says(name: str) -> None:
+    problem, q = problem_of(name), comfort_of(name)
+    assert problem.assess(q).final[0] == reba.assess(q, problem.method, **problem.task).final[0]
+    # The cost is of the same task: the smooth score is near the exact one where no band end is near.
+    assert abs(float(problem.cost(q)[0]) - problem.assess(q).final[0]) < 1.5
+
+
+def test_replace_changes_one_term_and_leaves_the_rest() -> None:
+    problem = problem_of("screwing")
+    other = problem.replace(dt=0.002, name="quick")
+    assert (other.dt, other.name) == (0.002, "quick")
+    assert other.response is problem.response
+    assert problem.dt == 0.01
+    assert other.stepper().dt == 0.002
+
+
+def test_limits_are_found_by_their_kind() -> None:
+    problem = problem_of("screwing")
+    assert isinstance(problem.limit_of(WorkspaceBox), WorkspaceBox)
+    assert Problem(**terms()).limit_of(WorkspaceBox) is None
+    assert isinstance(problem.twist_limit, TwistLimit)
+    assert problem.twist_limit not in problem.row_limits
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"limits": [JointLimit()]}, "limits: got 0 twist limits, allowed exactly one"),
+        ({"limits": [TwistLimit(), TwistLimit()]}, "limits: got 2 twist limits"),
+        ({"limits": [TwistLimit(), JointLimit(), JointLimit()]}, "limits: got more than one row named .*trunk_flexion"),
+        ({"dt": 0.0}, "dt: got 0.0 s, allowed 0.0001 to 0.1 s"),
+        ({"dt": float("nan")}, "dt: got nan s"),
+        ({"dt": 10}, "dt: got 10 s"),
+    ],
+)
+def test_terms_that_do_not_fit_are_refused(changed: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ProblemError, match=sentence):
+        Problem(**terms(**changed))
+
+
+def test_replacing_what_is_not_a_term_is_refused() -> None:
+    with pytest.raises(ProblemError, match=r"replace: got \['speed'\], allowed"):
+        problem_of("screwing").replace(speed=1)
+    with pytest.raises(ProblemError, match="twist limits"):
+        problem_of("screwing").replace(limits=[])
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"look_ahead": 0}, "control.look_ahead: got 0, allowed a positive number"),
+        ({"effort_linear": -1.0}, "control.effort_linear: got -1.0, allowed a finite number of at least 0"),
+        ({"smoothing": float("nan")}, "control.smoothing: got nan"),
+        ({"max_age": float("inf")}, "control.max_age: got inf"),
+        ({"caution": "much"}, "control.caution: got 'much'"),
+        ({"rest_below": 1.0, "move_above": 0.1}, "control.move_above: got 0.1, allowed at least rest_below = 1.0"),
+    ],
+)
+def test_controls_that_are_none_are_refused(changed: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ProblemError, match=sentence):
+        Control(**changed)
+
+
+def test_control_changes_the_answer() -> None:
+    q = comfort_of("screwing") + 0.2 * np.random.default_rng(0).normal(size=32)
+    bold, shy = (problem_of("screwing").replace(control=Control(effort_linear=e, effort_angular=e)) for e in (0.1, 50.0))
+    speeds = [np.linalg.norm([p.stepper().step(q).twist for _ in range(1)]) for p in (bold, shy)]
+    assert speeds[0] > 2 * speeds[1]
