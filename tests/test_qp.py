@@ -93,16 +93,9 @@ def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
         G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["upper"], -data["lower"]])
         options = {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 50_000} if others[0] == "osqp" else {}
         keep = np.abs(G).sum(axis=1) > 0
-        expected = qpsolvers.solve_qp(
-            _as(others[0], data["H"]),
-            data["g"],
-            _as(others[0], G[keep]),
-            h[keep],
-            lb=data["low"],
-            ub=data["high"],
-            solver=others[0],
-            **options,
-        )
+        H, G = _as(others[0], data["H"]), _as(others[0], G[keep])
+        task = qpsolvers.Problem(H, data["g"], G, h[keep], lb=data["low"], ub=data["high"])
+        expected = qpsolvers.solve_problem(task, solver=others[0], **options).x
         if worst >= TOLERANCE or expected is None:
             continue
         compared += 1

@@ -36,9 +36,10 @@ def reference(name: str, q: np.ndarray, previous: np.ndarray, dt: float) -> np.n
     limit = problem.twist_limit
     low = np.maximum(-limit.speed, previous - limit.acceleration * dt)
     high = np.minimum(limit.speed, previous + limit.acceleration * dt)
-    answer = qpsolvers.solve_qp((H + H.T) / 2, g, lb=low, ub=high, solver="daqp")
-    assert answer is not None
-    return answer
+    task = qpsolvers.Problem((H + H.T) / 2, g, lb=low, ub=high)
+    answer = qpsolvers.solve_problem(task, solver="daqp")
+    assert answer.found
+    return answer.x
 
 
 def tilted_pose(name: str) -> np.ndarray:

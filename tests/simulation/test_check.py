@@ -1,0 +1,115 @@
+"""The checker finds each kind of violation when it is there, and nothing when it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ergoqp.joints import INDEX, UPPER
+from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.problem import Problem
+from ergoqp.problem_file import load_problem
+from ergoqp.simulation.check import Checker
+
+DT = 0.01
+STILL, HERE, UPRIGHT, NO_RATE = np.zeros(6), np.eye(4), np.zeros(32), np.zeros(32)
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    limits = [
+        TwistLimit(0.2, 0.5, 1.0, 2.0, axes=("x", "y", "z", "ry", "rz")),
+        WorkspaceBox((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)),
+        AxisCone((1, 0, 0), 30),
+        JointLimit(ranges_deg={"trunk_flexion": (-10, 20)}, rate_deg=30),
+    ]
+    return load_problem("screwing").replace(limits=limits)
+
+
+def along(axis: int, value: float) -> np.ndarray:
+    return value * np.eye(6)[axis]
+
+
+def at(x: float = 0.0, tilt: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[0, 3] = x
+    c, s = np.cos(tilt), np.sin(tilt)
+    pose[:3, :3] = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+    return pose
+
+
+def test_nothing_wrong_is_nothing_found(problem: Problem) -> None:
+    checker = Checker(problem)
+    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, NO_RATE, DT) == []
+    assert checker.violations == dict.fromkeys(checker.units, 0)
+    assert set(checker.units) == {"speed", "acceleration", "axes", "workspace", "tool axis", "joint range", "joint rate"}
+
+
+@pytest.mark.parametrize(
+    ("twist", "previous", "broken", "amount"),
+    [
+        (along(0, 0.21), along(0, 0.205), "speed", 0.01),
+        (along(4, -0.51), along(4, -0.50), "speed", 0.01),
+        (along(1, 0.02), STILL, "acceleration", 1.0),
+        (along(5, -0.04), along(5, 0.0), "acceleration", 2.0),
+        (along(3, 0.01), STILL, "axes", 0.01),
+    ],
+)
+def test_twists_that_break_a_limit(problem: Problem, twist, previous, broken: str, amount: float) -> None:
+    checker = Checker(problem)
+    assert broken in checker.check(twist, previous, HERE, UPRIGHT, NO_RATE, DT)
+    assert checker.violations[broken] == 1
+    assert checker.max_violation[broken] == pytest.approx(amount)
+
+
+def test_braking_from_above_the_speed_is_no_violation(problem: Problem) -> None:
+    previous = along(0, 0.4)
+    checker = Checker(problem)
+    assert checker.check(previous * (1 - DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT) == []
+    # A little less braking than that is one.
+    assert "speed" in checker.check(previous * (1 - 0.9 * DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT)
+
+
+def test_leaving_the_box_and_the_cone(problem: Problem) -> None:
+    checker = Checker(problem)
+    assert checker.check(along(0, 0.1), along(0, 0.1), at(0.0995), UPRIGHT, NO_RATE, DT) == ["workspace"]
+    assert checker.max_violation["workspace"] == pytest.approx(0.0005)
+    turned = Checker(problem)
+    assert turned.check(along(5, 0.3), along(5, 0.3), at(tilt=np.radians(29.9)), UPRIGHT, NO_RATE, DT) == ["tool axis"]
+    assert turned.max_violation["tool axis"] == pytest.approx(0.003 - np.radians(0.1), abs=1e-9)
+
+
+def test_outside_it_may_come_in_but_what_came_in_stays(problem: Problem) -> None:
+    checker = Checker(problem)
+    assert checker.check(along(0, -0.1), along(0, -0.1), at(0.15), UPRIGHT, NO_RATE, DT) == []
+    assert checker.check(STILL, along(0, -0.005), at(0.149), UPRIGHT, NO_RATE, DT) == []
+    # Creeping out again, period by period, is found although each one is small and it is still nearer than at first.
+    assert checker.check(along(0, 0.005), STILL, at(0.149), UPRIGHT, NO_RATE, DT) == ["workspace"]
+
+
+def test_joints_of_the_model(problem: Problem) -> None:
+    joint, other = INDEX["trunk_flexion"], INDEX["right_elbow_flexion"]
+    near_end, rate = np.zeros(32), np.zeros(32)
+    near_end[joint], rate[joint] = np.radians(19.9), np.radians(20)
+    checker = Checker(problem)
+    assert checker.check(along(0, 0.01), STILL, HERE, near_end, rate, DT) == ["joint range"]
+    assert checker.max_violation["joint range"] == pytest.approx(np.radians(0.1))
+    fast = np.zeros(32)
+    fast[other] = np.radians(31)
+    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT) == ["joint rate"]
+    # Outside and coming in is fine; nobody is blamed for a joint that is not seen, or without a frame.
+    outside = near_end.copy()
+    outside[other] = UPPER[other] + 0.1
+    inward = np.zeros(32)
+    inward[other] = -0.1
+    assert Checker(problem).check(along(0, 0.01), STILL, HERE, outside, inward, DT) == []
+    unseen = np.ones(32, bool)
+    unseen[joint] = False
+    assert Checker(problem).check(along(0, 0.01), STILL, HERE, near_end, rate, DT, unseen) == []
+    assert Checker(problem).check(along(0, 0.01), STILL, HERE, None, rate, DT) == []
+
+
+def test_a_twist_that_is_no_number_breaks_everything(problem: Problem) -> None:
+    checker = Checker(problem)
+    broken = checker.check(np.array([np.nan, 0, 0, 0, 0, 0]), STILL, HERE, UPRIGHT, NO_RATE, DT)
+    assert set(broken) == set(checker.units)
