@@ -48,7 +48,7 @@ from ergoqp.step import Step
 CHUNK = 5000
 SEQUENCE = 250
 ALLOWED = 1e-8
-SEARCHES = 40
+SEARCHES = 15
 
 
 @dataclass

@@ -80,6 +80,7 @@ def test_answers_equal_the_enumeration_of_active_sets(solver: str) -> None:
         assert np.abs(slack).max() < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 @pytest.mark.parametrize("solver", ["daqp", "osqp"])
 def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
     qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
