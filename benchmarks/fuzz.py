@@ -210,7 +210,7 @@ class Loop:
             self.tally.wrong("unsafe", "not finite", where, f"{step.twist}")
             self.restart()
             return
-        if expected is not None and np.abs(step.pose - expected).max() > 1e-7:
+        if expected is not None and np.abs(step.pose - expected).max() > 1e-8:
             self.tally.wrong("unsafe", "pose", where, f"reckoned with {step.pose[:3, 3]}, was at {expected[:3, 3]}")
         # Before any usable frame or pose the object is nowhere yet; after a mismatch, one example is enough.
         anchored = self.pose is not None or pose_given or posture is not None

@@ -189,7 +189,7 @@ def pose_elsewhere(rng: Rng, problem: Problem, call: Call) -> None:
 
 def pose_nearly_rigid(rng: Rng, problem: Problem, call: Call) -> None:
     pose_elsewhere(rng, problem, call)
-    call.arguments["pose"][:3, :3] += rng.normal(size=(3, 3)) * 1e-7
+    call.arguments["pose"][:3, :3] += rng.normal(size=(3, 3)) * 1e-10
 
 
 def not_a_pose(rng: Rng, problem: Problem, call: Call) -> None:
