@@ -173,4 +173,4 @@ def _figures(report: Report, name: str, loops: Loops) -> None:
 
 
 if __name__ == "__main__":
-    run(measure, __doc__)
+    run(measure, __doc__ or "")

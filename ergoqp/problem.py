@@ -36,7 +36,7 @@ class Control:
         contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points / (rad/s)^2].
         comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint weight]: where the sheet is flat
             it leads the way.
-        rest_below: predicted gain of one second at full speed below which the object comes to rest [points].
+        rest_below: predicted gain of half a second at full speed below which the object comes to rest [points].
         rest_after: for how long it must be that low [s].
         move_above: predicted gain above which it moves again [points].
         move_after: for how long it must be that high [s].

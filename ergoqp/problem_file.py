@@ -18,6 +18,7 @@ from ergoqp.paths import data_folder
 from ergoqp.problem import Control, Problem
 from ergoqp.responses import IkResponse
 from ergoqp.sheets.reba import Method
+from ergoqp.sheets.task import TaskOptions
 
 
 class _Table(BaseModel):
@@ -184,7 +185,7 @@ def _build(file: _File, name: str) -> Problem:
         limits=[_LIMITS[kind](**values) for kind, values in limits.items()],
         dt=file.dt,
         control=Control(**file.control),
-        task=task,
+        task=TaskOptions(**task),
         method=method,
         name=name,
         title=file.title or name,

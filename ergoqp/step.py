@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,65 +17,102 @@ from ergoqp.step_function import INPUTS, OUTPUTS, Cause, Status
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
-_NAN_POSTURE: Final = np.full(len(JOINTS), np.nan)
-_ALL: Final = np.ones(len(JOINTS))
+_N: Final = len(JOINTS)
+_ANCHORS: Final = 1 << Cause.posture | 1 << Cause.pose
+_STATUSES: Final = tuple(status.name for status in Status)
 
 
-@dataclass(frozen=True)
 class Step:
     """The answer of one control step.
 
     Attributes:
         twist: object velocity at the contact frame, world-aligned, linear first (6,) [m/s, rad/s]: send this.
         status: ``optimal``, ``settled``, ``relaxed``, ``recovering``, ``braking`` or ``invalid``.
-        pose: contact frame in the world that the step reckoned with (4, 4) [m].
-        posture_rate: how the model person follows (32,) [rad/s].
-        cost: V of the posture [points].
-        gain: predicted improvement of one second at full speed [points].
-        residuals: ``qp`` (largest KKT residual), ``contact`` (contact motion the posture cannot follow [m/s, rad/s]) and
-            ``accepted`` (share of the way from braking to the QP's answer that was certified).
         solve_time: duration of the call [s].
     """
 
-    twist: np.ndarray
-    status: str
-    pose: np.ndarray
-    posture_rate: np.ndarray
-    cost: float
-    gain: float
-    residuals: Mapping[str, float]
-    solve_time: float
-    _account: Mapping[str, np.ndarray]
-    _problem: Problem
-    _note: str
+    def __init__(
+        self,
+        twist: np.ndarray,
+        status: str,
+        problem: Problem,
+        account: np.ndarray,
+        parts: Mapping[str, slice],
+        seen: tuple[np.ndarray, float, float],
+        notes: Mapping[str, str],
+        start: float,
+    ) -> None:
+        """Keep the account of the step function; what is asked for is read from it then."""
+        self.twist, self.status = twist, status
+        self._problem, self._all, self._parts, self._seen, self._notes = problem, account, parts, seen, notes
+        self.solve_time = time.perf_counter() - start
+
+    def __repr__(self) -> str:
+        """Show what a person would want to know first."""
+        twist = np.array2string(self.twist, precision=4, suppress_small=True)
+        return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
+
+    def account(self, name: str) -> np.ndarray:
+        """Return one output of the step function, by its name in `ergoqp.step_function.OUTPUTS`."""
+        return self._all[self._parts[name]]
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Contact frame in the world that the step reckoned with (4, 4) [m]."""
+        return self.account("pose_used").reshape(4, 4).T
+
+    @property
+    def posture_rate(self) -> np.ndarray:
+        """How the model person follows (32,) [rad/s]."""
+        return self.account("posture_rate")
+
+    @property
+    def cost(self) -> float:
+        """V of the posture [points]."""
+        return float(self.account("cost")[0])
+
+    @property
+    def gain(self) -> float:
+        """Predicted improvement within half a second at full speed, comfort included [points]."""
+        return float(self.account("gain")[0])
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """``qp``: largest KKT residual; ``contact``: contact motion the posture cannot follow [m/s, rad/s]; ``accepted``.
+
+        The last is the share of the way from braking to the QP's answer that was certified.
+        """
+        qp, contact, accepted = self.account("residuals").tolist()
+        return {"qp": qp, "contact": contact, "accepted": accepted}
 
     @cached_property
     def reason(self) -> str:
         """One sentence that names the cause; empty for a plain optimal step."""
-        return reason_of(self._problem, Status[self.status], self._account, self._note)
+        posture, dt, age = self._seen
+        return reason_of(self._problem, self, posture, dt, age, self._notes)
 
     @cached_property
     def margins(self) -> dict[str, float]:
         """Distance to the nearer end of every row, negative outside, in the row's unit."""
-        return dict(zip(self._problem.row_names, self._account["margins"].tolist(), strict=True))
+        return dict(zip(self._problem.row_names, self.account("margins").tolist(), strict=True))
 
     @cached_property
     def slack(self) -> dict[str, float]:
         """By how much each soft row was missed, in its unit per second; only those that were."""
-        values = self._account["slack"].tolist()
+        values = self.account("slack").tolist()
         return {name: value for name, value in zip(self._problem.row_names, values, strict=True) if value > 1e-7}
 
     @cached_property
     def active(self) -> tuple[str, ...]:
         """Names of the rows that hold the object back, and of the joints that yield."""
-        pushing = np.abs(self._account["multipliers"]) > 1e-6
+        pushing = np.abs(self.account("multipliers")) > 1e-6
         rows = [name for name, push in zip(self._problem.row_names, pushing, strict=True) if push]
-        return (*rows, *self.locked)
+        return (*rows, *(joint for joint in self.locked if joint not in rows))
 
     @cached_property
     def locked(self) -> tuple[str, ...]:
         """Joints at their end that the model person holds while the others follow."""
-        return tuple(JOINTS[i] for i in np.flatnonzero(self._account["locked"] > 0.5))
+        return tuple(JOINTS[i] for i in np.flatnonzero(self.account("locked") > 0.5))
 
 
 LogSink = Callable[[dict[str, Any]], None]
@@ -98,19 +134,23 @@ class Stepper:
 
     def __init__(self, problem: Problem, solver: str = "daqp", dt: float | None = None, log: LogSink | None = None) -> None:
         """Build the step function once; this takes some tenths of a second."""
-        self.problem = problem
-        self.dt = problem.dt if dt is None else float(dt)
-        if not 1e-4 <= self.dt <= 0.1:
+        if dt is not None and not 1e-4 <= dt <= 0.1:
             raise InputError(f"dt: got {dt!r} s, allowed 0.0001 to 0.1 s")
+        self.problem = problem if dt is None else problem.replace(dt=float(dt))
+        self.dt = self.problem.dt
         self._log = log
-        self._function = problem.step_function(solver)
+        self._function = self.problem.step_function(solver)
         self._buffer, self._call = self._function.buffer()
         self._inputs = {name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(INPUTS)}
-        self._outputs = {name: np.zeros(self._function.numel_out(i)) for i, name in enumerate(OUTPUTS)}
+        # One array for all outputs: a step is one copy of it, and everything in the step a view of that copy.
+        sizes = [self._function.numel_out(i) for i in range(len(OUTPUTS))]
+        ends = np.cumsum(sizes).tolist()
+        self._slices = {name: slice(end - size, end) for name, size, end in zip(OUTPUTS, sizes, ends, strict=True)}
+        self._out = np.zeros(ends[-1])
         for i, name in enumerate(INPUTS):
-            self._buffer.set_arg(i, memoryview(self._inputs[name]))
+            self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
         for i, name in enumerate(OUTPUTS):
-            self._buffer.set_res(i, memoryview(self._outputs[name]))
+            self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore[reportCallIssue]
         self.reset()
 
     def reset(self) -> None:
@@ -147,87 +187,85 @@ class Stepper:
                 unseen joint's entry in `posture` says is not used.
         """
         start = time.perf_counter()
-        into, note = self._inputs, ""
-        no_frame = posture is None
-        if not no_frame:
-            note = _put(into["posture"], posture, (32,), "posture") or note
-        into["frame"][0] = not no_frame
+        into, notes = self._inputs, {}
+        into["frame"][0] = posture is not None
+        if posture is not None:
+            _put(into["posture"], posture, (_N,), "posture", notes)
         if observed is None:
-            into["observed"][:] = _ALL
+            into["observed"][:] = 1.0
         else:
-            problem = _put(into["observed"], observed, (32,), "observed")
-            if problem:
-                note, into["posture"][:] = problem, _NAN_POSTURE
+            _put(into["observed"], observed, (_N,), "observed", notes)
+            if "observed" in notes or not np.isfinite(into["observed"]).all():
+                # Nobody knows which joints were seen, so none of the frame can be used.
+                into["observed"][:], into["posture"][:] = 1.0, np.nan
+                notes.setdefault("observed", "observed is not a mask of zeros and ones")
         into["has_pose"][0] = pose is not None
         if pose is not None:
-            note = _put(into["pose"], pose, (4, 4), "pose") or note
+            _put(into["pose"], pose, (4, 4), "pose", notes)
         if twist is None:
             into["executed"][:] = into["sent"]
         else:
-            note = _put(into["executed"], twist, (6,), "twist") or note
+            _put(into["executed"], twist, (6,), "twist", notes)
         into["dt"][0] = self.dt if dt is None else _number(dt)
         into["age"][0] = _number(age)
-        into["enable"][0] = bool(enable)
+        into["enable"][0] = _truth(enable)
         if self._log is not None:
-            self._record(note)
+            self._record(notes)
         self._call()
-        return self._answer(note, start)
+        return self._answer(notes, start)
 
-    def _answer(self, note: str, start: float) -> Step:
-        out, into = self._outputs, self._inputs
-        account = {
-            name: out[name].copy() for name in ("margins", "slack", "multipliers", "locked", "outside", "causes", "residuals")
-        }
-        account["posture"], account["dt"], account["age"] = into["posture"].copy(), into["dt"].copy(), into["age"].copy()
-        into["sent"][:] = out["twist"]
-        into["stored_pose"][:] = out["next_pose"]
-        into["rest"][:] = out["next_rest"]
-        # Without a frame there is no pose to start from yet, unless one was given.
-        if into["frame"][0] or into["has_pose"][0]:
+    def _answer(self, notes: Mapping[str, str], start: float) -> Step:
+        account, into, part = self._out.copy(), self._inputs, self._slices
+        twist = account[part["twist"]]
+        into["sent"][:] = twist
+        into["stored_pose"][:] = account[part["next_pose"]]
+        into["rest"][:] = account[part["next_rest"]]
+        # The pose starts from a frame or a pose that could be used; nothing else anchors it.
+        usable = not int(account[part["causes"]][0]) & _ANCHORS
+        if usable and (into["frame"][0] or into["has_pose"][0]):
             into["started"][0] = 1.0
-        qp, contact, accepted = out["residuals"].tolist()
-        return Step(
-            twist=out["twist"].copy(),
-            status=Status(int(out["status"][0])).name,
-            pose=out["pose_used"].reshape(4, 4).T.copy(),
-            posture_rate=out["posture_rate"].copy(),
-            cost=float(out["cost"][0]),
-            gain=float(out["gain"][0]),
-            residuals={"qp": qp, "contact": contact, "accepted": accepted},
-            solve_time=time.perf_counter() - start,
-            _account=account,
-            _problem=self.problem,
-            _note=note,
-        )
+        seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
+        return Step(twist, _STATUSES[int(account[part["status"]][0])], self.problem, account, part, seen, notes, start)
 
-    def _record(self, note: str) -> None:
+    def _record(self, notes: Mapping[str, str]) -> None:
         entry = {name: values.tolist() for name, values in self._inputs.items()}
         try:
-            assert self._log is not None
-            self._log({"note": note, **entry})
+            if self._log is not None:
+                self._log({"notes": dict(notes), **entry})
         except Exception:  # the loop never stops for its log
             self._log = None
 
 
-def _put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str) -> str:
+def _put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]) -> None:
     """Copy a user's array into a buffer; on anything unusable fill it with NaN, which the step judges, and say what it was."""
     try:
-        array = np.asarray(value, dtype=float)
-        if array.shape == shape:
+        array = value if type(value) is np.ndarray else np.asarray(value)
+        if array.shape != shape:
+            notes[name] = f"{name} has shape {array.shape}, allowed {shape}"
+        elif array.dtype.kind not in "biuf":
+            notes[name] = f"{name} holds {array.dtype.name} values, allowed real numbers"
+        else:
             target[:] = array.T.ravel() if len(shape) == 2 else array
-            return ""
-        complaint = f"{name} has shape {array.shape}, allowed {shape}"
-    except (TypeError, ValueError, OverflowError):
-        complaint = f"{name} is not an array of numbers but {type(value).__name__}"
+            return
+    except Exception as error:  # whatever a user's object does when it is read, the loop goes on
+        notes[name] = f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
     target[:] = np.nan
-    return complaint
 
 
 def _number(value: Any) -> float:
+    if isinstance(value, (str, bytes, bytearray)):
+        return float("nan")
     try:
         return float(value)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # not a number, whatever it is
         return float("nan")
+
+
+def _truth(value: Any) -> bool:
+    try:
+        return bool(value)
+    except Exception:  # an answer that is neither yes nor no does not enable anything
+        return False
 
 
 def replay(problem: Problem, log: list[dict[str, Any]], solver: str = "daqp") -> list[Step]:
@@ -244,7 +282,7 @@ def replay(problem: Problem, log: list[dict[str, Any]], solver: str = "daqp") ->
         for name in INPUTS:
             stepper._inputs[name][:] = entry[name]
         stepper._call()
-        steps.append(stepper._answer(entry["note"], time.perf_counter()))
+        steps.append(stepper._answer(entry["notes"], time.perf_counter()))
     return steps
 
 

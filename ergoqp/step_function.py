@@ -10,6 +10,7 @@ import numpy as np
 
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Situation
+from ergoqp.linear import gram
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation, rotation_error
@@ -84,15 +85,7 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     one_pass, movable = _one_pass(problem, solver)
 
     fixed = [posture, raw["observed"], pose, previous, dt, total, gradient]
-    result = one_pass(*fixed, ca.MX(ca.DM.zeros(N)), 0)
-    # Result: xi, S, E, slack, multipliers, residual, locked, again. A further pass only where a joint has to be locked.
-    shapes = [ca.MX.sym("r", part.sparsity()) for part in result]
-    symbols = [ca.MX.sym("f", part.sparsity()) for part in fixed]
-    for number in range(1, PASSES):
-        last = float(number == PASSES - 1)
-        again = ca.Function("again", [*symbols, *shapes], list(one_pass(*symbols, shapes[6], last)))
-        enough = ca.Function("enough", [*symbols, *shapes], shapes)
-        result = ca.Function.if_else("next_pass", again, enough)(result[7], *fixed, *result)
+    result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(N)), 0))
     xi, S, E, slack, multipliers, residual, locked, _ = result
     pattern = _pattern(problem)
     judge, shorten, account = _judge(problem, pattern), _shorten(problem, pattern), _account(problem, pattern, movable)
@@ -113,6 +106,22 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     return ca.Function("step", list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
 
 
+def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
+    """``(inputs of a pass, its result) -> result`` after the further passes that joints to be locked ask for.
+
+    Each is inside the branch of the one before, so that a step without such a joint only looks once.
+    """
+    inputs = [ca.MX.sym("i", one_pass.sparsity_in(i)) for i in range(one_pass.n_in() - 2)]
+    result = [ca.MX.sym("r", one_pass.sparsity_out(i)) for i in range(one_pass.n_out())]
+    last = number == PASSES - 1
+    next_one = list(one_pass(*inputs, result[6], float(last)))
+    after = next_one if last else list(_further_passes(one_pass, number + 1)(*inputs, *next_one))
+    again = ca.Function("again", [*inputs, *result], after)
+    enough = ca.Function("enough", [*inputs, *result], result)
+    choose = ca.Function.if_else("next_pass", again, enough)
+    return ca.Function("further_passes", [*inputs, *result], list(choose(result[7], *inputs, *result)))
+
+
 def _checked(problem: Problem) -> ca.Function:
     """Judge every input; replace what cannot be used by what was known before, so that no NaN goes further."""
     raw = {name: ca.SX.sym(name, *_SIZES.get(name, (1, 1))) for name in INPUTS}
@@ -120,7 +129,8 @@ def _checked(problem: Problem) -> ca.Function:
     plausible = ca.fabs(raw["posture"]) <= np.pi
     posture_ok = ca.sum1(ca.if_else(seen, plausible, 1)) >= N - 0.5
     rotation = raw["pose"][:3, :3]
-    pose_ok = ca.logic_and(rotation_error(rotation) < 1e-3, ca.sumsqr(raw["pose"][:3, 3]) < 1e4)
+    bottom = ca.sumsqr(raw["pose"][3, :] - ca.DM([[0, 0, 0, 1]])) < 1e-6
+    pose_ok = ca.logic_and(ca.logic_and(rotation_error(rotation) < 1e-3, bottom), ca.sumsqr(raw["pose"][:3, 3]) < 1e4)
     twist_ok = ca.sumsqr(raw["executed"]) < 1e4
     dt_ok = ca.logic_and(raw["dt"] >= 1e-5, raw["dt"] <= 0.5)
     age_ok = raw["age"] >= 0
@@ -225,9 +235,10 @@ def _objective(problem: Problem, sx: dict[str, ca.SX], S: ca.SX) -> tuple[ca.SX,
     ahead = control.look_ahead
     slope = S.T @ sx["gradient"]
     excess = ca.fmax(sx["value"] - problem.cost.minimum, 0) + _CAUTION_EPS
-    weights = ca.DM(problem.response.weight_vector)
-    curvature = slope @ slope.T / (2 * excess) + control.caution * (S.T @ ca.diag(weights) @ S)
-    H = ahead**2 * curvature + ca.diag(effort * (1 + smoothing)) + control.contact * (sx["E"].T @ sx["E"])
+    scaled = ca.diag(ca.DM(np.sqrt(control.caution * problem.response.weight_vector))) @ S
+    # One tall matrix, so that its Gram matrix is all there is to compute, and one half of that.
+    tall = ca.vertcat(ahead * slope.T / ca.sqrt(2 * excess), ahead * scaled, np.sqrt(control.contact) * sx["E"])
+    H = gram(tall) + ca.diag(effort * (1 + smoothing))
     return H, ahead * slope - smoothing * effort * sx["previous"]
 
 
@@ -362,23 +373,26 @@ def _moves(problem: Problem, situation: Situation) -> ca.SX:
     return ca.vertcat(*(ca.sum2(ca.fabs(ca.densify(matrix))) > 1e-6 for matrix in matrices))
 
 
-_LOOKS: Final = (0.1, 0.3, 1.0)
+_LOOKS: Final = (0.1, 0.5)
 """Seconds at full speed after which the improvement is looked up."""
 
 
 def _gain(problem: Problem) -> ca.Function:
-    """``(posture, V, xi, S) -> best improvement within one second at full speed along the answer [points]``.
+    """``(posture, V, xi, S) -> best improvement within half a second at full speed along the answer [points]``.
 
     The cost itself is looked up on the way: its slope alone would promise a point for every band end within the noise.
     """
-    posture, value, xi, S = ca.MX.sym("q", N), ca.MX.sym("V"), ca.MX.sym("xi", 6), ca.MX.sym("S", N, 6)
+    q, value, xi, S = ca.SX.sym("q", N), ca.SX.sym("V"), ca.SX.sym("xi", 6), ca.SX.sym("S", N, 6)
     speed = problem.twist_limit.speed
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
-    full = S @ (xi / (relative + 1e-9))
-    ahead = [_total(problem, posture + seconds * full) for seconds in _LOOKS]
+    # Joints that the object cannot move stay the same expression at every look, and what the cost makes of them is shared.
+    full = _with_pattern(S, _pattern(problem)) @ (xi / (relative + 1e-9))
+    symbol = ca.MX.sym("q", N)
+    total = ca.Function("total", [symbol], [_total(problem, symbol)])
+    ahead = [total(q + seconds * full) for seconds in _LOOKS]
     gain = value - ca.mmin(ca.vertcat(*ahead))
-    return ca.Function("gain", [posture, value, xi, S], [ca.if_else(relative > 1e-6, gain, 0)])
+    return ca.Function("gain", [q, value, xi, S], ca.cse([ca.if_else(relative > 1e-6, gain, 0)]))
 
 
 def _model_rate(limits: tuple, situation: Situation, rate: ca.SX, dt: ca.SX) -> ca.SX:

@@ -147,14 +147,14 @@ def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Brakin
     matrix = driven(twist, rows.matrix)
     at_braking = matrix @ brake.twist
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
-    size = ca.fabs(ca.densify(matrix))
-    moves, slowing = ca.sum2(size) > 1e-6, size @ brake.acceleration
+    slowing = ca.fabs(ca.densify(matrix)) @ brake.acceleration
+    moves = slowing > 1e-6
     upper, cap_up = _one_end(limit, rows.above, rows, at_braking, moves, slowing, brake, final)
     lower, cap_down = _one_end(limit, rows.below, rows, -at_braking, moves, slowing, brake, final)
     upper = ca.fmin(upper, FREE)
     # An inward target never asks for more than the other end allows; the slack covers only one side.
     lower = ca.fmin(ca.fmax(-lower, -FREE), upper)
-    relaxes_up = cap_up > 0
+    relaxes_up = ca.logic_and(cap_up > 0, at_braking >= lower)
     return matrix, lower, upper, ca.if_else(relaxes_up, 1.0, -1.0), ca.if_else(relaxes_up, cap_up, cap_down)
 
 
@@ -172,13 +172,15 @@ def _one_end(
     inside = distance >= -limit.tolerance
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
     pace = ca.fmin(ca.fmax(-distance / limit.recovery_time, STEADY_RETURN), -distance / brake.dt)
-    coming_back = ca.fmin(rows.rate, pace)
-    wanted_back = ca.if_else(moves, coming_back, 0.0)
+    # Outside, the row's own curvature must not carry it further out.
+    curving = (rows.reserve + CLEARANCE) / brake.reach
+    wanted_back = ca.if_else(moves, ca.fmin(rows.rate, ca.fmax(pace, curving)), 0.0)
     left, knee = ca.fmin(distance - CLEARANCE - rows.reserve, FREE), slowing * brake.reach**2
     parabola = ca.sqrt(ca.fmax(2 * slowing * left - slowing * knee, 0))
-    allowed = ca.fmin(rows.rate, ca.if_else(left <= knee, left / brake.reach, parabola))
+    allowed = ca.if_else(left <= knee, left / brake.reach, parabola)
+    allowed = ca.if_else(moves, ca.fmin(rows.rate, allowed), rows.rate)
     bound = ca.if_else(inside, allowed, -wanted_back)
-    least = ca.if_else(inside, allowed, 0.0)
+    least = ca.if_else(inside, allowed, ca.if_else(moves, -curving, 0.0))
     if limit.yield_zone:
         # In the zone the first passes let the joint go where the QP wants it: outward, it is locked and the object goes on.
         near = ca.logic_and(distance < limit.yield_zone, distance >= -limit.tolerance)

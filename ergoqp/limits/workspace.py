@@ -27,7 +27,7 @@ class WorkspaceBox:
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     tolerance: float = 1e-6
-    recovery_time: float = 1.0
+    recovery_time: float = 2.0
     yield_zone: float = 0.0
     hard = True
     unit = "m"
@@ -64,7 +64,7 @@ class AxisCone:
     direction: tuple[float, float, float]
     half_angle_deg: float
     tolerance: float = 1e-6
-    recovery_time: float = 1.0
+    recovery_time: float = 2.0
     yield_zone: float = 0.0
     hard = True
     unit = "rad"

@@ -14,7 +14,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.responses.linear import spd_inverse
+from ergoqp.linear import spd_inverse
 from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
 
 DEFAULT_WEIGHTS: Final[dict[str, float]] = {
@@ -36,6 +36,12 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "ankle_inversion": 5.0,
 }
 """Cost of moving each joint, relative; both sides alike. The trunk carries half the body, the forearm next to nothing."""
+
+DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
+    "standing": {"hip_flexion": 4.0, "knee_flexion": 8.0, "ankle_flexion": 4.0},
+    "seated": {"hip_flexion": 85.0, "knee_flexion": 85.0},
+}
+"""Comfort of the legs where a problem says nothing. Nobody stands with locked knees, and locked knees cannot follow."""
 
 TOOL_AXES: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
     "along": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -60,7 +66,8 @@ class IkResponse:
         tool: axis of the tool in the hand, a key of `TOOL_AXES`.
         free_about_tool: whether the hand may turn about the tool's axis.
         weights: cost of moving a joint, by name without its side, or with it; the rest as in `DEFAULT_WEIGHTS`.
-        comfort_deg: posture that the person relaxes toward, by joint name, with or without the side [deg]; the rest zero.
+        comfort_deg: posture that the person relaxes toward, by joint name, with or without the side [deg]; legs as in
+            `DEFAULT_COMFORT_DEG`, the rest zero.
         balance: cost of moving the pelvis away from above the feet, per (m/s)^2, when standing: people keep their balance.
         relaxation_time: time constant of relaxing toward it [s].
         damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
@@ -94,12 +101,12 @@ class IkResponse:
                 raise InputError(f"{name}: got {getattr(self, name)!r}, allowed {low} to {high}")
         if any(not weight > 0 or not np.isfinite(weight) for weight in self.weights.values()):
             raise InputError(f"weights: got {dict(self.weights)!r}, allowed positive numbers")
-        outside = (self.comfort < LOWER - 1e-9) | (self.comfort > UPPER + 1e-9)
+        outside = ~((self.comfort >= LOWER - 1e-9) & (self.comfort <= UPPER + 1e-9))
         if outside.any():
             raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
         self.weight_vector  # noqa: B018  checked now
 
-    @cached_property
+    @property
     def joints(self) -> tuple[str, ...]:
         """Trunk, the working arms and, standing, the legs: the joints that the object can move."""
         chains = ["trunk", *(f"{hand}_{part}" for hand in self.hands for part in ("shoulder", "elbow", "forearm", "wrist"))]
@@ -111,9 +118,9 @@ class IkResponse:
     @cached_property
     def comfort(self) -> np.ndarray:
         """The comfort posture (32,) [rad]."""
-        return np.radians(per_joint(self.comfort_deg, {}, 0.0, "comfort_deg"))
+        return np.radians(per_joint(self.comfort_deg, DEFAULT_COMFORT_DEG[self.stance], 0.0, "comfort_deg"))
 
-    @cached_property
+    @property
     def weight_vector(self) -> np.ndarray:
         """Cost of each joint's rate (32,)."""
         return per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
@@ -144,7 +151,7 @@ class IkResponse:
         return self._functions[3]
 
     def reach(self) -> ca.Function:
-        """Return ``(q (32,), locked (32,), e (6 k,)) -> step (32,)``: the least step that moves the grips by `e`, world axes."""
+        """Return ``(q (32,), locked (32,), e (6 k,)) -> step (32,)``: the least step that moves the grips by e, world axes."""
         return self._functions[4]
 
     @cached_property
@@ -173,7 +180,7 @@ class IkResponse:
         K = P @ J
         M = K @ inverse_weight @ K.T + turning + self.damping**2 * ca.SX.eye(6 * len(hands))
         inverse_M = spd_inverse(M)
-        gain = inverse_weight @ K.T @ inverse_M
+        pull = inverse_weight @ K.T
 
         def in_joints(rates: ca.SX) -> ca.SX:
             """Spread (pelvis, trunk and arms) over the 32 joints."""
@@ -183,17 +190,19 @@ class IkResponse:
 
         to_pelvis = ca.diagcat(stance.yaw.T, stance.yaw.T)
         wanted = P @ G @ to_pelvis
-        S = in_joints(gain @ wanted)
-        # G xi - J v with v = gain G xi: what the damping leaves over, and all of it where the joints cannot follow.
-        E = self.damping**2 * inverse_M @ wanted
+        multipliers = inverse_M @ wanted
+        S = in_joints(pull @ multipliers)
+        # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
+        E = self.damping**2 * multipliers
         own = ca.vertcat(stance.relax, wish[arms])
-        relax = in_joints(own - gain @ K @ own)
+        relax = in_joints(own - pull @ (inverse_M @ (K @ own)))
 
         base = _pose(stance.position, stance.yaw)
         contact = base @ _pose(position, rotation)
         grips = ca.horzcat(*(base @ _pose(p, r) for p, r, _ in hands))
         error = ca.SX.sym("e", 6 * len(hands))
-        reach = in_joints(gain @ P @ ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error)
+        in_pelvis = ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error
+        reach = in_joints(pull @ (inverse_M @ (P @ in_pelvis)))
         names = (["q", "locked"], ["sensitivity", "unmet"])
         return (
             ca.Function("sensitivity", [q, locked], ca.cse([ca.densify(S), ca.densify(E)]), *names),

@@ -15,7 +15,7 @@ import casadi as ca
 from ergoqp.human import Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.responses.linear import solve3, spd_inverse
+from ergoqp.linear import solve3, spd_inverse
 
 LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) for side in SIDES}
 """The six joints of each leg."""

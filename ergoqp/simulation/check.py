@@ -121,7 +121,8 @@ class Checker:
         if observed is not None:
             out, too_fast = out[observed], too_fast[observed]
         # Acceleration and workspace come before posture: braking may be all that they leave.
-        return {"joint range": float(np.max(out)), "joint rate": 0.0 if is_braking else float(np.max(too_fast))}
+        worst = float(np.max(out, initial=0.0)), float(np.max(too_fast, initial=0.0))
+        return {"joint range": worst[0], "joint rate": 0.0 if is_braking else worst[1]}
 
 
 def _braking_twist(previous: np.ndarray, acceleration: np.ndarray, dt: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.responses.ik import IkResponse
+from ergoqp.responses.ik import TOOL_AXES, IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, move_sole, with_bent_knees
 
 N = len(JOINTS)
@@ -60,12 +60,10 @@ class Follower:
             sole_step, slipped = self._sole_step(q, soles)
             step = step + sole_step * (1 - locked)
             distances.append(slipped)
-        outputs = [step, ca.mmax(ca.vertcat(*distances)), ca.mmax(ca.vertcat(*angles))]
+        outputs: list[ca.SX] = [step, ca.mmax(ca.vertcat(*distances)), ca.mmax(ca.vertcat(*angles))]
         return ca.Function("person", [q, locked, targets, soles, gain, relax], ca.cse([ca.densify(part) for part in outputs]))
 
     def _tool_axis(self, grip: ca.SX) -> ca.SX:
-        from ergoqp.responses.ik import TOOL_AXES
-
         return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
 
     def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -120,15 +118,16 @@ class Follower:
         Joints stop at the ends of their ranges and the others go on without them.
         """
         locked = np.zeros(N)
-        for _ in range(4):
-            step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
+        step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
+        for _ in range(3):
             after = posture + step
             blocked = ((after > UPPER) & (posture >= UPPER - 1e-9)) | ((after < LOWER) & (posture <= LOWER + 1e-9))
             newly = blocked & (locked < 0.5)
             if not newly.any():
                 break
             locked[newly] = 1.0
-        return np.clip(after, LOWER, UPPER), distance, angle
+            step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
+        return np.clip(posture + step, LOWER, UPPER), distance, angle
 
     def settle(
         self, posture: np.ndarray, pose: np.ndarray, grasp: np.ndarray, soles: np.ndarray, steps: int = 150
@@ -152,9 +151,9 @@ class Follower:
         inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
         outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
         for i, array in enumerate(inputs):
-            buffer.set_arg(i, memoryview(array))
+            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
         for i, array in enumerate(outputs):
-            buffer.set_res(i, memoryview(array))
+            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
         return buffer, call, inputs, outputs
 
     def _call(self, *values: np.ndarray | float) -> tuple[np.ndarray, float, float]:
