@@ -11,11 +11,11 @@ import numpy as np
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Situation
 from ergoqp.linear import gram
-from ergoqp.qp import TOLERANCE, build_qp
+from ergoqp.qp import FREE, TOLERANCE, build_qp
 from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation, rotation_error
 from ergoqp.solvers import QpSolver
-from ergoqp.step_rows import braking, driven, limit_values, movable_rows, row_bounds, stop_displacement, unhurried
+from ergoqp.step_rows import braking, driven, limit_values, movable_rows, patience, row_bounds, stop_displacement, unhurried
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -25,6 +25,8 @@ PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
 HELD: Final = 1e-12
 """Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
+GIVES_WAY: Final = 1e-3
+"""How much more than braking a posture row may give way that braking breaks already [rad]."""
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 _CAUTION_EPS: Final = 0.1
 _STILL: Final = ca.SX(6, 1)
@@ -194,7 +196,7 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     S = _with_pattern(sx["S"], _pattern(problem))
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
     situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, sx["previous"] * brake.reach, brake.sway)
-    brake = unhurried(problem.twist_limit, problem.row_limits, situation, brake, sx["previous"])
+    brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"]))
     movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
     bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
     H, g = _objective(problem, sx, S)
@@ -278,8 +280,9 @@ def _judge(problem: Problem, pattern: ca.SX) -> ca.Function:
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], must_move, dt, counts)
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
-    # The answer of a failed QP may be NaN; it goes no further.
-    wanted = ca.if_else(solved, wanted, brake.twist)
+    # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
+    in_time = patience(limits, situation, sx["previous"], dt) > 0
+    wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     through = _margins(problem, situation, wanted, dt)
     whole = ca.mmin(through - _floor(problem, now)) >= 0
     outputs = [wanted, brake.twist, now, solved, outside, rest, whole]
@@ -296,7 +299,7 @@ def _shorten(problem: Problem, pattern: ca.SX) -> ca.Function:
     sx = {name: ca.SX.sym(name, *sizes[name]) for name in names}
     situation = Situation(sx["posture"], sx["observed"], sx["pose"], _with_pattern(sx["S"], pattern), _STILL, ca.SX(0))
     at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
-    floor = _floor(problem, ca.fmin(sx["now"], at_braking))
+    floor = _floor(problem, sx["now"], at_braking)
     share = ca.SX(0)
     for candidate in reversed(_SHARES):
         twist = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
@@ -362,9 +365,18 @@ def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) ->
     return ca.vertcat(*(limit.margins(situation, displacement) for limit in problem.row_limits))
 
 
-def _floor(problem: Problem, margins: ca.SX) -> ca.SX:
-    """Margins that an accepted twist must keep; rows through S to the accuracy of the QP."""
-    return ca.fmin(margins, 0) - HELD - 1e-7 * ca.DM(1 - limit_values(problem.row_limits, "hard"))
+def _floor(problem: Problem, now: ca.SX, at_braking: ca.SX | None = None) -> ca.SX:
+    """Margins that an accepted twist must keep through its stop, given those of now and of braking.
+
+    Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking does. Rows through S: what
+    held holds, to the accuracy of the QP; where braking itself breaks it, it gives way by about as much; what does not hold is
+    left to the QP, which never lets it further out.
+    """
+    hard = ca.DM(limit_values(problem.row_limits, "hard"))
+    braked = now if at_braking is None else at_braking
+    given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
+    soft_floor = ca.if_else(now < 0, -FREE, given_way)
+    return ca.if_else(hard, ca.fmin(ca.fmin(now, braked), 0) - HELD, soft_floor)
 
 
 def _moves(problem: Problem, situation: Situation) -> ca.SX:

@@ -96,18 +96,23 @@ def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
     return ca.sparsify(kept)
 
 
-def unhurried(twist: TwistLimit, limits: Sequence[Limit], situation: Situation, brake: Braking, previous: ca.SX) -> Braking:
-    """Return the same braking with twist bounds that do not make a stop too long for the hard rows ahead."""
+def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX) -> ca.SX:
+    """Return the longest stop [s] that the hard rows ahead still have room for; negative: braking is all that is left."""
     longest = ca.SX(FREE)
     for limit in limits:
         if limit.hard:
             rows = limit.rows(situation)
-            pace = driven(twist, rows.matrix) @ previous
+            pace = rows.matrix @ previous
             for distance, toward in ((rows.above, pace), (rows.below, -pace)):
                 left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
                 # Sliding along a limit is no approach.
-                time = ca.if_else(toward > 1e-5, 2 * (left / ca.fmax(toward, 1e-5) - brake.dt), FREE)
+                time = ca.if_else(toward > 1e-5, 2 * (left / ca.fmax(toward, 1e-5) - dt), FREE)
                 longest = ca.fmin(longest, ca.mmin(time))
+    return longest
+
+
+def unhurried(brake: Braking, longest: ca.SX) -> Braking:
+    """Return the same braking with twist bounds from which no stop takes longer than `longest` [s], see `patience`."""
     most = brake.acceleration * ca.fmax(longest, 0)
     high = ca.fmax(ca.fmin(brake.high, most), brake.twist)
     low = ca.fmin(ca.fmax(brake.low, -most), brake.twist)
