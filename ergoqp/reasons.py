@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.step_function import Cause, Status
+from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_rows import limit_values
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.reasons import reason_of
-from ergoqp.step_function import INPUTS, OUTPUTS, Cause, Status
+from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -53,7 +53,7 @@ class Step:
         return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
 
     def account(self, name: str) -> np.ndarray:
-        """Return one output of the step function, by its name in `ergoqp.step_function.OUTPUTS`."""
+        """Return one output of the step function, by its name in `ergoqp.step_inputs.OUTPUTS`."""
         return self._all[self._parts[name]]
 
     @property

@@ -149,10 +149,10 @@ def row_bounds(
 
 def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Braking, final: ca.SX) -> tuple[ca.SX, ...]:
     rows = limit.rows(situation)
-    matrix = driven(twist, rows.matrix)
-    at_braking = matrix @ brake.twist
+    # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
+    at_braking = rows.matrix @ brake.twist
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
-    slowing = ca.fabs(ca.densify(matrix)) @ brake.acceleration
+    slowing = ca.fabs(ca.densify(driven(twist, rows.matrix))) @ brake.acceleration
     moves = slowing > 1e-6
     upper, cap_up = _one_end(limit, rows.above, rows, at_braking, moves, slowing, brake, final)
     lower, cap_down = _one_end(limit, rows.below, rows, -at_braking, moves, slowing, brake, final)
@@ -160,7 +160,7 @@ def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Brakin
     # An inward target never asks for more than the other end allows; the slack covers only one side.
     lower = ca.fmin(ca.fmax(-lower, -FREE), upper)
     relaxes_up = ca.logic_and(cap_up > 0, at_braking >= lower)
-    return matrix, lower, upper, ca.if_else(relaxes_up, 1.0, -1.0), ca.if_else(relaxes_up, cap_up, cap_down)
+    return rows.matrix, lower, upper, ca.if_else(relaxes_up, 1.0, -1.0), ca.if_else(relaxes_up, cap_up, cap_down)
 
 
 def _one_end(
