@@ -85,7 +85,7 @@ def _residual(n: int, m: int) -> ca.Function:
     # A distance beyond reach counts as `_FAR`: enough to show a multiplier that should be zero, not a solver's last digit.
     gap = ca.fabs(ca.dot(up, ca.fmin(above, _FAR)) + ca.dot(down, ca.fmin(below, _FAR)))
     residual = ca.fmax(0, ca.fmax(primal, ca.fmax(dual, gap) / (1 + ca.mmax(ca.fabs(g)))))
-    # fmax and mmax drop NaN; a sum keeps it, and NaN is the only number that is not equal to itself.
-    everything = ca.sum1(stationary) + ca.sum1(below) + ca.sum1(above)
-    sound = ca.logic_and(ca.sumsqr(x) < FREE, everything == everything)
+    # fmax and mmax drop NaN; a sum of squares keeps it, and NaN is not below infinity either.
+    everything = ca.sumsqr(stationary) + ca.sumsqr(below) + ca.sumsqr(above)
+    sound = ca.logic_and(ca.sumsqr(x) < FREE, everything <= ca.inf)
     return ca.Function("residual", inputs, ca.cse([ca.if_else(sound, residual, FREE)]))
