@@ -55,7 +55,7 @@ class Control:
     comfort: float = 0.2
     rest_below: float = 0.04
     rest_after: float = 0.5
-    move_above: float = 0.30
+    move_above: float = 0.50
     move_after: float = 0.5
     stall_gain: float = 0.05
     stall_after: float = 3.0
