@@ -36,7 +36,7 @@ class Control:
         contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points / (rad/s)^2].
         comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint weight]: where the sheet is flat
             it leads the way.
-        rest_below: predicted gain of half a second at full speed below which the object comes to rest [points].
+        rest_below: predicted gain of one second at full speed below which the object comes to rest [points].
         rest_after: for how long it must be that low [s].
         move_above: predicted gain above which it moves again [points].
         move_after: for how long it must be that high [s].
@@ -52,13 +52,13 @@ class Control:
     effort_angular: float = 1.0
     caution: float = 0.02
     contact: float = 20.0
-    comfort: float = 0.2
-    rest_below: float = 0.04
+    comfort: float = 0.25
+    rest_below: float = 0.03
     rest_after: float = 0.5
     move_above: float = 0.50
     move_after: float = 0.5
     stall_gain: float = 0.05
-    stall_after: float = 3.0
+    stall_after: float = 2.5
     rest_filter: float = 0.5
     max_age: float = 0.10
 

@@ -26,7 +26,7 @@ def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_m
     Args:
         control: thresholds and times.
         rest: see `STATES` (6,).
-        gain: predicted improvement within half a second at full speed, as this frame has it [points].
+        gain: predicted improvement within one second at full speed, as this frame has it [points].
         value: cost of this frame [points].
         must_move: 1 when a limit asks to come back.
         dt: period [s].

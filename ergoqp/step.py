@@ -73,7 +73,7 @@ class Step:
 
     @property
     def gain(self) -> float:
-        """Predicted improvement within half a second at full speed, comfort included [points]."""
+        """Predicted improvement within one second at full speed, comfort included [points]."""
         return float(self.account("gain")[0])
 
     @property

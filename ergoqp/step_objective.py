@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _CAUTION_EPS: Final = 0.1
 
-_LOOKS: Final = (0.1, 0.5)
+_LOOKS: Final = (0.1, 0.3, 1.0)
 """Seconds at full speed after which the improvement is looked up."""
 
 
@@ -71,7 +71,7 @@ def objective(problem: Problem, sx: dict[str, ca.SX], S: ca.SX) -> tuple[ca.SX, 
 
 
 def gain_function(problem: Problem) -> ca.Function:
-    """``(posture, V, xi, S) -> best improvement within half a second at full speed along the answer [points]``.
+    """``(posture, V, xi, S) -> best improvement within one second at full speed along the answer [points]``.
 
     The cost itself is looked up on the way: its slope alone would promise a point for every band end within the noise.
     """
