@@ -27,18 +27,21 @@ GIVES_WAY: Final = 1e-3
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
 STILL: Final = ca.SX(6, 1)
+"""No swing: margins and rates are those of the moment."""
 
 _JUDGED: Final = {
-    **{
-        "posture": (N, 1),
-        "observed": (N, 1),
-        "pose": (4, 4),
-        "previous": (6, 1),
-        "dt": (1, 1),
-        "gain": (1, 1),
-        "value": (1, 1),
-    },
-    **{"xi": (6, 1), "S": (N, 6), "residual": (1, 1), "usable": (1, 1), "rest": (STATES, 1)},
+    "posture": (N, 1),
+    "observed": (N, 1),
+    "pose": (4, 4),
+    "previous": (6, 1),
+    "dt": (1, 1),
+    "gain": (1, 1),
+    "value": (1, 1),
+    "xi": (6, 1),
+    "S": (N, 6),
+    "residual": (1, 1),
+    "usable": (1, 1),
+    "rest": (STATES, 1),
 }
 
 
@@ -87,12 +90,10 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
 def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Function:
     """The twist that is sent, and the account of it."""
     m, rows_in_all = len(movable), len(problem.row_names)
-    sizes = {
-        **{name: _JUDGED[name] for name in ("posture", "observed", "pose", "dt", "S", "residual", "usable")},
-        **{"E": problem.response.sensitivity().size_out(1), "slack": (m, 1), "multipliers": (m, 1), "causes": (1, 1)},
-        **{"wanted": (6, 1), "brake": (6, 1), "now": (rows_in_all, 1), "solved": (1, 1), "outside": (rows_in_all, 1)},
-        **{"rest": (STATES, 1), "share": (1, 1)},
-    }
+    sizes = {name: _JUDGED[name] for name in ("posture", "observed", "pose", "dt", "S", "residual", "usable")}
+    sizes |= {"E": problem.response.sensitivity().size_out(1), "slack": (m, 1), "multipliers": (m, 1), "causes": (1, 1)}
+    sizes |= {"wanted": (6, 1), "brake": (6, 1), "now": (rows_in_all, 1), "solved": (1, 1), "outside": (rows_in_all, 1)}
+    sizes |= {"rest": (STATES, 1), "share": (1, 1)}
     sx = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
     limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
     situation = Situation(sx["posture"], sx["observed"], sx["pose"], with_pattern(sx["S"], pattern), STILL, ca.SX(0))

@@ -104,7 +104,7 @@ class IkResponse:
         outside = ~((self.comfort >= LOWER - 1e-9) & (self.comfort <= UPPER + 1e-9))
         if outside.any():
             raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
-        self.weight_vector  # noqa: B018  checked now
+        per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
 
     @property
     def joints(self) -> tuple[str, ...]:
