@@ -59,24 +59,42 @@ def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float) -> dict[str, np
     return dict(zip(names, (np.array(part).ravel() for part in _brake(limit)(previous, dt)), strict=True))
 
 
-@cache
+_BOUNDS: dict[tuple[int, TwistLimit], tuple[Any, ca.Function, list[int]]] = {}
+
+
 def _bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, list[int]]:
-    pose, previous, dt = ca.SX.sym("pose", 4, 4), ca.SX.sym("previous", 6), ca.SX.sym("dt")
+    """By identity, as above."""
+    key = (id(limit), twist_limit)
+    if key not in _BOUNDS:
+        _BOUNDS[key] = (limit, *_build_bounds(limit, twist_limit))
+    return _BOUNDS[key][1:]
+
+
+def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, list[int]]:
+    previous, dt, parts = ca.SX.sym("previous", 6), ca.SX.sym("dt"), symbols()
+    pose, posture, sensitivity = parts["pose"], parts["posture"], parts["sensitivity"]
     brake = braking(twist_limit, previous, dt)
-    parts = {name: ca.SX(*symbol.shape) for name, symbol in symbols().items()}
-    parts |= {"observed": ca.SX.ones(32), "pose": pose, "swing": previous * brake.reach}
-    situation = Situation(**parts)
+    situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(0))
     movable = movable_rows(twist_limit, [limit], situation)
     found = row_bounds(twist_limit, [limit], situation, brake, ca.SX(1), movable)
     outputs = [found.lower, found.upper, found.side, found.cap]
-    return ca.Function("bounds", [pose, previous, dt], [ca.densify(part) for part in outputs]), movable
+    inputs = [pose, previous, dt, posture, sensitivity]
+    return ca.Function("bounds", inputs, [ca.densify(part) for part in outputs]), movable
 
 
-def bounds_of(limit: Any, twist_limit: TwistLimit, pose: np.ndarray, previous: np.ndarray, dt: float) -> dict[str, np.ndarray]:
-    names = ("lower", "upper", "side", "cap")
-    return dict(
-        zip(names, (np.array(part).ravel() for part in _bounds(limit, twist_limit)[0](pose, previous, dt)), strict=True)
-    )
+def bounds_of(
+    limit: Any,
+    twist_limit: TwistLimit,
+    pose: np.ndarray,
+    previous: np.ndarray,
+    dt: float,
+    posture: Any = 0.0,
+    sensitivity: Any = 0.0,
+) -> dict[str, np.ndarray]:
+    """Bounds in the last pass, of the rows that some twist can move, for a stop that is as long as it looks."""
+    function, names = _bounds(limit, twist_limit)[0], ("lower", "upper", "side", "cap")
+    found = function(pose, previous, dt, posture, sensitivity)
+    return dict(zip(names, (np.array(part).ravel() for part in found), strict=True))
 
 
 def movable_of(limit: Any, twist_limit: TwistLimit) -> list[int]:
