@@ -2,7 +2,7 @@
 
 Random sequences alternate between sane trajectories (the model person follows, with noise) and attacks (`fuzz_inputs`): on the
 five problems, and on random ones with other people, boxes without an inside, cones that exclude the start, narrow ranges.
-200 000 steps, 10 000 with ``--quick``, 1 000 000 with ``--full``; two processes. Figures:
+200 000 steps, 7500 with ``--quick``, 1 000 000 with ``--full``; two processes. Figures:
 
 ``exceptions``
     calls that raised anything.
@@ -416,7 +416,7 @@ def fuzz(steps: int, processes: int = 2) -> Tally:
 
 def measure(report: Report) -> None:
     """Attack."""
-    found = fuzz(1_000_000 if report.full else 10_000 if "--quick" in sys.argv else 200_000)
+    found = fuzz(1_000_000 if report.full else 7500 if "--quick" in sys.argv else 200_000)
     for status, count in found.statuses.most_common():
         report.say(f"  {status:<12} {count:>9}")
     kinds: dict[str, Any] = {name: count for name, count in found.counts.items() if ": " in name}
