@@ -2,7 +2,7 @@
 
 Random sequences alternate between sane trajectories (the model person follows, with noise) and attacks (`fuzz_inputs`): on the
 five problems, and on random ones with other people, boxes without an inside, cones that exclude the start, narrow ranges.
-200 000 steps, 7500 with ``--quick``, 1 000 000 with ``--full``; two processes. Figures:
+20 000 steps, 1 000 000 with ``--full``; two processes. Figures:
 
 ``exceptions``
     calls that raised anything.
@@ -28,7 +28,6 @@ five problems, and on random ones with other people, boxes without an inside, co
 from __future__ import annotations
 
 import multiprocessing
-import sys
 import traceback
 from collections import Counter
 from dataclasses import dataclass, field
@@ -416,7 +415,7 @@ def fuzz(steps: int, processes: int = 2) -> Tally:
 
 def measure(report: Report) -> None:
     """Attack."""
-    found = fuzz(1_000_000 if report.full else 7500 if "--quick" in sys.argv else 200_000)
+    found = fuzz(report.pick(20_000, 1_000_000))
     for status, count in found.statuses.most_common():
         report.say(f"  {status:<12} {count:>9}")
     kinds: dict[str, Any] = {name: count for name, count in found.counts.items() if ": " in name}

@@ -64,7 +64,6 @@ def run(
         result.save(folder)
     print_assumptions(screen, result.assumptions)
     screen.print(run_table(result))
-    screen.print(Text(f"had the object stayed where it was: REBA {result.reba_standing_still}"))
     write_report(screen, folder, lambda path: write_run_page(result, path))
 
 

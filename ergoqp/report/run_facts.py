@@ -22,6 +22,7 @@ class RunFacts:
     Attributes:
         before: score of the first sample.
         after: score of the last.
+        standing_still: score at which the person would have come to rest had the object not moved, 0 if not known.
         best: lowest score seen.
         best_at: when it was first seen [s].
         segments_before: segment -> score.
@@ -33,6 +34,7 @@ class RunFacts:
 
     before: int
     after: int
+    standing_still: int
     best: int
     best_at: float
     segments_before: dict[str, int]
@@ -43,11 +45,13 @@ class RunFacts:
 
     @property
     def change(self) -> str:
-        """Say the difference between before and after in words."""
+        """Say the difference between before and after in words, and what of it people would have done by themselves."""
         points = abs(self.after - self.before)
-        if not points:
-            return "The score is what it was."
-        return f"{points} point{'s' if points > 1 else ''} {'better' if self.after < self.before else 'worse'}."
+        better = "better" if self.after < self.before else "worse"
+        said = f"{points} point{'s' if points > 1 else ''} {better}." if points else "The score is what it was."
+        if self.standing_still:
+            said += f" Had the object stayed where it was: {self.standing_still}."
+        return said
 
     @property
     def settling(self) -> str:
@@ -75,6 +79,7 @@ def facts_of(run: Run) -> RunFacts:
     return RunFacts(
         before=int(run.reba[0]),
         after=int(run.reba[-1]),
+        standing_still=run.reba_standing_still,
         best=int(run.reba[best]),
         best_at=float(run.time[best] - run.time[0]),
         segments_before=segments_at(run, 0),

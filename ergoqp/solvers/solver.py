@@ -17,5 +17,8 @@ class QpSolver(Protocol):
     name: ClassVar[str]
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return ``(h (n, n), g (n,), a (m, n), lba, uba (m,), lbx, ubx (n,)) -> (x, lam_a, lam_x)``; it never raises."""
+        """Return ``(h (n, n), g (n,), a (m, n), lba, uba (m,), lbx, ubx (n,)) -> (x, lam_a, lam_x)``.
+
+        For finite data it never raises.
+        """
         ...
