@@ -58,7 +58,7 @@ class Control:
     move_above: float = 0.50
     move_after: float = 0.5
     stall_gain: float = 0.05
-    stall_after: float = 2.5
+    stall_after: float = 2.0
     rest_filter: float = 0.5
     max_age: float = 0.10
 

@@ -7,6 +7,7 @@ may only come in, and what is in stays in: the object's pose is never further ou
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,6 +62,7 @@ class Checker:
         rate: np.ndarray,
         dt: float,
         observed: np.ndarray | None = None,
+        gave_way: Collection[str] = (),
     ) -> list[str]:
         """Judge one step and return the names of the limits that it broke.
 
@@ -72,6 +74,8 @@ class Checker:
             rate: how the model person follows (32,) [rad/s].
             dt: period [s].
             observed: (32,) bool, None: all.
+            gave_way: joints whose rate the step itself said it could not keep (its `slack`): soft rows come after twist
+                acceleration and workspace, and such steps are counted by their status, not here.
         """
         braking = _braking_twist(previous, self._acceleration, dt)
         is_braking = bool(np.abs(twist - braking).max() <= _ALLOWED)
@@ -92,7 +96,8 @@ class Checker:
             )
             excess["tool axis"] = self._further_out("tool axis", before, behind)
         if self._joints and posture is not None:
-            excess |= self._joint_excess(posture, rate, dt, observed, is_braking)
+            kept = np.array([name not in gave_way for name in self.problem.coordinates])
+            excess |= self._joint_excess(posture, rate, dt, observed, is_braking, kept)
         if not np.isfinite(twist).all():
             excess = {name: np.inf for name in excess}
         broken = [name for name, value in excess.items() if value > _ALLOWED]
@@ -108,7 +113,7 @@ class Checker:
         return float(np.max(after - least))
 
     def _joint_excess(
-        self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, is_braking: bool
+        self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, is_braking: bool, kept: np.ndarray
     ) -> dict[str, float]:
         low, high = LOWER.copy(), UPPER.copy()
         for name, (least, greatest) in self._joints.ranges_deg.items():
@@ -118,8 +123,8 @@ class Checker:
         before = np.maximum(np.maximum(low - posture, posture - high), 0)
         out = np.maximum(low - predicted, predicted - high) - before
         too_fast = np.abs(rate) - np.radians(self._joints.rate_deg)
-        if observed is not None:
-            out, too_fast = out[observed], too_fast[observed]
+        seen = np.ones(len(out), dtype=bool) if observed is None else observed
+        out, too_fast = out[seen], too_fast[seen & kept]
         # Acceleration and workspace come before posture: braking may be all that they leave.
         worst = float(np.max(out, initial=0.0)), float(np.max(too_fast, initial=0.0))
         return {"joint range": worst[0], "joint rate": 0.0 if is_braking else worst[1]}

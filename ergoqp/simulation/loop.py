@@ -93,7 +93,7 @@ def run_loop(
         step = stepper.step(measured, pose, age=age, observed=observed)
         trace.step_time.append(time.perf_counter() - begin)
         if checker is not None:
-            checker.check(step.twist, previous, pose, measured, step.posture_rate, dt, observed)
+            checker.check(step.twist, previous, pose, measured, step.posture_rate, dt, observed, step.slack)
         trace.time.append(number * dt)
         trace.postures.append(posture)
         trace.base_poses.append(person.contact(posture)[1])
