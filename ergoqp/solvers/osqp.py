@@ -1,4 +1,4 @@
-"""OSQP: operator splitting (Stellato and others, Math. Prog. Comp. 12, 2020), polished to the accuracy the step asks for."""
+"""OSQP: operator splitting (Stellato and others, Math. Prog. Comp. 12, 2020), tightened to the accuracy the step asks for."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ _SETTINGS = {
     "eps_abs": 1e-9,
     "eps_rel": 1e-9,
     "max_iter": 20000,
-    "polishing": True,
+    # Polishing would print a line of its own at every step without an active row, whatever `verbose` says.
+    "polishing": False,
     "check_termination": 10,
     "scaled_termination": False,
 }
 
 
 class Osqp:
-    """First-order method with polishing: slower here, independent of the active-set path, for comparison and for checks."""
+    """First-order method: slower here, independent of the active-set path, for comparison and for checks."""
 
     name: ClassVar[str] = "osqp"
 
