@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
 _N: Final = len(JOINTS)
-_ANCHORS: Final = 1 << Cause.posture | 1 << Cause.pose
+_BAD_POSTURE: Final = 1 << Cause.posture
+_BAD_POSE: Final = 1 << Cause.pose
 _STATUSES: Final = tuple(status.name for status in Status)
 
 
@@ -220,9 +221,9 @@ class Stepper:
         into["sent"][:] = twist
         into["stored_pose"][:] = account[part["next_pose"]]
         into["rest"][:] = account[part["next_rest"]]
-        # The pose starts from a frame or a pose that could be used; nothing else anchors it.
-        usable = not int(account[part["causes"]][0]) & _ANCHORS
-        if usable and (into["frame"][0] or into["has_pose"][0]):
+        # The pose starts from a posture or a pose that could be used; nothing else anchors it.
+        causes = int(account[part["causes"]][0])
+        if (into["frame"][0] and not causes & _BAD_POSTURE) or (into["has_pose"][0] and not causes & _BAD_POSE):
             into["started"][0] = 1.0
         seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
         return Step(twist, _STATUSES[int(account[part["status"]][0])], self.problem, account, part, seen, notes, start)

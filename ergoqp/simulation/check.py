@@ -19,6 +19,9 @@ from ergoqp.problem import Problem
 _ALLOWED = 1e-8
 """Rounding that is not a violation, in every unit."""
 
+_SOLVED = 1e-7
+"""Accuracy to which the QP keeps a joint's rate [rad/s]."""
+
 
 @dataclass
 class Checker:
@@ -122,7 +125,8 @@ class Checker:
         predicted = posture + rate * dt
         before = np.maximum(np.maximum(low - posture, posture - high), 0)
         out = np.maximum(low - predicted, predicted - high) - before
-        too_fast = np.abs(rate) - np.radians(self._joints.rate_deg)
+        # Rows through S hold to the accuracy of the QP, not to the last digit.
+        too_fast = np.abs(rate) - np.radians(self._joints.rate_deg) - _SOLVED
         seen = np.ones(len(out), dtype=bool) if observed is None else observed
         out, too_fast = out[seen], too_fast[seen & kept]
         # Acceleration and workspace come before posture: braking may be all that they leave.
