@@ -116,6 +116,8 @@ def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca
 
     full_slack, full_multipliers = ca.SX(rows_in_all, 1), ca.SX(rows_in_all, 1)
     full_slack[movable], full_multipliers[movable] = sx["slack"], sx["multipliers"]
+    # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way as well, and is named.
+    full_slack = ca.fmax(full_slack, _rate_excess(limits, situation, twist))
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ twist))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
     outputs = [twist, exp_rotation(sx["pose"], twist * dt), rate, status, causes, full_slack, full_multipliers, residuals]
@@ -146,6 +148,16 @@ def _moves(problem: Problem, situation: Situation) -> ca.SX:
     """Whether some twist that the object can do moves each row."""
     matrices = [driven(problem.twist_limit, limit.rows(situation).matrix) for limit in problem.row_limits]
     return ca.vertcat(*(ca.sum2(ca.fabs(ca.densify(matrix))) > 1e-6 for matrix in matrices))
+
+
+def _rate_excess(limits: tuple, situation: Situation, twist: ca.SX) -> ca.SX:
+    """By how much each row is faster at a twist than its rate allows, beyond the accuracy of the QP."""
+    excess = []
+    for limit in limits:
+        rows = limit.rows(situation)
+        excess.append(ca.fmax(ca.fabs(ca.densify(rows.matrix) @ twist) - ca.fmin(rows.rate, FREE), 0))
+    beyond = ca.vertcat(*excess)
+    return ca.if_else(beyond > 1e-7, beyond, 0)
 
 
 def _model_rate(limits: tuple, situation: Situation, rate: ca.SX, dt: ca.SX) -> ca.SX:
