@@ -29,3 +29,7 @@ class MissingExtraError(ErgoqpError, ImportError):
     def __init__(self, what: str, extra: str, module: str) -> None:
         """Compose the one sentence that names the extra."""
         super().__init__(f"{what} needs the package {module!r}: install it with `pip install 'ergoqp[{extra}]'`")
+
+
+class ModelError(ErgoqpError):
+    """A learned model cannot be fitted from this data, or its file is not one: cut, changed or of another kind."""

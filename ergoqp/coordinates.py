@@ -1,0 +1,94 @@
+"""Which entries of a state a model reads: joints of the person, or coordinates of points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import InputError
+from ergoqp.joints import INDEX, JOINTS
+
+FOREARM: Final[tuple[str, ...]] = ("elbow_x", "elbow_y", "elbow_z", "wrist_x", "wrist_y", "wrist_z")
+"""State of the problem ``forearm``: elbow and wrist of the right arm, axes and origin of the pelvis frame [m]."""
+
+REPORT_JOINTS: Final[tuple[str, ...]] = (
+    *JOINTS[:6],
+    *(
+        f"{side}_{joint}"
+        for side in ("right", "left")
+        for joint in (
+            *("shoulder_flexion", "shoulder_abduction", "elbow_flexion"),
+            *("forearm_pronation", "wrist_flexion", "wrist_deviation"),
+        )
+    ),
+    "right_knee_flexion",
+    "left_knee_flexion",
+)
+"""The 20 joints of the EPFL report's data: neck 3, trunk 3, knees 2, per arm shoulder 2, elbow 1, wrist 3."""
+
+
+class Coordinates:
+    """Names of the inputs of a model, and where they are in a state.
+
+    A model of joints reads them from the 32 of a posture, whichever they are; any other names are the state itself.
+
+    Args:
+        names: of the inputs, each once.
+
+    Raises:
+        InputError: if there is none, or one twice, or joints are mixed with other names.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Check the names."""
+        self.names = tuple(names)
+        known = [name for name in self.names if name in INDEX]
+        if not self.names or len(set(self.names)) < len(self.names):
+            raise InputError(f"coordinates: got {self.names!r}, allowed one or more names, each once")
+        if known and len(known) < len(self.names):
+            other = next(name for name in self.names if name not in INDEX)
+            raise InputError(f"coordinates: got {other!r} among joints, allowed names of ergoqp.JOINTS only")
+        self.state = JOINTS if known else self.names
+
+    def __len__(self) -> int:
+        """Count the inputs."""
+        return len(self.names)
+
+    @cached_property
+    def indices(self) -> list[int]:
+        """Position of each input in the state."""
+        return [self.state.index(name) for name in self.names]
+
+    def pick(self, q: ca.MX | ca.SX) -> ca.MX | ca.SX:
+        """Return the inputs (d,) from a state, an expression.
+
+        Raises:
+            InputError: if the state has another size.
+        """
+        if q.shape != (len(self.state), 1):
+            raise InputError(f"posture: got an expression of shape {q.shape}, allowed ({len(self.state)}, 1)")
+        return q if self.indices == list(range(q.shape[0])) else q[self.indices]
+
+    def read(self, states: ArrayLike) -> NDArray[np.float64]:
+        """Return the inputs (n, d) from states (n, N), or (N,) for one.
+
+        Raises:
+            InputError: for another number of entries.
+        """
+        rows = np.atleast_2d(np.asarray(states, dtype=float))
+        if rows.ndim != 2 or rows.shape[1] != len(self.state):
+            what = "in the order of ergoqp.JOINTS" if self.state == JOINTS else ", ".join(self.state)
+            raise InputError(f"postures: got shape {np.shape(states)}, allowed (n, {len(self.state)}), {what}")
+        return rows[:, self.indices]
+
+    def spread(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return states (n, N) from inputs (n, d); what is no input is zero."""
+        rows = np.atleast_2d(np.asarray(points, dtype=float))
+        states = np.zeros((len(rows), len(self.state)))
+        states[:, self.indices] = rows
+        return states

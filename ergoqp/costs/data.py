@@ -1,0 +1,76 @@
+"""What learned costs are fitted to: points, their labels, and what the columns are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.coordinates import Coordinates
+from ergoqp.errors import ModelError
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """Labelled points.
+
+    Attributes:
+        points: inputs of the model (n, d) [rad or m].
+        labels: score of each (n,) [points].
+        coordinates: names of the columns; see `ergoqp.coordinates.Coordinates`.
+        source: what the data are, in a few words.
+    """
+
+    points: NDArray[np.float64]
+    labels: NDArray[np.float64]
+    coordinates: tuple[str, ...]
+    source: str = "given"
+
+    def __post_init__(self) -> None:
+        """Check that rows and columns fit together and that all are numbers.
+
+        Raises:
+            ModelError: naming the row or the shape.
+        """
+        points, labels = np.asarray(self.points, dtype=float), np.asarray(self.labels, dtype=float)
+        width = len(Coordinates(self.coordinates))
+        if points.ndim != 2 or points.shape[1] != width:
+            raise ModelError(f"data: got points of shape {points.shape}, allowed (n, {width}): {', '.join(self.coordinates)}")
+        if labels.shape != (len(points),):
+            raise ModelError(f"data: got labels of shape {labels.shape}, allowed ({len(points)},), one per point")
+        bad = np.flatnonzero(~(np.isfinite(points).all(axis=1) & np.isfinite(labels)))
+        if bad.size:
+            raise ModelError(f"data: row {bad[0]} is not finite ({bad.size} such rows), allowed numbers only")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "labels", labels)
+        object.__setattr__(self, "coordinates", tuple(self.coordinates))
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.labels)
+
+    def part(self, rows: NDArray) -> DataSet:
+        """Return the data set of some rows, by number or mask."""
+        return DataSet(self.points[rows], self.labels[rows], self.coordinates, self.source)
+
+    def split(self, share: float = 0.8, seed: int = 0) -> tuple[DataSet, DataSet]:
+        """Return two data sets without a common row, the first with a share of the rows, at random."""
+        order = np.random.default_rng(seed).permutation(len(self))
+        cut = round(share * len(self))
+        return self.part(order[:cut]), self.part(order[cut:])
+
+    def require(self, least: int, what: str) -> None:
+        """Check that a model can be fitted at all.
+
+        Args:
+            least: fewest points that do.
+            what: is to be fitted, for the sentence.
+
+        Raises:
+            ModelError: for too few points, or labels that are all the same.
+        """
+        if len(self) < least:
+            raise ModelError(f"{what}: got {len(self)} points, allowed at least {least}")
+        if np.ptp(self.labels) == 0:
+            raise ModelError(f"{what}: got the label {self.labels[0]:g} everywhere, allowed at least two different labels")

@@ -1,0 +1,148 @@
+"""What every learned cost shares: named inputs, numbers and expression from the same parts, and a file without pickle."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Final, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.coordinates import Coordinates
+from ergoqp.errors import ModelError
+from ergoqp.model_file import load_model, save_model
+
+KINDS: Final[dict[str, str]] = {
+    "quadratic": "ergoqp.costs.quadratic:Quadratic",
+    "gmr": "ergoqp.costs.gmr:Gmr",
+    "svr": "ergoqp.costs.svr:Svr",
+    "one_class_ladder": "ergoqp.costs.ladder:OneClassLadder",
+    "neural": "ergoqp.costs.neural:Neural",
+    "sklearn": "ergoqp.costs.from_sklearn:SklearnCost",
+}
+"""Where each kind of learned cost is; to add one, write the class and a line here."""
+
+CAUTION: Final = 0.1
+"""Softens the Gauss-Newton model near the lowest value [points]."""
+
+
+class LearnedCost(ABC):
+    """V(q) learned from data. A kind adds `fit`, `predict`, the expression of the same, and what to save.
+
+    The lowest score of the data is `minimum`; the value itself may undercut it where there were no data.
+
+    Attributes:
+        name: of the kind, a key of `KINDS`.
+        dense: matrices stay matrices: thousands of kernels are never written out as scalars.
+        coordinates: the inputs.
+        minimum: V_min, the lowest score of the data [points].
+    """
+
+    name: ClassVar[str]
+    dense: ClassVar[bool] = True
+
+    def __init__(self, coordinates: Sequence[str], minimum: float) -> None:
+        """Keep what all kinds share."""
+        self.coordinates, self.minimum = Coordinates(coordinates), float(minimum)
+
+    @abstractmethod
+    def predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return V (n,) of inputs (n, d): what the estimator predicts, by its own arithmetic."""
+
+    @abstractmethod
+    def value(self, x: ca.MX) -> ca.MX:
+        """Return V, a scalar expression of the inputs (d,): equal to `predict` to 1e-10."""
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,), an expression; kinds that know a shorter way than differentiation write it here."""
+        return ca.gradient(self.value(x), x)
+
+    @abstractmethod
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings that JSON can hold, arrays): all that `from_parts` needs."""
+
+    @classmethod
+    @abstractmethod
+    def from_parts(
+        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+    ) -> Self:
+        """Return the cost that `parts` came from."""
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`; `q` is the whole state."""
+        return self.function(q)
+
+    def __call__(self, postures: ArrayLike) -> NDArray[np.float64]:
+        """Return V of each state, see :meth:`ergoqp.costs.cost.Cost.__call__`. NaN gives NaN."""
+        rows = self.coordinates.read(postures)
+        values = np.full(len(rows), np.nan)
+        whole = np.isfinite(rows).all(axis=1)
+        if whole.any():
+            values[whole] = self.predict(rows[whole])
+        return values
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """``state (N,) -> cost``, a CasADi Function."""
+        q = ca.MX.sym("q", len(self.coordinates.state))
+        return ca.Function(self.name, [q], [self.value(self.coordinates.pick(q))], ["posture"], ["cost"])
+
+    @cached_property
+    def value_and_gradient(self) -> ca.Function:
+        """``state (N,) -> cost, gradient (N,)``, a CasADi Function; the gradient in points per unit of the state."""
+        q = ca.MX.sym("q", len(self.coordinates.state))
+        x = ca.MX.sym("x", len(self.coordinates))
+        inner = ca.Function("inner", [x], ca.cse([self.value(x), self.slope(x)]))
+        value, slope = inner(self.coordinates.pick(q))
+        gradient = ca.MX(len(self.coordinates.state), 1)
+        gradient[self.coordinates.indices] = slope
+        outputs = [value, ca.densify(gradient)]
+        return ca.Function(f"{self.name}_gradient", [q], outputs, ["posture"], ["cost", "gradient"])
+
+    def hessian_model(self, q: ca.MX) -> ca.MX:
+        """Return a positive semidefinite model of the Hessian (N, N): Gauss-Newton on V - V_min."""
+        value, gradient = self.value_and_gradient(q)
+        return gradient @ gradient.T / (2 * (ca.fmax(value - self.minimum, 0) + CAUTION))
+
+    def save(self, path: Path | str, notes: Mapping[str, Any] | None = None) -> None:
+        """Write the cost to a file (npz with a JSON header and a checksum).
+
+        Args:
+            path: of the file.
+            notes: what else a reader should know, for example figures of its test; JSON can hold it.
+
+        Raises:
+            ModelError: if the file cannot be written.
+        """
+        settings, arrays = self.parts()
+        header = {
+            "kind": self.name,
+            "coordinates": list(self.coordinates.names),
+            "minimum": self.minimum,
+            "settings": settings,
+            "notes": dict(notes or {}),
+        }
+        save_model(path, header, arrays)
+
+
+def load_cost(path: Path | str) -> LearnedCost:
+    """Return the cost that :meth:`LearnedCost.save` wrote.
+
+    Raises:
+        ModelError: if the file is not there, cut, changed, or holds something else.
+    """
+    header, arrays = load_model(path)
+    kind = header.get("kind")
+    if kind not in KINDS:
+        raise ModelError(f"{Path(path).name}: holds a model of kind {kind!r}, allowed {', '.join(KINDS)}")
+    module, name = KINDS[kind].split(":")
+    try:
+        make = getattr(import_module(module), name).from_parts
+        return make(header["settings"], arrays, header["coordinates"], header["minimum"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ModelError(f"{Path(path).name}: does not hold what a model of kind {kind!r} needs ({error})") from None

@@ -1,0 +1,80 @@
+"""Files of learned models: numbers and a JSON header in one npz, with a checksum. No pickle, so a file cannot run code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.errors import ModelError
+
+FORMAT: Final = "ergoqp-model-1"
+"""Name of the format, in every header."""
+
+_HEADER: Final = "header"
+
+
+def save_model(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a model. An existing file is replaced in one move, so that nobody ever sees half of one.
+
+    Args:
+        path: of the file; the folder must be there.
+        header: what JSON can hold; ``kind`` names what the model is.
+        arrays: numbers, by name.
+
+    Raises:
+        ModelError: if the file cannot be written.
+    """
+    path = Path(path)
+    numbers = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
+    full = {"format": FORMAT, **header, "checksum": _checksum(header, numbers)}
+    text = np.frombuffer(json.dumps(full, sort_keys=True).encode(), dtype=np.uint8)
+    scratch = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with scratch.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **numbers)
+        scratch.replace(path)
+    except OSError as error:
+        scratch.unlink(missing_ok=True)
+        raise ModelError(f"{path.name}: cannot be written: {error.strerror}") from None
+
+
+def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read a model and return its header and its arrays.
+
+    Raises:
+        ModelError: if the file is not there, not a model, cut or changed.
+    """
+    path = Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        header = json.loads(arrays.pop(_HEADER).tobytes())
+        claimed = header.pop("checksum")
+        if header.pop("format") != FORMAT:
+            raise ModelError(f"{path.name}: is a model of another format, allowed {FORMAT}")
+    except FileNotFoundError:
+        raise ModelError(f"{path.name}: is not there, allowed a model file (.npz)") from None
+    except OSError as error:
+        raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zipfile.zlib.error) as error:
+        raise ModelError(f"{path.name}: is not a model file, or was cut ({type(error).__name__})") from None
+    if claimed != _checksum(header, arrays):
+        raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")
+    return header, arrays
+
+
+def _checksum(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
+    digest = hashlib.sha256(json.dumps(dict(header), sort_keys=True).encode())
+    for name in sorted(arrays):
+        values = arrays[name]
+        digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()
