@@ -64,7 +64,7 @@ class Coordinates:
         """Position of each input in the state."""
         return [self.state.index(name) for name in self.names]
 
-    def pick(self, q: ca.MX | ca.SX) -> ca.MX | ca.SX:
+    def pick(self, q: ca.MX) -> ca.MX:
         """Return the inputs (d,) from a state, an expression.
 
         Raises:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -64,7 +65,7 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         raise ModelError(f"{path.name}: is not there, allowed a model file (.npz)") from None
     except OSError as error:
         raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zipfile.zlib.error) as error:
+    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise ModelError(f"{path.name}: is not a model file, or was cut ({type(error).__name__})") from None
     if claimed != _checksum(header, arrays):
         raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")
