@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 
-from ergoqp.limits import Situation
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation
-from ergoqp.step_inputs import Cause, N, Status
+from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_objective import with_pattern
-from ergoqp.step_rows import braking, driven, limit_values, patience, stop_displacement
+from ergoqp.step_readings import readings_size, situation_of
+from ergoqp.step_rows import braking, driven, limit_values, on_surface, patience, stop_displacement
 
 if TYPE_CHECKING:
+    from ergoqp.limits import Situation
     from ergoqp.problem import Problem
 
 
@@ -26,32 +27,23 @@ GIVES_WAY: Final = 1e-3
 
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
-STILL: Final = ca.SX(6, 1)
-"""No swing: margins and rates are those of the moment."""
 
-_JUDGED: Final = {
-    "posture": (N, 1),
-    "observed": (N, 1),
-    "pose": (4, 4),
-    "previous": (6, 1),
-    "dt": (1, 1),
-    "gain": (1, 1),
-    "value": (1, 1),
-    "xi": (6, 1),
-    "S": (N, 6),
-    "residual": (1, 1),
-    "usable": (1, 1),
-    "rest": (STATES, 1),
-}
+def _symbols(problem: Problem, names: tuple[str, ...]) -> dict[str, ca.SX]:
+    """Inputs of the functions of this file, by name; what has no size here is one number."""
+    n, rows = len(problem.coordinates), len(problem.row_names)
+    sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "S": (n, 6)}
+    sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "rest": (STATES, 1)}
+    sizes |= {"now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
+    return {name: ca.SX.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
 
 def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     """What the object should do by this answer, and whether all of it can be certified as it is."""
-    sx = {name: ca.SX.sym(name, *size) for name, size in _JUDGED.items()}
-    S = with_pattern(sx["S"], pattern)
+    names = ("posture", "observed", "readings", "pose", "previous", "dt", "gain", "value", "xi", "S")
+    sx = _symbols(problem, (*names, "residual", "usable", "rest"))
     limits, dt = problem.row_limits, sx["dt"]
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, STILL, ca.SX(0))
-    brake = braking(problem.twist_limit, sx["previous"], dt)
+    situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
+    brake = on_surface(braking(problem.twist_limit, sx["previous"], dt), situation)
     now = _margins(problem, situation, ca.SX(6, 1), dt)
     solved = sx["residual"] < TOLERANCE
     outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(problem, situation))
@@ -62,9 +54,10 @@ def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
     in_time = patience(limits, situation, sx["previous"], dt) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
+    wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
     through = _margins(problem, situation, wanted, dt)
     whole = ca.mmin(through - _floor(problem, now)) >= 0
-    outputs = [wanted, brake.twist, now, solved, outside, rest, whole]
+    outputs = [wanted, slowest, now, solved, outside, rest, whole]
     return ca.Function("judge", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
 
 
@@ -73,15 +66,13 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
 
     What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
     """
-    names = ("posture", "observed", "pose", "dt", "S", "wanted", "brake", "now")
-    sizes = {**_JUDGED, "wanted": (6, 1), "brake": (6, 1), "now": (len(problem.row_names), 1)}
-    sx = {name: ca.SX.sym(name, *sizes[name]) for name in names}
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], with_pattern(sx["S"], pattern), STILL, ca.SX(0))
+    sx = _symbols(problem, ("posture", "observed", "readings", "pose", "dt", "S", "wanted", "brake", "now"))
+    situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
     floor = _floor(problem, sx["now"], at_braking)
     share = ca.SX(0)
     for candidate in reversed(_SHARES):
-        twist = sx["brake"] + candidate * (sx["wanted"] - sx["brake"])
+        twist = _kept(problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"])
         holds = ca.mmin(_margins(problem, situation, twist, sx["dt"]) - floor) >= 0
         share = ca.if_else(holds, candidate, share)
     return ca.Function("shorten", list(sx.values()), ca.cse([share]))
@@ -90,15 +81,14 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
 def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Function:
     """The twist that is sent, and the account of it."""
     m, rows_in_all = len(movable), len(problem.row_names)
-    sizes = {name: _JUDGED[name] for name in ("posture", "observed", "pose", "dt", "S", "residual", "usable")}
-    sizes |= {"E": problem.response.sensitivity().size_out(1), "slack": (m, 1), "multipliers": (m, 1), "causes": (1, 1)}
-    sizes |= {"wanted": (6, 1), "brake": (6, 1), "now": (rows_in_all, 1), "solved": (1, 1), "outside": (rows_in_all, 1)}
-    sizes |= {"rest": (STATES, 1), "share": (1, 1)}
-    sx = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
+    sx = _symbols(problem, ("posture", "observed", "readings", "pose", "dt", "S", "residual", "usable", "E"))
+    sx |= {name: ca.SX.sym(name, m) for name in ("slack", "multipliers")}
+    sx |= _symbols(problem, ("causes", "wanted", "brake", "now", "solved", "outside", "rest", "share"))
     limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], with_pattern(sx["S"], pattern), STILL, ca.SX(0))
+    situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
     twist = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
+    twist = _kept(problem, situation, twist, dt)
     rate = _model_rate(limits, situation, situation.sensitivity @ twist, dt)
     failed = ca.if_else(sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
@@ -124,6 +114,13 @@ def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca
     return ca.Function("account", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
 
 
+def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
+    """The twist that leads to the surface which the state has to stay on; without one, the twist itself."""
+    if problem.surface is None:
+        return twist
+    return problem.surface.retract(situation.posture, twist, dt, ca.DM(problem.twist_limit.acceleration))
+
+
 def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Smallest margins of all rows through a period at `twist` and the stop after it."""
     displacement = stop_displacement(problem.twist_limit, twist, dt) if twist.nnz() else twist
@@ -133,15 +130,17 @@ def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) ->
 def _floor(problem: Problem, now: ca.SX, at_braking: ca.SX | None = None) -> ca.SX:
     """Margins that an accepted twist must keep through its stop, given those of now and of braking.
 
-    Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking does. Rows through S: what
-    held holds, to the accuracy of the QP; where braking itself breaks it, it gives way by about as much; what does not hold is
-    left to the QP, which never lets it further out.
+    Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking does, except where
+    margins are lower bounds: braking may be better than its bound says, and no other twist inherits that. Rows through S:
+    what held holds, to the accuracy of the QP; where braking itself breaks it, it gives way by about as much; what does not
+    hold is left to the QP, which never lets it further out.
     """
-    hard = ca.DM(limit_values(problem.row_limits, "hard"))
+    hard, proven = (ca.DM(limit_values(problem.row_limits, name)) for name in ("hard", "proven"))
     braked = now if at_braking is None else at_braking
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
-    return ca.if_else(hard, ca.fmin(ca.fmin(now, braked), 0) - HELD, soft_floor)
+    hard_floor = ca.fmin(now, 0) + (1 - proven) * ca.fmin(braked - ca.fmin(now, 0), 0) - HELD
+    return ca.if_else(hard, hard_floor, soft_floor)
 
 
 def _moves(problem: Problem, situation: Situation) -> ca.SX:

@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
+import numpy as np
 from numpy.typing import ArrayLike
 
+from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.costs.cost import Cost
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
-from ergoqp.limits import Limit, TwistLimit
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
 from ergoqp.responses import Response
 from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
@@ -104,6 +106,7 @@ class Problem:
     def __post_init__(self) -> None:
         """Check that the terms fit together."""
         object.__setattr__(self, "limits", tuple(self.limits))
+        self._check_state()
         if not 1e-4 <= self.dt <= 0.1:
             raise ProblemError(f"dt: got {self.dt!r} s, allowed 0.0001 to 0.1 s")
         count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
@@ -116,7 +119,7 @@ class Problem:
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the entries of `posture`."""
-        return JOINTS
+        return tuple(self.response.coordinates)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -125,8 +128,14 @@ class Problem:
 
     @cached_property
     def twist_limit(self) -> TwistLimit:
-        """The bounds on the twist itself."""
-        return next(limit for limit in self.limits if isinstance(limit, TwistLimit))
+        """The bounds on the twist itself, and what a surface keeps aside of them."""
+        limit = next(limit for limit in self.limits if isinstance(limit, TwistLimit))
+        return limit if self.surface is None else replace(limit, aside=self.surface.aside(limit))
+
+    @cached_property
+    def surface(self) -> ArmLength | None:
+        """The limit that the state stays on exactly, if there is one."""
+        return self.limit_of(ArmLength)
 
     @cached_property
     def row_limits(self) -> tuple[Limit, ...]:
@@ -141,6 +150,20 @@ class Problem:
     def assess(self, postures: ArrayLike) -> Assessment:
         """Return the exact assessment of postures (n, 32) [rad] in this task: the yardstick of every cost."""
         return assess(postures, self.method, **self.task)
+
+    def _check_state(self) -> None:
+        """Check that limits and cost read the state that the response moves."""
+        state = tuple(self.response.coordinates)
+        for limit in self.limits:
+            if isinstance(limit, JointLimit | WorkspaceBox | AxisCone) and state != JOINTS:
+                raise ProblemError(f"limits: got a {type(limit).__name__}, allowed only where the state is a person's posture")
+            if isinstance(limit, ArmLength) and (state != FOREARM or not _is_identity(self.response)):
+                raise ProblemError(f"limits: got {limit.name!r}, allowed only where the state is {', '.join(FOREARM)}")
+        for what, term in (("cost", self.cost), *(("limits", limit) for limit in self.limits)):
+            reads = getattr(term, "coordinates", None) or getattr(getattr(term, "model", None), "coordinates", None)
+            if isinstance(reads, Coordinates) and reads.state != state:
+                known = "the 32 joints" if state == JOINTS else ", ".join(state)
+                raise ProblemError(f"{what}: got a model of {', '.join(reads.names[:3])} ..., allowed one of {known}")
 
     def limit_of(self, kind: type) -> Any:
         """Return the limit of a kind, or None."""
@@ -174,3 +197,7 @@ class Problem:
         from ergoqp.simulation.simulate import simulate
 
         return simulate(self, posture, duration, seed, **options)
+
+
+def _is_identity(response: Response) -> bool:
+    return bool(np.array_equal(getattr(response, "matrix", None), np.eye(6)))

@@ -51,7 +51,7 @@ def _cause(
     problem: Problem, cause: Cause, step: Step, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]
 ) -> str:
     if cause is Cause.posture:
-        return notes.get("posture") or notes.get("observed") or _bad_posture(posture)
+        return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
     if cause is Cause.pose:
         return notes.get("pose", "pose is not finite, far away or not a rigid motion")
     if cause is Cause.twist:
@@ -67,13 +67,16 @@ def _cause(
     }[cause]
 
 
-def _bad_posture(posture: np.ndarray) -> str:
-    wrong = np.flatnonzero(~(np.abs(posture) <= np.pi))
+def _bad_posture(problem: Problem, posture: np.ndarray) -> str:
+    largest = problem.response.largest
+    wrong = np.flatnonzero(~(np.abs(posture) <= largest))
     if not wrong.size:
         return "posture is not usable"
     first = int(wrong[0])
     others = f" and {wrong.size - 1} more" if wrong.size > 1 else ""
-    return f"posture: {spoken(JOINTS[first])}{others} is {posture[first]:g}, allowed finite radians within +-3.1416"
+    unit = "radians" if problem.coordinates == JOINTS else "numbers"
+    name = spoken(problem.coordinates[first])
+    return f"posture: {name}{others} is {posture[first]:g}, allowed finite {unit} within +-{largest:.5g}"
 
 
 def _beyond(name: str, margin: float) -> str:

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.joints import JOINTS
 from ergoqp.reasons import reason_of
 from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
-_N: Final = len(JOINTS)
 _BAD_POSTURE: Final = 1 << Cause.posture
 _BAD_POSE: Final = 1 << Cause.pose
 _STATUSES: Final = tuple(status.name for status in Status)
@@ -64,7 +62,7 @@ class Step:
 
     @property
     def posture_rate(self) -> np.ndarray:
-        """How the model person follows (32,) [rad/s]."""
+        """How the model person follows (32,) [rad/s]; where the state is another, its rate."""
         return self.account("posture_rate")
 
     @property
@@ -113,7 +111,7 @@ class Step:
     @cached_property
     def locked(self) -> tuple[str, ...]:
         """Joints at their end that the model person holds while the others follow."""
-        return tuple(JOINTS[i] for i in np.flatnonzero(self.account("locked") > 0.5))
+        return tuple(self._problem.coordinates[i] for i in np.flatnonzero(self.account("locked") > 0.5))
 
 
 LogSink = Callable[[dict[str, Any]], None]
@@ -139,6 +137,7 @@ class Stepper:
             raise InputError(f"dt: got {dt!r} s, allowed 0.0001 to 0.1 s")
         self.problem = problem if dt is None else problem.replace(dt=float(dt))
         self.dt = self.problem.dt
+        self._state = (len(self.problem.coordinates),)
         self._log = log
         self._function = self.problem.step_function(solver)
         self._buffer, self._call = self._function.buffer()
@@ -177,7 +176,7 @@ class Stepper:
         decelerating twist and a reason.
 
         Args:
-            posture: joint angles (32,) [rad]; None when no frame arrived.
+            posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no frame arrived.
             pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last one, the first time from the
                 posture.
             twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: the last one sent.
@@ -191,11 +190,11 @@ class Stepper:
         into, notes = self._inputs, {}
         into["frame"][0] = posture is not None
         if posture is not None:
-            _put(into["posture"], posture, (_N,), "posture", notes)
+            _put(into["posture"], posture, self._state, "posture", notes)
         if observed is None:
             into["observed"][:] = 1.0
         else:
-            _put(into["observed"], observed, (_N,), "observed", notes)
+            _put(into["observed"], observed, self._state, "observed", notes)
             if "observed" in notes or not np.isfinite(into["observed"]).all():
                 # Nobody knows which joints were seen, so none of the frame can be used.
                 into["observed"][:], into["posture"][:] = 1.0, np.nan

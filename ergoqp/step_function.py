@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 
-from ergoqp.certification import STILL, account_function, judge_function, shorten_function
-from ergoqp.limits import Situation
+from ergoqp.certification import account_function, judge_function, shorten_function
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
-from ergoqp.step_inputs import INPUTS, OUTPUTS, SIZES, N, checked
+from ergoqp.step_inputs import INPUTS, OUTPUTS, checked, input_sizes
 from ergoqp.step_objective import cost_function, gain_function, objective, sensitivity_pattern, with_pattern
-from ergoqp.step_rows import braking, movable_rows, patience, row_bounds, unhurried
+from ergoqp.step_readings import readings_function, readings_size, situation_of
+from ergoqp.step_rows import braking, movable_rows, on_surface, patience, row_bounds, unhurried
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -31,13 +31,14 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow [m/s, rad/s in one
     norm] and the share of the way from braking to the QP's answer that was accepted.
     """
-    raw = {name: ca.MX.sym(name, *SIZES.get(name, (1, 1))) for name in INPUTS}
+    raw = {name: ca.MX.sym(name, *size) for name, size in input_sizes(problem).items()}
     posture, pose, previous, dt, usable, causes = checked(problem)(*(raw[name] for name in INPUTS))
     value, total, gradient = cost_function(problem)(posture, raw["observed"])
     one_pass, movable = _one_pass(problem, solver)
+    readings = readings_function(problem)(posture)
 
-    fixed = [posture, raw["observed"], pose, previous, dt, total, gradient]
-    result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(N)), 0))
+    fixed = [posture, raw["observed"], readings, pose, previous, dt, total, gradient]
+    result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
     xi, S, E, slack, multipliers, residual, locked, _ = result
     pattern = sensitivity_pattern(problem)
     judge, shorten = judge_function(problem, pattern), shorten_function(problem, pattern)
@@ -45,13 +46,13 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
     seen = raw["observed"]
     gain = gain_function(problem)(posture, total, xi, S)
     wanted, brake, now, solved, outside, rest, whole = judge(
-        posture, seen, pose, previous, dt, gain, total, xi, S, residual, usable, raw["rest"]
+        posture, seen, readings, pose, previous, dt, gain, total, xi, S, residual, usable, raw["rest"]
     )
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
-        whole, posture, seen, pose, dt, S, wanted, brake, now
+        whole, posture, seen, readings, pose, dt, S, wanted, brake, now
     )
-    known = (posture, seen, pose, dt, S, residual, usable, E, slack, multipliers, causes)
+    known = (posture, seen, readings, pose, dt, S, residual, usable, E, slack, multipliers, causes)
     twist, moved, rate, status, causes, slack, multipliers, residuals = account(
         *known, wanted, brake, now, solved, outside, rest, share
     )
@@ -76,14 +77,16 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
 
 
 def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int]]:
-    """One QP with a given lock set: ``(posture, observed, pose, previous, dt, V, dV, locked, final) -> result``."""
-    names = ("posture", "observed", "pose", "previous", "dt", "value", "gradient", "locked", "final", "S", "E")
-    unmet = problem.response.sensitivity().size_out(1)
-    sizes = ((N, 1), (N, 1), (4, 4), (6, 1), (1, 1), (1, 1), (N, 1), (N, 1), (1, 1), (N, 6), unmet)
+    """One QP with a given lock set: ``(posture, observed, readings, pose, previous, dt, V, dV, locked, final) -> result``."""
+    names = ("posture", "observed", "readings", "pose", "previous", "dt", "value", "gradient", "locked", "final", "S", "E")
+    unmet, N = problem.response.sensitivity().size_out(1), len(problem.coordinates)
+    measured = (readings_size(problem), 1)
+    sizes = ((N, 1), (N, 1), measured, (4, 4), (6, 1), (1, 1), (1, 1), (N, 1), (N, 1), (1, 1), (N, 6), unmet)
     sx = {name: ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
     S = with_pattern(sx["S"], sensitivity_pattern(problem))
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
-    situation = Situation(sx["posture"], sx["observed"], sx["pose"], S, sx["previous"] * brake.reach, brake.sway)
+    situation = situation_of(problem, sx, S, brake)
+    brake = on_surface(brake, situation)
     brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"]))
     movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
     bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
@@ -97,7 +100,7 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
     xi, slack, multipliers, residual = build_qp(solver, len(movable))(*data)
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
     xi = ca.fmin(ca.fmax(xi, data[7]), data[8])
-    newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["locked"], S_value, xi, residual)
+    newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S_value, xi, residual)
     locked = ca.fmax(mx["locked"], newly)
     again = ca.mmax(newly)
     parts = [xi, ca.densify(S_value), ca.densify(E_value), slack, multipliers, residual, locked, again]
@@ -106,9 +109,11 @@ def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int
 
 def _newly_locked(problem: Problem) -> ca.Function:
     """Joints that are at their end, not yet locked, and would move outward."""
-    q, observed, locked = ca.SX.sym("q", N), ca.SX.sym("observed", N), ca.SX.sym("locked", N)
+    N = len(problem.coordinates)
+    q, observed, locked = ca.SX.sym("posture", N), ca.SX.sym("observed", N), ca.SX.sym("locked", N)
     S, xi, residual = ca.SX.sym("S", N, 6), ca.SX.sym("xi", 6), ca.SX.sym("residual")
-    situation = Situation(q, observed, ca.SX.eye(4), S, STILL, ca.SX(0))
+    readings = ca.SX.sym("readings", readings_size(problem))
+    situation = situation_of(problem, {"posture": q, "observed": observed, "readings": readings}, S)
     outward = ca.SX(N, 1)
     for limit in problem.row_limits:
         if not limit.yield_zone:
@@ -119,7 +124,7 @@ def _newly_locked(problem: Problem) -> ca.Function:
         down = ca.logic_and(_near(rows.below, limit.yield_zone, limit.tolerance), rate < -1e-6)
         outward = ca.fmax(outward, ca.logic_or(up, down))
     newly = ca.logic_and(ca.logic_and(outward, locked < 0.5), residual < TOLERANCE)
-    return ca.Function("newly_locked", [q, observed, locked, S, xi, residual], [ca.densify(newly)])
+    return ca.Function("newly_locked", [q, observed, readings, locked, S, xi, residual], [ca.densify(newly)])
 
 
 def _near(distance: ca.SX, zone: float, tolerance: float) -> ca.SX:

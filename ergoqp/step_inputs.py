@@ -8,15 +8,11 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.joints import JOINTS
 from ergoqp.rest import STATES
 from ergoqp.rigid import rotation_error
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
-
-
-N: Final = len(JOINTS)
 
 
 class Status(IntEnum):
@@ -55,18 +51,20 @@ OUTPUTS: Final = (
     *("slack", "multipliers", "locked", "outside", "residuals"),
 )
 
-SIZES: Final = {
-    **{"posture": (N, 1), "observed": (N, 1), "pose": (4, 4), "stored_pose": (4, 4), "executed": (6, 1), "sent": (6, 1)},
-    "rest": (STATES, 1),
-}
+
+def input_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
+    """Return the shape of every input of the step."""
+    n = len(problem.coordinates)
+    sizes = {"posture": (n, 1), "observed": (n, 1), "pose": (4, 4), "stored_pose": (4, 4), "executed": (6, 1), "sent": (6, 1)}
+    return {name: (1, 1) for name in INPUTS} | sizes | {"rest": (STATES, 1)}
 
 
 def checked(problem: Problem) -> ca.Function:
     """Judge every input; replace what cannot be used by what was known before, so that no NaN goes further."""
-    raw = {name: ca.SX.sym(name, *SIZES.get(name, (1, 1))) for name in INPUTS}
+    raw = {name: ca.SX.sym(name, *size) for name, size in input_sizes(problem).items()}
     seen = raw["observed"] > 0.5
-    plausible = ca.fabs(raw["posture"]) <= np.pi
-    posture_ok = ca.sum1(ca.if_else(seen, plausible, 1)) >= N - 0.5
+    plausible = ca.fabs(raw["posture"]) <= problem.response.largest
+    posture_ok = ca.sum1(ca.if_else(seen, plausible, 1)) >= len(problem.coordinates) - 0.5
     rotation = raw["pose"][:3, :3]
     bottom = ca.sumsqr(raw["pose"][3, :] - ca.DM([[0, 0, 0, 1]])) < 1e-6
     pose_ok = ca.logic_and(ca.logic_and(rotation_error(rotation) < 1e-3, bottom), ca.sumsqr(raw["pose"][:3, 3]) < 1e4)
@@ -100,4 +98,4 @@ def checked(problem: Problem) -> ca.Function:
 
 def stand_in(problem: Problem) -> np.ndarray:
     """Posture that stands in for joints that are not seen: the comfort posture, where the response has one."""
-    return np.asarray(getattr(problem.response, "comfort", np.zeros(N)), dtype=float)
+    return np.asarray(getattr(problem.response, "comfort", np.zeros(len(problem.coordinates))), dtype=float)

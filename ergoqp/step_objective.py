@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.linear import gram
-from ergoqp.step_inputs import N, stand_in
+from ergoqp.step_inputs import stand_in
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -22,7 +22,8 @@ _LOOKS: Final = (0.1, 0.3, 1.0)
 
 def sensitivity_pattern(problem: Problem) -> ca.SX:
     """Return S at a symbolic posture: which entries are zero whatever the posture."""
-    return problem.response.sensitivity()(ca.SX.sym("q", N), ca.SX.sym("locked", N))[0]
+    n = len(problem.coordinates)
+    return problem.response.sensitivity()(ca.SX.sym("q", n), ca.SX.sym("locked", n))[0]
 
 
 def with_pattern(dense: ca.SX, pattern: ca.SX) -> ca.SX:
@@ -34,25 +35,42 @@ def with_pattern(dense: ca.SX, pattern: ca.SX) -> ca.SX:
     return kept
 
 
-def total_cost(problem: Problem, q: ca.MX) -> ca.MX:
-    """V, and a little comfort: where the sheet is flat, the posture that the person would relax to leads the way."""
-    away = q - ca.DM(stand_in(problem))
-    moved = np.array([joint in problem.joints for joint in problem.coordinates], dtype=float)
-    weights = problem.control.comfort * moved * problem.response.weight_vector
-    return problem.cost.expression(q) + ca.dot(ca.DM(weights), away**2) / 2
-
-
 def cost_function(problem: Problem) -> ca.Function:
-    """``(posture, observed) -> (V, total, its gradient)``; what is not seen, or cannot be moved, does not pull."""
-    q, observed = ca.MX.sym("q", N), ca.MX.sym("observed", N)
-    total = total_cost(problem, q)
+    """``(posture, observed) -> (V, V with comfort, its gradient)``; what is not seen, or cannot be moved, does not pull.
+
+    Comfort: where the sheet is flat, the posture that the person would relax to leads the way.
+    """
+    n = len(problem.coordinates)
+    q, observed = ca.MX.sym("q", n), ca.MX.sym("observed", n)
+    value, slope = _value_and_gradient(problem, q)
+    weights, away = _comfort(problem), q - ca.DM(stand_in(problem))
+    total = value + ca.dot(weights, away**2) / 2
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
-    gradient = ca.MX(N, 1)
-    gradient[moved] = (ca.gradient(total, q) * (observed > 0.5))[moved]
+    gradient = ca.MX(n, 1)
+    gradient[moved] = ((slope + weights * away) * (observed > 0.5))[moved]
+    function = ca.Function("cost", [q, observed], [value, total, ca.densify(gradient)])
+    if _is_dense(problem):
+        return function
     # As scalars the value and its gradient share what they have in common.
-    scalar = ca.Function("cost", [q, observed], [problem.cost.expression(q), total, ca.densify(gradient)]).expand()
-    inputs = [ca.SX.sym("q", N), ca.SX.sym("observed", N)]
-    return ca.Function("cost", inputs, ca.cse(list(scalar(*inputs))))
+    inputs = [ca.SX.sym("q", n), ca.SX.sym("observed", n)]
+    return ca.Function("cost", inputs, ca.cse(list(function.expand()(*inputs))))
+
+
+def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
+    if _is_dense(problem):
+        return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue] (what dense costs have)
+    value = problem.cost.expression(q)
+    return value, ca.gradient(value, q)
+
+
+def _is_dense(problem: Problem) -> bool:
+    """Whether the cost is made of large matrices, which stay matrices: see `ergoqp.costs.learned.LearnedCost`."""
+    return getattr(problem.cost, "dense", False)
+
+
+def _comfort(problem: Problem) -> ca.DM:
+    moved = np.array([joint in problem.joints for joint in problem.coordinates], dtype=float)
+    return ca.DM(problem.control.comfort * moved * problem.response.weight_vector)
 
 
 def objective(problem: Problem, sx: dict[str, ca.SX], S: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -75,14 +93,30 @@ def gain_function(problem: Problem) -> ca.Function:
 
     The cost itself is looked up on the way: its slope alone would promise a point for every band end within the noise.
     """
-    q, value, xi, S = ca.SX.sym("q", N), ca.SX.sym("V"), ca.SX.sym("xi", 6), ca.SX.sym("S", N, 6)
-    speed = problem.twist_limit.speed
+    n, speed = len(problem.coordinates), problem.twist_limit.speed
+    q, xi, S = ca.SX.sym("q", n), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
     # Joints that the object cannot move stay the same expression at every look, and what the cost makes of them is shared.
     full = with_pattern(S, sensitivity_pattern(problem)) @ (xi / (relative + 1e-9))
-    symbol = ca.MX.sym("q", N)
-    total = ca.Function("total", [symbol], [total_cost(problem, symbol)])
-    ahead = [total(q + seconds * full) for seconds in _LOOKS]
-    gain = value - ca.mmin(ca.vertcat(*ahead))
-    return ca.Function("gain", [q, value, xi, S], ca.cse([ca.if_else(relative > 1e-6, gain, 0)]))
+    places = [_reached(problem, q, seconds * full) for seconds in _LOOKS]
+    look = ca.Function("look", [q, xi, S], [ca.densify(ca.horzcat(*places)), relative])
+
+    inputs = [ca.MX.sym("q", n), ca.MX.sym("V"), ca.MX.sym("xi", 6), ca.MX.sym("S", n, 6)]
+    seen, pace = look(inputs[0], inputs[2], inputs[3])
+    away = seen - ca.repmat(ca.DM(stand_in(problem)), 1, len(_LOOKS))
+    values = [problem.cost.expression(place) for place in ca.horzsplit(seen)]
+    ahead = ca.horzcat(*values) + ca.mtimes(_comfort(problem).T, away**2) / 2
+    gain = ca.if_else(pace > 1e-6, inputs[1] - ca.mmin(ahead), 0)
+    function = ca.Function("gain", inputs, [gain])
+    if _is_dense(problem):
+        return function
+    scalars = [ca.SX.sym("q", n), ca.SX.sym("V"), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)]
+    return ca.Function("gain", scalars, [ca.cse(function.expand()(*scalars))])
+
+
+def _reached(problem: Problem, q: ca.SX, way: ca.SX) -> ca.SX:
+    """The state at the end of a straight way, or of its projection onto the surface that the state stays on."""
+    if problem.surface is None:
+        return q + way
+    return q + problem.surface.retract(q, way, ca.SX(1), ca.DM([0.0]))

@@ -51,20 +51,30 @@ class Braking:
     dt: ca.SX
 
     @property
-    def sway(self) -> ca.SX:
-        """By how much the turn of a stop can differ from that of the present twist [rad]."""
-        return np.sqrt(3.0) * self.acceleration[3] * self.dt * self.reach
+    def change(self) -> ca.SX:
+        """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
+        return self.acceleration * self.dt * self.reach
 
 
 def braking(limit: TwistLimit, previous: ca.SX, dt: ca.SX) -> Braking:
     """Return braking twist and twist bounds after the twist `previous` (6,) for a period `dt` [s]."""
     speed, acceleration = ca.DM(limit.speed), ca.DM(limit.acceleration)
+    if limit.aside:
+        speed = ca.fmax(0, speed - limit.aside * dt)
     stop = stop_time(limit, previous)
     twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
     # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
     low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
     high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
     return Braking(twist, low, high, dt + (stop + dt) / 2, acceleration, dt)
+
+
+def on_surface(brake: Braking, situation: Situation) -> Braking:
+    """Return the same braking along the surface that the state has to stay on; without one, as it is."""
+    if situation.surface is None:
+        return brake
+    twist = situation.surface.tangent(situation.posture, brake.twist, brake.dt, brake.acceleration)
+    return replace(brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist))
 
 
 def stop_time(limit: TwistLimit, twist: ca.SX) -> ca.SX:
@@ -149,6 +159,10 @@ def row_bounds(
 
 def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Braking, final: ca.SX) -> tuple[ca.SX, ...]:
     rows = limit.rows(situation)
+    if situation.surface is limit:
+        # An equality, and braking keeps it (`on_surface`).
+        along = rows.matrix @ brake.twist
+        return rows.matrix, along, along, ca.SX(1), ca.SX(0)
     # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
     at_braking = rows.matrix @ brake.twist
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.

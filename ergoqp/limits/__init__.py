@@ -1,9 +1,11 @@
 """What must hold, as rows with names: one file per kind of row."""
 
+from ergoqp.limits.arm_length import ArmLength as ArmLength
 from ergoqp.limits.joints import JointLimit as JointLimit
 from ergoqp.limits.limit import Limit as Limit
 from ergoqp.limits.limit import Rows as Rows
 from ergoqp.limits.limit import Situation as Situation
+from ergoqp.limits.one_class_boundary import OneClassBoundary as OneClassBoundary
 from ergoqp.limits.twist import AXES as AXES
 from ergoqp.limits.twist import TwistLimit as TwistLimit
 from ergoqp.limits.workspace import AxisCone as AxisCone

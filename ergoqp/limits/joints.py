@@ -35,6 +35,7 @@ class JointLimit:
     tolerance_deg: float = 2.0
     recovery_time: float = 1.0
     hard = False
+    proven = False
     unit = "rad"
     names = JOINTS
 
@@ -67,6 +68,9 @@ class JointLimit:
         for name, (low, high) in self.ranges_deg.items():
             lower[INDEX[name]], upper[INDEX[name]] = np.radians([low, high])
         return lower, upper
+
+    def measure(self) -> None:
+        """Need nothing measured beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
         """Return one row per joint; rows that the object cannot move are zero."""

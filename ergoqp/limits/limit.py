@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import casadi as ca
@@ -13,12 +14,14 @@ class Situation:
     """Where things are at this step, as CasADi expressions.
 
     Attributes:
-        posture: joint angles (32,) [rad].
+        posture: joint angles (32,) [rad], or what the state of the problem is.
         observed: 1 for joints that are seen (32,).
         pose: contact frame in the world (4, 4).
         sensitivity: S (32, 6) with the locks of this pass.
         swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must look ahead.
-        sway: by how much the swing can differ at the next twist, in any direction [rad].
+        change: by how much each entry of the swing can differ at the next twist (6,) [m, rad].
+        readings: what each limit's `measure` says at this posture, by the name of its first row.
+        surface: the limit that the state has to stay on exactly, or None.
     """
 
     posture: ca.SX
@@ -26,7 +29,25 @@ class Situation:
     pose: ca.SX
     sensitivity: ca.SX
     swing: ca.SX
-    sway: ca.SX
+    change: ca.SX
+    readings: Mapping[str, ca.SX] = field(default_factory=dict)
+    surface: Surface | None = None
+
+
+class Surface(Protocol):
+    """A limit that is an equality: the state stays on it by projection, whatever the twist. See `ergoqp.limits.ArmLength`."""
+
+    def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+        """Return a twist (6,) without its part across the surface."""
+        ...
+
+    def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+        """Return the twist (6,) that leads to the projection of ``posture + twist dt``."""
+        ...
+
+    def bow(self, posture: ca.SX, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return how far a projected way strays from a straight one: (a vector (n,), what it can be wrong by)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -61,6 +82,8 @@ class Limit(Protocol):
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
         yield_zone: distance to the end within which a joint of the response yields (is locked) instead of stopping the
             object; 0 for quantities that cannot yield.
+        proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then never asked for less than
+            it promises, not even where braking has no better bound.
     """
 
     @property
@@ -81,6 +104,15 @@ class Limit(Protocol):
     tolerance: float
     recovery_time: float
     yield_zone: float
+    proven: bool
+
+    def measure(self) -> ca.Function | None:
+        """Return ``posture -> readings (k,)``, evaluated once per step as it is, or None.
+
+        For what should not be written out as scalars, such as a sum of thousands of kernels. The readings come back in
+        `Situation.readings`.
+        """
+        ...
 
     def rows(self, situation: Situation) -> Rows:
         """Return the rows at a situation."""

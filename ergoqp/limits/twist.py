@@ -27,6 +27,7 @@ class TwistLimit:
         linear_acceleration: along each axis [m/s^2].
         angular_acceleration: about each axis [rad/s^2].
         axes: the axes that the object can move, of `AXES`.
+        aside: acceleration that the step keeps free on every axis, for a surface that it has to follow [m/s^2].
     """
 
     linear_speed: float = 0.20
@@ -34,6 +35,7 @@ class TwistLimit:
     linear_acceleration: float = 0.60
     angular_acceleration: float = 2.50
     axes: tuple[str, ...] = AXES
+    aside: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -53,5 +55,5 @@ class TwistLimit:
 
     @property
     def acceleration(self) -> np.ndarray:
-        """Largest acceleration per axis (6,) [m/s^2, rad/s^2]."""
-        return np.repeat([self.linear_acceleration, self.angular_acceleration], 3)
+        """Acceleration per axis that the step may use (6,): the largest, less what is kept aside [m/s^2, rad/s^2]."""
+        return np.repeat([self.linear_acceleration, self.angular_acceleration], 3) - self.aside

@@ -30,6 +30,7 @@ class WorkspaceBox:
     recovery_time: float = 2.0
     yield_zone: float = 0.0
     hard = True
+    proven = False
     unit = "m"
     names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
 
@@ -39,6 +40,9 @@ class WorkspaceBox:
             object.__setattr__(self, what, _three(f"workspace {what}", value))
         if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
             raise InputError(f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <= upper")
+
+    def measure(self) -> None:
+        """Need nothing measured beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
         """Return one row per axis."""
@@ -67,6 +71,7 @@ class AxisCone:
     recovery_time: float = 2.0
     yield_zone: float = 0.0
     hard = True
+    proven = False
     unit = "rad"
     names = ("tool axis",)
 
@@ -79,6 +84,9 @@ class AxisCone:
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
         if not 0 < self.half_angle_deg <= 170:
             raise InputError(f"half_angle_deg: got {self.half_angle_deg!r}, allowed above 0 to 170 deg")
+
+    def measure(self) -> None:
+        """Need nothing measured beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
         """Return the one row: the angle between the axis and the direction grows with turning about their normal.
@@ -95,7 +103,7 @@ class AxisCone:
         turn = situation.swing[3:]
         slope = ca.dot(normal / sine, turn)
         bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
-        reserve = 1.5 * (ca.sqrt(bend) + situation.sway) ** 2 / (2 * ca.fmax(sine, 0.1))
+        reserve = 1.5 * (ca.sqrt(bend) + ca.norm_2(situation.change[3:])) ** 2 / (2 * ca.fmax(sine, 0.1))
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine)
         return Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve)
 

@@ -106,6 +106,9 @@ class IkResponse:
             raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
         per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
 
+    coordinates = JOINTS
+    largest = float(np.pi)
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Trunk, the working arms and, standing, the legs: the joints that the object can move."""

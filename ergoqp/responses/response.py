@@ -16,6 +16,16 @@ class Response(Protocol):
     """
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the entries of the state: `ergoqp.JOINTS`, or what the model moves instead of a person."""
+        ...
+
+    @property
+    def largest(self) -> float:
+        """Largest magnitude of a plausible entry."""
+        ...
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that the object can move, in the order of `ergoqp.JOINTS`."""
         ...

@@ -13,11 +13,13 @@ from ergoqp.limits import Situation, TwistLimit
 from ergoqp.step_rows import braking, movable_rows, row_bounds, stop_displacement, stop_time
 
 SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}
+SIZES["change"] = (6, 1)
+NAMES = [field.name for field in fields(Situation) if field.name not in ("readings", "surface")]
 DEFAULTS = {"observed": np.ones(32), "pose": np.eye(4)}
 
 
 def symbols() -> dict[str, ca.SX]:
-    return {field.name: ca.SX.sym(field.name, *SIZES.get(field.name, (1, 1))) for field in fields(Situation)}
+    return {name: ca.SX.sym(name, *SIZES.get(name, (1, 1))) for name in NAMES}
 
 
 _MADE: dict[int, tuple[Any, ca.Function]] = {}
@@ -41,7 +43,7 @@ def _build(limit: Any) -> ca.Function:
 
 def ask(limit: Any, *, displacement: Any = (0.0,) * 6, **given: Any) -> list[np.ndarray]:
     """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is zero or as at rest."""
-    values = [given.get(f.name, DEFAULTS.get(f.name, np.zeros(SIZES.get(f.name, (1, 1))))) for f in fields(Situation)]
+    values = [given.get(name, DEFAULTS.get(name, np.zeros(SIZES.get(name, (1, 1))))) for name in NAMES]
     found = [np.array(part) for part in _rows(limit)(*values, displacement)]
     return [found[0], *(part.ravel() for part in found[1:])]
 
@@ -74,7 +76,7 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     previous, dt, parts = ca.SX.sym("previous", 6), ca.SX.sym("dt"), symbols()
     pose, posture, sensitivity = parts["pose"], parts["posture"], parts["sensitivity"]
     brake = braking(twist_limit, previous, dt)
-    situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(0))
+    situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1))
     movable = movable_rows(twist_limit, [limit], situation)
     found = row_bounds(twist_limit, [limit], situation, brake, ca.SX(1), movable)
     outputs = [found.lower, found.upper, found.side, found.cap]

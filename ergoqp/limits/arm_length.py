@@ -1,0 +1,129 @@
+"""The forearm keeps its length: elbow and wrist move as one rigid segment. Exact at every step, by projection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ergoqp.errors import InputError
+from ergoqp.limits.limit import Rows, Situation
+from ergoqp.limits.twist import TwistLimit
+
+RETURN: Final = 0.05
+"""Share of the acceleration with which a wrong length is mended."""
+
+
+@dataclass(frozen=True)
+class ArmLength:
+    """|wrist - elbow| = length, where the state is elbow and wrist and the twist their velocities.
+
+    The row is the tangent of this surface, an equality. A straight way leaves the surface by the square of its length, so
+    whatever twist is considered is first projected: the two points are moved along their line, each by half of what is
+    missing, and what is judged and sent is the twist that leads there. Turning costs acceleration, v^2 / length of the
+    relative motion; `aside` is kept free for that.
+
+    A measured length that is off is mended slowly, at `RETURN` of what the acceleration gives in one period.
+
+    Attributes:
+        length: distance of elbow and wrist [m].
+        name: of the row.
+    """
+
+    length: float
+    name: str = "arm length"
+    tolerance: float = 1e-6
+    recovery_time: float = 1.0
+    yield_zone = 0.0
+    hard = True
+    proven = False
+    unit = "m"
+
+    def __post_init__(self) -> None:
+        """Check the length."""
+        if not (np.isfinite(self.length) and self.length > 0):
+            raise InputError(f"arm length: got {self.length!r}, allowed a positive number")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The one row."""
+        return (self.name,)
+
+    def measure(self) -> None:
+        """Need nothing measured beforehand."""
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return the tangent: the rate at which the two points part. It has no ends to stop before; the step keeps it."""
+        along = _direction(situation.posture)
+        matrix = ca.horzcat(-along.T, along.T)
+        free = ca.SX([ca.inf])
+        return Rows(matrix, free, free, free, ca.SX(1, 1))
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return minus the error of the length as it is: projection keeps it on the whole way."""
+        return -ca.fabs(_distance(situation.posture) - self.length)
+
+    def aside(self, limit: TwistLimit) -> float:
+        """Return the acceleration of any entry of the twist that keeping and mending the length can take [m/s^2].
+
+        Raises:
+            InputError: if that leaves too little for anything else.
+        """
+        apart = float(np.linalg.norm(limit.speed[:3] + limit.speed[3:]))
+        least = float(limit.acceleration.min())
+        needed = apart**2 / (2 * self.length) + RETURN * least
+        if needed > 0.8 * least:
+            raise InputError(
+                f"{self.name}: got speeds at which turning a forearm of {self.length:g} m takes {needed:.2g} m/s^2, "
+                f"allowed 0.8 of the acceleration, {0.8 * least:.2g} m/s^2; lower the speed or raise the acceleration"
+            )
+        return needed
+
+    def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+        """Return the twist (6,) without its part across the surface, but for the pace at which a wrong length is mended."""
+        along = _direction(posture)
+        normal = ca.vertcat(-along, along)
+        return twist + normal * (self._mended(posture, dt, acceleration) / dt - ca.dot(normal, twist)) / 2
+
+    def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+        """Return the twist (6,) that leads from the state to the projection of ``state + twist dt``."""
+        target = posture + twist * dt
+        wanted = _distance(posture) + self._mended(posture, dt, acceleration)
+        along = _direction(target)
+        return twist + ca.vertcat(-along, along) * (wanted - _distance(target)) / (2 * dt)
+
+    def bow(self, posture: ca.SX, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return how far a projected way strays from a straight one when the points move by `apart` to each other [m].
+
+        Returns:
+            The inward pull (6,), largest at the end of the way; and what it can differ from the truth, as a length: an arc
+            of angle f = apart / length bends by length (1 - cos f) and is short by length (f - sin f), shared by two points.
+        """
+        along = _direction(posture)
+        pull = ca.vertcat(along, -along) * apart**2 / (4 * self.length)
+        return pull, np.sqrt(2) / 12 * apart**3 / self.length**2
+
+    def _mended(self, posture: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+        """By how much the length changes in this period [m]."""
+        most = RETURN * ca.mmin(acceleration) * dt**2
+        return ca.fmax(-most, ca.fmin(most, self.length - _distance(posture)))
+
+    def project(self, points: ArrayLike) -> np.ndarray:
+        """Return states (n, 6) moved to the length: each point by half of what is missing, along their line."""
+        points = np.array(points, dtype=float, ndmin=2)
+        apart = points[:, 3:] - points[:, :3]
+        distance = np.linalg.norm(apart, axis=1, keepdims=True)
+        shift = apart / distance * (self.length - distance) / 2
+        return points + np.hstack([-shift, shift])
+
+
+def _distance(posture: ca.SX) -> ca.SX:
+    return ca.norm_2(posture[3:6] - posture[:3])
+
+
+def _direction(posture: ca.SX) -> ca.SX:
+    apart = posture[3:6] - posture[:3]
+    return apart / ca.fmax(ca.norm_2(apart), 1e-6)

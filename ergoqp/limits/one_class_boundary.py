@@ -1,0 +1,107 @@
+"""The posture stays where there were data: the boundary of a one-class SVM as one row that holds through the whole stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from ergoqp.errors import InputError
+from ergoqp.limits.limit import Rows, Situation
+
+if TYPE_CHECKING:
+    from ergoqp.one_class import OneClass
+
+
+@dataclass(frozen=True, eq=False)
+class OneClassBoundary:
+    """g(q) >= 0 for g = log sum a_i k(q, s_i) - log rho, the boundary of a one-class SVM with radial kernels.
+
+    The logarithm keeps the boundary and gives a slope that does not vanish far away. Its curvature is never below -2 gamma
+    (it is the logarithm of a sum of exponentials of concave quadratics), so with the scaled displacement D
+
+        g(q + D) >= g(q) + grad g . D - gamma |D|^2
+
+    everywhere. The row asks that this bound, at the end of the longest stop that this period can bring about, is not
+    negative; along a straight way it is concave, so its two ends say everything, and braking down a way that was accepted
+    never makes it worse.
+
+    Attributes:
+        model: the one-class SVM.
+        hard: True where the state itself is commanded (`LinearResponse`): kept by construction. False for a person's
+            posture: kept as far as braking allows.
+        tolerance: this far outside still counts as on the boundary, in units of g.
+        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        name: of the row.
+    """
+
+    model: OneClass
+    hard: bool = False
+    tolerance: float = 1e-9
+    recovery_time: float = 0.25
+    name: str = "boundary"
+    yield_zone = 0.0
+    proven = True
+    unit = "log"
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not self.recovery_time > 0:
+            raise InputError(f"recovery_time: got {self.recovery_time!r}, allowed a positive number")
+        if not self.tolerance >= 0:
+            raise InputError(f"tolerance: got {self.tolerance!r}, allowed a number of at least 0")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The one row."""
+        return (self.name,)
+
+    def measure(self) -> ca.Function:
+        """Return ``posture -> (g, grad g)`` stacked (1 + d,), grad by the model's own coordinates."""
+        coordinates = self.model.coordinates
+        q = ca.MX.sym("q", len(coordinates.state))
+        value, slope = self.model.margin_and_slope(coordinates.pick(q))
+        return ca.Function("boundary", [q], [ca.vertcat(value, slope)])
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return the one row; what it reserves is gamma times the square of the longest displacement, both scaled."""
+        moves = self._moves(situation)
+        scaled = self._scaled(moves)
+        # Every twist of this period moves by the swing plus at most the change, entry by entry.
+        lengths = ca.sqrt(ca.sum1(scaled**2))
+        longest = ca.norm_2(scaled @ situation.swing) + lengths @ situation.change
+        value, slope = self._reading(situation)
+        swing, change = situation.swing, situation.change
+        drop, stray = self._bow(situation, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3]))
+        free = ca.SX([ca.inf])
+        return Rows(slope.T @ moves, value, free, free, drop + self.model.gamma * (longest + stray) ** 2)
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return the least value that the bound takes on the way to a displacement: at one of its ends."""
+        value, slope = self._reading(situation)
+        moved = self._moves(situation) @ displacement
+        drop, stray = self._bow(situation, ca.norm_2(displacement[3:] - displacement[:3]))
+        length = ca.sqrt(ca.sumsqr(self._scaled(moved)) + 1e-30) + stray
+        return value + ca.fmin(0, ca.dot(slope, moved) - drop - self.model.gamma * length**2)
+
+    def _bow(self, situation: Situation, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """What a surface that bends the way costs: (drop of the linear bound, extra scaled length)."""
+        if situation.surface is None:
+            return ca.SX(0), ca.SX(0)
+        _, slope = self._reading(situation)
+        pull, rest = situation.surface.bow(situation.posture, apart)
+        pull = pull[self.model.coordinates.indices]
+        drop = ca.fmax(0, -ca.dot(slope, pull)) + ca.norm_2(slope) * rest
+        return drop, (ca.norm_2(pull) + rest) / float(self.model.scale.min())
+
+    def _reading(self, situation: Situation) -> tuple[ca.SX, ca.SX]:
+        reading = situation.readings[self.name]
+        return reading[0], reading[1:]
+
+    def _moves(self, situation: Situation) -> ca.SX:
+        """How the model's inputs follow the object (d, 6)."""
+        return situation.sensitivity[self.model.coordinates.indices, :]
+
+    def _scaled(self, rows: ca.SX) -> ca.SX:
+        return ca.diag(ca.DM(1 / self.model.scale)) @ rows

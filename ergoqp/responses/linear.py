@@ -1,0 +1,84 @@
+"""A state that the twist moves by a fixed matrix: points that the robot carries, or a system of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ergoqp.coordinates import FOREARM
+from ergoqp.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class LinearResponse:
+    """S is one matrix, whatever the state: dq/dt = S xi.
+
+    With the identity, the six entries of the twist are the velocities of the six coordinates themselves, as in the problem
+    ``forearm``, where they are elbow and wrist.
+
+    Attributes:
+        coordinates: names of the entries of the state.
+        matrix: S (n, 6); None: the identity.
+        comfort: where the state would like to be (n,), see `ergoqp.Control.comfort`; None: zero.
+        largest: entries of a state beyond this are taken for mistakes, in their unit.
+    """
+
+    coordinates: Sequence[str] = FOREARM
+    matrix: ArrayLike | None = None
+    comfort: ArrayLike | None = None
+    largest: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check shapes and numbers."""
+        n = len(self.coordinates)
+        object.__setattr__(self, "coordinates", tuple(self.coordinates))
+        if self.matrix is None and n != 6:
+            raise InputError(f"coordinates: got {n}, allowed 6 where no matrix is given")
+        for name, value, shape in (
+            ("matrix", np.eye(n, 6) if self.matrix is None else self.matrix, (n, 6)),
+            ("comfort", np.zeros(n) if self.comfort is None else self.comfort, (n,)),
+        ):
+            array = np.asarray(value, dtype=float)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise InputError(f"{name}: got shape {array.shape}, allowed {shape} of finite numbers")
+            object.__setattr__(self, name, array)
+        if not (np.isfinite(self.largest) and self.largest > 0):
+            raise InputError(f"largest: got {self.largest!r}, allowed a positive number")
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All coordinates: the twist may move each of them."""
+        return tuple(self.coordinates)
+
+    @cached_property
+    def weight_vector(self) -> np.ndarray:
+        """Cost of each coordinate's rate (n,): all alike."""
+        return np.ones(len(self.coordinates))
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return S (n, 6), the same everywhere."""
+        return self.sensitivity()(q, 0)[0]
+
+    def sensitivity(self) -> ca.Function:
+        """Return ``(q (n,), locked (n,)) -> (S (n, 6), E (1, 6))``; nothing is lost on the way, so E is zero."""
+        return self._functions[0]
+
+    def contact(self) -> ca.Function:
+        """Return ``q (n,) -> (pose, pose)``: there is no object frame, both are the identity."""
+        return self._functions[1]
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        n = len(self.coordinates)
+        q, locked = ca.SX.sym("q", n), ca.SX.sym("locked", n)
+        matrix = ca.SX(ca.sparsify(ca.DM(self.matrix)))
+        still = ca.SX.eye(4)
+        return (
+            ca.Function("sensitivity", [q, locked], [ca.densify(matrix), ca.SX(ca.DM.zeros(1, 6))]),
+            ca.Function("contact", [q], [ca.densify(still), ca.densify(still)]),
+        )

@@ -1,0 +1,51 @@
+"""What the limits measure at a posture, once per step and as it is, and the situations in which they are asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from ergoqp.limits import Limit, Situation
+from ergoqp.step_rows import Braking
+
+if TYPE_CHECKING:
+    from ergoqp.problem import Problem
+
+
+def readings_function(problem: Problem) -> ca.Function:
+    """Return ``posture -> readings (r,)``: those of all limits, one below the other."""
+    posture = ca.MX.sym("posture", len(problem.coordinates))
+    measured = [measure(posture) for _, measure in _measures(problem)]
+    return ca.Function("readings", [posture], [ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)])
+
+
+def readings_size(problem: Problem) -> int:
+    """Return how many numbers all limits measure."""
+    return sum(measure.numel_out(0) for _, measure in _measures(problem))
+
+
+def situation_of(problem: Problem, sx: Mapping[str, ca.SX], S: ca.SX, brake: Braking | None = None) -> Situation:
+    """Return where things are, from the symbols of a function of the step.
+
+    Args:
+        problem: the task.
+        sx: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``pose`` and ``previous``.
+        S: sensitivity, only with the entries that can differ from zero.
+        brake: of this period, for how far rows must look ahead; None: only the moment counts.
+    """
+    still = ca.SX(6, 1)
+    swing, change = (still, still) if brake is None else (sx["previous"] * brake.reach, brake.change)
+    readings, start = {}, 0
+    for limit, measure in _measures(problem):
+        size = measure.numel_out(0)
+        readings[limit.names[0]] = sx["readings"][start : start + size]
+        start += size
+    pose = sx.get("pose", ca.SX.eye(4))
+    return Situation(sx["posture"], sx["observed"], pose, S, swing, change, readings, problem.surface)
+
+
+def _measures(problem: Problem) -> list[tuple[Limit, ca.Function]]:
+    found = [(limit, limit.measure()) for limit in problem.row_limits]
+    return [(limit, measure) for limit, measure in found if measure is not None]
