@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 
+from ergoqp.linear import largest, smallest
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation
@@ -47,7 +48,7 @@ def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     now = _margins(problem, situation, ca.SX(6, 1), dt)
     solved = sx["residual"] < TOLERANCE
     outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(problem, situation))
-    must_move = ca.mmax(outside)
+    must_move = largest(outside)
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], must_move, dt, counts)
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
@@ -56,7 +57,7 @@ def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
     through = _margins(problem, situation, wanted, dt)
-    whole = ca.mmin(through - _floor(problem, now)) >= 0
+    whole = smallest(through - _floor(problem, now)) >= 0
     outputs = [wanted, slowest, now, solved, outside, rest, whole]
     return ca.Function("judge", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
 
@@ -73,7 +74,7 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     share = ca.SX(0)
     for candidate in reversed(_SHARES):
         twist = _kept(problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"])
-        holds = ca.mmin(_margins(problem, situation, twist, sx["dt"]) - floor) >= 0
+        holds = smallest(_margins(problem, situation, twist, sx["dt"]) - floor) >= 0
         share = ca.if_else(holds, candidate, share)
     return ca.Function("shorten", list(sx.values()), ca.cse([share]))
 
@@ -96,10 +97,10 @@ def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca
     tolerance = ca.DM(limit_values(limits, "tolerance"))
     # Slack of a row on the object side only says that the QP asked for more than needed: the certificate is exact there.
     soft = ca.DM(1 - limit_values(limits, "hard"))[movable]
-    used = ca.mmax(soft * sx["slack"] * (sx["now"][movable] >= -tolerance[movable])) > 10 * TOLERANCE
+    used = largest(soft * sx["slack"] * (sx["now"][movable] >= -tolerance[movable])) > 10 * TOLERANCE
     status = ca.if_else(sx["rest"][0] > 0.5, int(Status.settled), int(Status.optimal))
     status = ca.if_else(used, int(Status.relaxed), status)
-    status = ca.if_else(ca.mmax(sx["outside"]), int(Status.recovering), status)
+    status = ca.if_else(largest(sx["outside"]), int(Status.recovering), status)
     status = ca.if_else(accepted, status, int(Status.braking))
     wrong = ca.fmod(causes, 2.0 ** (Cause.age + 1)) > 0.5
     status = ca.if_else(wrong, int(Status.invalid), status)

@@ -5,6 +5,16 @@ from __future__ import annotations
 import casadi as ca
 
 
+def largest(values: ca.SX, of_none: float = 0.0) -> ca.SX:
+    """Return the largest entry, or `of_none` where there is no entry."""
+    return ca.mmax(values) if values.numel() else ca.SX(of_none)
+
+
+def smallest(values: ca.SX, of_none: float = 0.0) -> ca.SX:
+    """Return the smallest entry, or `of_none` where there is no entry."""
+    return ca.mmin(values) if values.numel() else ca.SX(of_none)
+
+
 def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Solve a 3 x 3 system by cross products (Cramer)."""
     a, b, c = ca.horzsplit(matrix)

@@ -6,17 +6,19 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from ergoqp.costs.cost import Cost
+from ergoqp.costs.learned import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, ProblemError
 from ergoqp.human import Body
-from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.limits import AXES, ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
 from ergoqp.paths import data_folder
 from ergoqp.problem import Control, Problem
-from ergoqp.responses import IkResponse
+from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.sheets.reba import Method
 from ergoqp.sheets.task import TaskOptions
 
@@ -52,8 +54,19 @@ class _Ik(_Table):
     damping: Annotated[float, Field(ge=1e-6, le=1)] = 0.02
 
 
+class _Points(_Table):
+    """Elbow and wrist of the right arm are the state, and the twist their velocities."""
+
+
 class _Response(_Table):
-    ik: _Ik
+    ik: _Ik | None = None
+    points: _Points | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.ik is None) == (self.points is None):
+            raise ValueError("exactly one of ik and points is allowed")
+        return self
 
 
 class _SmoothReba(_Table):
@@ -61,8 +74,19 @@ class _SmoothReba(_Table):
     weights: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (0.8, 0.2)
 
 
+class _Learned(_Table):
+    model: str
+
+
 class _Cost(_Table):
-    smooth_reba: _SmoothReba = _SmoothReba()
+    smooth_reba: _SmoothReba | None = None
+    learned: _Learned | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if self.smooth_reba is not None and self.learned is not None:
+            raise ValueError("only one of smooth_reba and learned is allowed")
+        return self
 
 
 class _Task(_Table):
@@ -105,11 +129,30 @@ class _ToolAxis(_Table):
     half_angle_deg: Annotated[float, Field(gt=0, le=170)]
 
 
+class _PointSpeed(_Table):
+    speed: Positive = 0.15
+    acceleration: Positive = 1.5
+
+
+class _ArmLength(_Table):
+    length: Positive
+
+
+class _Boundary(_Table):
+    model: str
+    hard: bool = False
+    tolerance: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 1e-9
+    recovery_time: Positive = 0.25
+
+
 class _Limits(_Table):
-    twist: _Twist = _Twist()
-    joints: _Joints = _Joints()
+    twist: _Twist | None = None
+    joints: _Joints | None = None
     workspace: _Workspace | None = None
     tool_axis: _ToolAxis | None = None
+    point_speed: _PointSpeed | None = None
+    arm_length: _ArmLength | None = None
+    one_class_boundary: _Boundary | None = None
 
 
 class _File(_Table):
@@ -122,12 +165,20 @@ class _File(_Table):
     control: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}
 
 
+def _point_speed(speed: float, acceleration: float) -> TwistLimit:
+    """Bounds on the velocities of two points, which are the six entries of the twist: all alike."""
+    return TwistLimit(speed, speed, acceleration, acceleration)
+
+
 # Registration: one line per kind of term; the table's fields are the keyword arguments.
 _LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "twist": TwistLimit,
     "joints": JointLimit,
     "workspace": WorkspaceBox,
     "tool_axis": AxisCone,
+    "point_speed": _point_speed,
+    "arm_length": ArmLength,
+    "one_class_boundary": OneClassBoundary,
 }
 
 
@@ -149,11 +200,16 @@ def load_problem(name: str | Path) -> Problem:
         raise ProblemError(f"{path.name}: not a TOML file: {error}") from None
     except OSError as error:
         raise ProblemError(f"{path.name}: cannot be read: {error.strerror}") from None
-    return problem_from_dict(raw, path.stem)
+    return problem_from_dict(raw, path.stem, path.parent)
 
 
-def problem_from_dict(raw: dict[str, Any], name: str) -> Problem:
+def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None) -> Problem:
     """Return the problem that a parsed file describes.
+
+    Args:
+        raw: the file's tables.
+        name: of the problem.
+        folder: that paths of models are relative to; None: the current one.
 
     Raises:
         ProblemError: listing every mistake.
@@ -163,26 +219,23 @@ def problem_from_dict(raw: dict[str, Any], name: str) -> Problem:
     except ValidationError as error:
         raise ProblemError(_mistakes(name, error)) from None
     try:
-        return _build(file, name)
+        return _build(file, name, folder or Path())
     except ErgoqpError as error:
         raise ProblemError(f"{name}: {error}") from None
     except TypeError as error:
         raise ProblemError(f"{name}: {error}") from None
 
 
-def _build(file: _File, name: str) -> Problem:
-    ik = file.response.ik.model_dump()
-    stature = ik.pop("stature")
+def _build(file: _File, name: str, folder: Path) -> Problem:
     task = file.task.model_dump()
     choices = task.pop("method")
     _known("task.method", choices, {f.name for f in fields(Method)})
     method = Method(**choices)
     _known("control", file.control, {f.name for f in fields(Control)})
-    limits = file.limits.model_dump(exclude_none=True)
     return Problem(
-        cost=SmoothReba(**file.cost.smooth_reba.model_dump(), method=method, **task),
-        response=IkResponse(body=Body.of_stature(stature), **ik),
-        limits=[_LIMITS[kind](**values) for kind, values in limits.items()],
+        cost=_cost(file.cost, method, task, folder),
+        response=_response(file.response),
+        limits=_limits(file, folder),
         dt=file.dt,
         control=Control(**file.control),
         task=TaskOptions(**task),
@@ -190,6 +243,52 @@ def _build(file: _File, name: str) -> Problem:
         name=name,
         title=file.title or name,
     )
+
+
+def _response(table: _Response) -> IkResponse | LinearResponse:
+    if table.ik is None:
+        return LinearResponse()
+    ik = table.ik.model_dump()
+    return IkResponse(body=Body.of_stature(ik.pop("stature")), **ik)
+
+
+def _cost(table: _Cost, method: Method, task: dict[str, Any], folder: Path) -> Cost:
+    if table.learned is not None:
+        # What a cost has learned it knows: other options than those of its data would be silently ignored.
+        if task != _Task().model_dump(exclude={"method"}) or method != Method():
+            raise ProblemError("cost.learned: got options in [task], allowed none: the cost was learned without them")
+        return load_cost(find_model(table.learned.model, folder))
+    return SmoothReba(**(table.smooth_reba or _SmoothReba()).model_dump(), method=method, **task)
+
+
+def _limits(file: _File, folder: Path) -> list[Any]:
+    limits = file.limits.model_dump(exclude_none=True)
+    if file.response.ik is not None:
+        # A person always has joints, and an object always a largest speed.
+        limits = {"twist": _Twist().model_dump(), "joints": _Joints().model_dump()} | limits
+    elif "point_speed" not in limits:
+        limits["point_speed"] = _PointSpeed().model_dump()
+    if "one_class_boundary" in limits:
+        from ergoqp.one_class import load_one_class
+
+        boundary = limits["one_class_boundary"]
+        boundary["model"] = load_one_class(find_model(boundary["model"], folder))
+    return [_LIMITS[kind](**values) for kind, values in limits.items()]
+
+
+def find_model(name: str, folder: Path) -> Path:
+    """Return the file of a learned model: by its name in ``models/``, or a path of a .npz file relative to `folder`.
+
+    Raises:
+        ProblemError: if there is none.
+    """
+    path = data_folder("models") / f"{name}.npz" if not name.endswith(".npz") else folder / name
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in data_folder("models").glob("*.npz")))
+        raise ProblemError(
+            f"model: got {name!r}, allowed {known or 'none that came with the package'} or the path of a .npz file"
+        )
+    return path
 
 
 def _known(where: str, given: dict[str, Any], allowed: set[str]) -> None:

@@ -36,6 +36,8 @@ def build_qp(solver: QpSolver, m: int) -> ca.Function:
     shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
     inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
     hard = _hard(solver, m, inputs)
+    if m == 0:
+        return hard
     relaxed = _relaxed(solver, m, inputs)
     choose = ca.Function.if_else("relaxed_or_hard", relaxed, hard)
     return ca.Function("qp", inputs, list(choose(ca.mmax(inputs[6]) > 0, *inputs)))

@@ -153,6 +153,8 @@ def row_bounds(
         movable: which rows to keep, see `movable_rows`.
     """
     blocks = [_bounds(twist, limit, situation, brake, final) for limit in limits]
+    if not blocks:
+        return RowBounds(ca.SX(0, 6), *(ca.SX(0, 1) for _ in range(4)))
     matrix, lower, upper, side, cap = (ca.vertcat(*parts) for parts in zip(*blocks, strict=True))
     return RowBounds(*(ca.densify(part[movable, :]) for part in (matrix, lower, upper, side, cap)))
 

@@ -76,7 +76,7 @@ class LinearResponse:
     def _functions(self) -> tuple[ca.Function, ca.Function]:
         n = len(self.coordinates)
         q, locked = ca.SX.sym("q", n), ca.SX.sym("locked", n)
-        matrix = ca.SX(ca.sparsify(ca.DM(self.matrix)))
+        matrix = ca.SX(ca.sparsify(ca.DM(np.asarray(self.matrix))))
         still = ca.SX.eye(4)
         return (
             ca.Function("sensitivity", [q, locked], [ca.densify(matrix), ca.SX(ca.DM.zeros(1, 6))]),

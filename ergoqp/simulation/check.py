@@ -1,7 +1,8 @@
 """The independent checker: every limit judged again in plain numpy, from what was sent and measured alone.
 
 It shares no code with the step. What it checks: every twist against speed, acceleration and axes; the object's pose after
-each period against workspace and cone; the model person's predicted posture against joint ranges and rates. What was outside
+each period against workspace and cone; the model person's predicted posture against joint ranges and rates and against the
+boundary of the data; elbow and wrist against the forearm's length. What was outside
 may only come in, and what is in stays in: the object's pose is never further out than it ever was.
 """
 
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.limits import AxisCone, JointLimit, WorkspaceBox
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, WorkspaceBox
 from ergoqp.problem import Problem
 
 _ALLOWED = 1e-8
@@ -47,10 +48,14 @@ class Checker:
         self._box = self.problem.limit_of(WorkspaceBox)
         self._cone = self.problem.limit_of(AxisCone)
         self._joints = self.problem.limit_of(JointLimit)
+        self._boundary = self.problem.limit_of(OneClassBoundary)
+        self._length = self.problem.limit_of(ArmLength)
         units = {"speed": "m/s, rad/s", "acceleration": "m/s^2, rad/s^2", "axes": "m/s, rad/s"}
         units |= {"workspace": "m"} if self._box else {}
         units |= {"tool axis": "rad"} if self._cone else {}
         units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
+        units |= {"boundary": "log"} if self._boundary else {}
+        units |= {"arm length": "m"} if self._length else {}
         self._least_out: dict[str, np.ndarray] = {}
         self.units = units
         self.violations = dict.fromkeys(units, 0)
@@ -101,6 +106,12 @@ class Checker:
         if self._joints and posture is not None:
             kept = np.array([name not in gave_way for name in self.problem.coordinates])
             excess |= self._joint_excess(posture, rate, dt, observed, is_braking, kept)
+        if self._boundary and posture is not None:
+            told = self._boundary.name in gave_way
+            excess["boundary"] = 0.0 if told or is_braking else self._boundary_excess(posture, rate, dt)
+        if self._length and posture is not None:
+            before, behind = (abs(_apart(points) - self._length.length) for points in (posture, posture + rate * dt))
+            excess["arm length"] = behind - before
         if not np.isfinite(twist).all():
             excess = {name: np.inf for name in excess}
         broken = [name for name, value in excess.items() if value > _ALLOWED]
@@ -114,6 +125,12 @@ class Checker:
         least = np.minimum(self._least_out.get(name, np.inf), np.maximum(before, 0.0))
         self._least_out[name] = np.minimum(least, np.maximum(after, 0.0))
         return float(np.max(after - least))
+
+    def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
+        """How much further outside than it was; at most the certificate's own accuracy inside."""
+        points = self._boundary.model.coordinates.read(np.stack([posture, posture + rate * dt]))
+        before, after = self._boundary.model.margin(points)
+        return float(min(before, 0.0) - after)
 
     def _joint_excess(
         self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, is_braking: bool, kept: np.ndarray
@@ -154,6 +171,10 @@ def _moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     after[:3, 3] += displacement[:3]
     after[:3, :3] = rotation @ pose[:3, :3]
     return after
+
+
+def _apart(points: np.ndarray) -> float:
+    return float(np.linalg.norm(points[3:] - points[:3]))
 
 
 def _angle(axis: np.ndarray, direction: tuple[float, float, float]) -> float:
