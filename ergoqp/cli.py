@@ -51,6 +51,7 @@ Examples:
   ergoqp run screwing
   ergoqp run screwing --from recording.bvh
   ergoqp score recording.bvh --load-kg 4
+  ergoqp fit svr
 
 Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
 """
@@ -73,6 +74,18 @@ Examples:
   ergoqp score take.bvh
   ergoqp score take.bvh --load-kg 6 --coupling 1
   ergoqp score take.bvh --seated --unit-to-m 0.01 --up y
+"""
+
+_ABOUT_FIT = """Learn a cost from labelled postures, test it on postures that it has not seen, and keep it.
+
+Prints a table and writes COST.npz (for [cost.learned] in a problem file, or ergoqp.load_cost) and COST.png.
+
+\b
+Examples:
+  ergoqp fit svr                                     10 000 random postures, scored by the sheet
+  ergoqp fit gmr --set components=30 --folds 3
+  ergoqp fit svr --data forearm                      elbow and wrist of the right arm
+  ergoqp fit quadratic --data my_postures.csv        columns trunk_flexion_deg ..., score
 """
 
 _Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
@@ -180,6 +193,30 @@ def _score(
         shoulder_raised=_pair(shoulder_raised),
     )
     score(recording, out, task, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+
+
+@app.command("fit", help=_ABOUT_FIT, short_help="Learn a cost from labelled postures.")
+def _fit(
+    cost: Annotated[
+        str,
+        typer.Argument(metavar="COST", help="quadratic, gmr, svr, one_class_ladder or neural.", show_default=False),
+    ],
+    data: Annotated[
+        str, typer.Option("--data", metavar="NAME|FILE", help="sheet, interval, forearm, or a CSV file of your own.")
+    ] = "sheet",
+    per_score: Annotated[
+        int, typer.Option("--per-score", metavar="N", help="Postures of each score, where data are drawn.")
+    ] = 1000,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of data, folds and fit.")] = 0,
+    folds: Annotated[int, typer.Option("--folds", metavar="N", help="Of the cross-validation.")] = 5,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option of the cost's own fit; may be repeated.")
+    ] = None,
+    out: _Out = None,
+) -> None:
+    from ergoqp.commands.fit import fit
+
+    fit(cost, data, per_score, seed, folds, settings or [], out)
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:
