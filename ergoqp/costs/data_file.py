@@ -22,8 +22,8 @@ _DEGREES: Final = "_deg"
 def read_data(path: Path | str) -> DataSet:
     """Read a data set: one row per posture, a header, one column ``score``.
 
-    The other columns are joints by their names in `ergoqp.JOINTS` (radians), the same with ``_deg`` at the end (degrees), or the
-    six coordinates of the forearm (metres), in any order and any number.
+    The other columns are joints by their names in `ergoqp.JOINTS` (radians), the same with ``_deg`` at the end (degrees), or
+    the six coordinates of the forearm (metres), in any order and any number.
 
     Raises:
         ModelError: naming the column or the row that cannot be read.
