@@ -1,0 +1,257 @@
+"""Sums of kernels, f(x) = sum_j w_j k(u, s_j) + bias with u = (x - mean) / scale: in numpy, and as dense CasADi matrices.
+
+Support vector regression, kernel ridge regression and Gaussian processes all predict such a sum. With thousands of centres
+s_j it is evaluated at every control step, so the expression is a few operations on whole matrices: one product with the
+matrix of centres gives all distances, one more gives the slope.
+
+The kernels, with t = |u - s|^2 for the radial ones and p = u . s for the others:
+
+========  ============================================================
+rbf       exp(-gamma t)
+matern32  (1 + a) exp(-a), a = sqrt(3 gamma t)
+matern52  (1 + a + a^2 / 3) exp(-a), a = sqrt(5 gamma t)
+rational  (1 + gamma t / alpha)^-alpha
+linear    p
+poly      (gamma p + offset)^degree
+sigmoid   tanh(gamma p + offset)
+========  ============================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import ModelError
+
+RADIAL: Final = ("rbf", "matern32", "matern52", "rational")
+"""Kernels of the distance."""
+
+PRODUCT: Final = ("linear", "poly", "sigmoid")
+"""Kernels of the inner product."""
+
+_CHUNK: Final = 4_000_000
+"""Entries of a kernel matrix that are held at once by numpy."""
+
+_TINY: Final = 1e-30
+"""Keeps the root of a distance differentiable at zero."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """One kernel and its numbers; those that it does not use have no effect.
+
+    Attributes:
+        kind: one of `RADIAL` or `PRODUCT`.
+        gamma: factor of the squared distance or of the product.
+        offset: of the product.
+        degree: of the polynomial.
+        alpha: of the rational kernel.
+    """
+
+    kind: str
+    gamma: float = 1.0
+    offset: float = 0.0
+    degree: float = 3.0
+    alpha: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the kind and the numbers.
+
+        Raises:
+            ModelError: for another kind, or a number that is not finite or not positive where it must be.
+        """
+        if self.kind not in RADIAL + PRODUCT:
+            raise ModelError(f"kernel: got {self.kind!r}, allowed {', '.join(RADIAL + PRODUCT)}")
+        if not np.isfinite([self.gamma, self.offset, self.degree, self.alpha]).all():
+            raise ModelError(f"kernel: got {self}, allowed finite numbers")
+        if self.radial and not (self.gamma > 0 and self.alpha > 0):
+            raise ModelError(f"kernel: got gamma {self.gamma!r} and alpha {self.alpha!r}, allowed positive numbers")
+
+    @property
+    def radial(self) -> bool:
+        """Whether it is a function of the distance."""
+        return self.kind in RADIAL
+
+    def profile(self, t: Any, lib: Any) -> tuple[Any, Any]:
+        """Return the kernel and its derivative at t: the squared distance, or the product.
+
+        Args:
+            t: array or expression.
+            lib: `numpy` or `casadi`, whose functions are to be used.
+        """
+        gamma = self.gamma
+        match self.kind:
+            case "rbf":
+                value = lib.exp(-gamma * t)
+                return value, -gamma * value
+            case "matern32":
+                a = lib.sqrt(3 * gamma * lib.fmax(t, 0) + _TINY)
+                decay = lib.exp(-a)
+                return (1 + a) * decay, -1.5 * gamma * decay
+            case "matern52":
+                a = lib.sqrt(5 * gamma * lib.fmax(t, 0) + _TINY)
+                decay = lib.exp(-a)
+                slow = (1 + a) * decay
+                return slow + a * a / 3 * decay, -5 / 6 * gamma * slow
+            case "rational":
+                base = 1 + gamma / self.alpha * t
+                value = base**-self.alpha
+                return value, -gamma * value / base
+            case "linear":
+                return t, 1 + 0 * t
+            case "poly":
+                base = gamma * t + self.offset
+                return base**self.degree, gamma * self.degree * base ** (self.degree - 1)
+            case _:
+                value = lib.tanh(gamma * t + self.offset)
+                return value, gamma * (1 - value * value)
+
+
+@dataclass(frozen=True, eq=False)
+class KernelSum:
+    """f(x) = sum_j w_j k((x - mean) / scale, s_j) + bias.
+
+    Attributes:
+        kernel: k.
+        centres: s_j, scaled as the kernel sees them (n, d).
+        weights: w_j (n,).
+        bias: added at the end.
+        mean: subtracted from x (d,).
+        scale: divides then (d,).
+    """
+
+    kernel: Kernel
+    centres: Array
+    weights: Array
+    bias: float
+    mean: Array
+    scale: Array
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together.
+
+        Raises:
+            ModelError: naming the shape, or that there is a number that is not finite.
+        """
+        for name in ("centres", "weights", "mean", "scale"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=float))
+        object.__setattr__(self, "bias", float(self.bias))
+        n, d = self.centres.shape if self.centres.ndim == 2 else (0, 0)
+        shapes = (self.weights.shape, self.mean.shape, self.scale.shape)
+        if not n or not d or shapes != ((n,), (d,), (d,)):
+            raise ModelError(
+                f"kernels: got centres, weights, mean, scale of shapes {(self.centres.shape, *shapes)}, "
+                "allowed (n, d), (n,), (d,), (d,), n at least 1"
+            )
+        numbers = (self.centres, self.weights, self.mean, self.scale, np.array([self.bias]))
+        if not all(np.isfinite(part).all() for part in numbers) or not (self.scale > 0).all():
+            raise ModelError("kernels: got numbers that are not finite or a scale that is not positive, allowed finite ones")
+
+    def __len__(self) -> int:
+        """Count the centres."""
+        return len(self.weights)
+
+    @cached_property
+    def origin(self) -> Array:
+        """What is subtracted from x before scaling (d,).
+
+        Distances do not change when the centres are moved to lie around zero, and rounding is least there.
+        """
+        return self.mean + self.scale * self.centres.mean(axis=0) if self.kernel.radial else self.mean
+
+    @cached_property
+    def points(self) -> Array:
+        """The centres as seen from `origin` (n, d)."""
+        return self.centres - self.centres.mean(axis=0) if self.kernel.radial else self.centres
+
+    def values(self, points: ArrayLike) -> Array:
+        """Return f (n,) of inputs (n, d)."""
+        rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
+        size = max(1, _CHUNK // len(self))
+        parts = [self._features(rows[i : i + size]) @ self.weights for i in range(0, len(rows), size)]
+        return np.concatenate([*parts, np.empty(0)]) + self.bias
+
+    def _features(self, rows: Array) -> Array:
+        """Return the kernel of scaled rows (n, d) with each centre (n, centres)."""
+        t = rows @ self.points.T
+        if self.kernel.radial:
+            t = np.maximum((rows**2).sum(axis=1)[:, np.newaxis] + (self.points**2).sum(axis=1) - 2 * t, 0)
+        return self.kernel.profile(t, np)[0]
+
+    def features(self, points: ArrayLike) -> Array:
+        """Return the kernel of inputs (n, d) with each centre (n, centres): f is this times the weights, plus the bias."""
+        return self._features((np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale)
+
+    @cached_property
+    def _matrix(self) -> ca.MX:
+        # One constant for value and slope: CasADi copies it once per evaluation, which costs a tenth of the time.
+        return ca.MX(ca.DM(-2 * self.points if self.kernel.radial else self.points))
+
+    @cached_property
+    def _lengths(self) -> ca.MX:
+        return ca.MX(ca.DM((self.points**2).sum(axis=1)))
+
+    @cached_property
+    def _weights(self) -> ca.MX:
+        return ca.MX(ca.DM(self.weights))
+
+    def _scaled(self, x: ca.MX) -> ca.MX:
+        if x.shape != (len(self.scale), 1):
+            raise ModelError(f"kernels: got an expression of shape {x.shape}, allowed ({len(self.scale)}, 1)")
+        return (x - ca.DM(self.origin)) / ca.DM(self.scale)
+
+    def _argument(self, u: ca.MX) -> ca.MX:
+        """Return t of the profile for all centres (n,)."""
+        t = self._matrix @ u
+        return t + (self._lengths + ca.sumsqr(u)) if self.kernel.radial else t
+
+    def expression(self, x: ca.MX) -> ca.MX:
+        """Return f at one point (d,), a scalar expression.
+
+        Raises:
+            ModelError: for an expression of another shape.
+        """
+        value, _ = self.kernel.profile(self._argument(self._scaled(x)), ca)
+        return ca.dot(self._weights, value) + self.bias
+
+    def value_and_slope(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Return f and its gradient (d,) at one point (d,).
+
+        With t_j = |u - s_j|^2 and the kernel phi(t), the gradient by u is 2 u sum_j w_j phi'(t_j) - 2 S' (w phi'(t)): the
+        matrix of centres serves twice and every exponential once.
+
+        Raises:
+            ModelError: for an expression of another shape.
+        """
+        u = self._scaled(x)
+        value, rate = self.kernel.profile(self._argument(u), ca)
+        pull = self._weights * rate
+        slope = (pull.T @ self._matrix).T
+        if self.kernel.radial:
+            slope += 2 * u * ca.sum1(pull)
+        return ca.dot(self._weights, value) + self.bias, slope / ca.DM(self.scale)
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return the gradient (d,) at one point (d,), see `value_and_slope`."""
+        return self.value_and_slope(x)[1]
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, Array]]:
+        """Return (settings that JSON can hold, arrays): all that `from_parts` needs."""
+        arrays = {name: getattr(self, name) for name in ("centres", "weights", "mean", "scale")}
+        return {"kernel": asdict(self.kernel), "bias": self.bias}, arrays
+
+    @classmethod
+    def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, Array]) -> KernelSum:
+        """Return the sum that `parts` came from."""
+        names = ("centres", "weights", "mean", "scale")
+        centres, weights, mean, scale = (arrays[name] for name in names)
+        return cls(Kernel(**settings["kernel"]), centres, weights, settings["bias"], mean, scale)
