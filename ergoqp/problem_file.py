@@ -10,7 +10,6 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from ergoqp.costs.cost import Cost
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, ProblemError
@@ -252,7 +251,7 @@ def _response(table: _Response) -> IkResponse | LinearResponse:
     return IkResponse(body=Body.of_stature(ik.pop("stature")), **ik)
 
 
-def _cost(table: _Cost, method: Method, task: dict[str, Any], folder: Path) -> Cost:
+def _cost(table: _Cost, method: Method, task: dict[str, Any], folder: Path) -> Any:
     if table.learned is not None:
         # What a cost has learned it knows: other options than those of its data would be silently ignored.
         if task != _Task().model_dump(exclude={"method"}) or method != Method():

@@ -55,7 +55,7 @@ class LinearResponse:
         """All coordinates: the twist may move each of them."""
         return tuple(self.coordinates)
 
-    @cached_property
+    @property
     def weight_vector(self) -> np.ndarray:
         """Cost of each coordinate's rate (n,): all alike."""
         return np.ones(len(self.coordinates))

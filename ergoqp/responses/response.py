@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -16,7 +17,7 @@ class Response(Protocol):
     """
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Sequence[str]:
         """Names of the entries of the state: `ergoqp.JOINTS`, or what the model moves instead of a person."""
         ...
 
