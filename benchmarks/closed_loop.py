@@ -84,7 +84,7 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, Loops
             continue
         loops.start.append(int(problem.assess(start.posture).final[0]))
         loops.best.append(best)
-        loops.end.append(_end_score(problem, person, start, trace.postures[-1], trace.poses[-1]))
+        loops.end.append(end_score(problem, person, start, trace.postures[-1], trace.poses[-1]))
         loops.settle.append(settle_time(trace))
         loops.violations.append(sum(checker.violations.values()))
         loops.braking.append(float(np.mean([step.status in ("braking", "invalid") for step in trace.steps])))
@@ -95,7 +95,7 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, Loops
     return name, loops
 
 
-def _end_score(problem: Problem, person: Follower, start: Start, posture: np.ndarray, pose: np.ndarray) -> int:
+def end_score(problem: Problem, person: Follower, start: Start, posture: np.ndarray, pose: np.ndarray) -> int:
     """Exact score of the rest posture where the object is now; of the posture itself where it is out of reach."""
     rest, reached = person.settle(posture, pose, start.grasp, start.soles)
     return int(problem.assess(rest if reached else posture).final[0])
@@ -127,7 +127,7 @@ def _plain_way(problem: Problem):
             posture, _, _ = person.move(
                 posture, np.hstack([held @ grip for grip in start.grasp]), start.soles, follow, problem.dt
             )
-        return _end_score(problem, person, start, posture, pose), broken / steps
+        return end_score(problem, person, start, posture, pose), broken / steps
 
     return loop
 

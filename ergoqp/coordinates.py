@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
-from ergoqp.joints import INDEX, JOINTS
+from ergoqp.joints import INDEX, JOINTS, UPPER_BODY
 
 FOREARM: Final[tuple[str, ...]] = ("elbow_x", "elbow_y", "elbow_z", "wrist_x", "wrist_y", "wrist_z")
 """State of the problem ``forearm``: elbow and wrist of the right arm, axes and origin of the pelvis frame [m]."""
@@ -30,6 +30,10 @@ REPORT_JOINTS: Final[tuple[str, ...]] = (
     "left_knee_flexion",
 )
 """The 20 joints of the EPFL report's data: neck 3, trunk 3, knees 2, per arm shoulder 2, elbow 1, wrist 3."""
+
+
+SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, "right_knee_flexion", "left_knee_flexion")
+"""The 22 joints that the sheet reads: those of the report's data and the rotation of both shoulders."""
 
 
 class Coordinates:
