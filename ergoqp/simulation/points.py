@@ -1,0 +1,82 @@
+"""Closed loops of problems whose state is carried by the robot itself, such as ``forearm``: no person, no delay, no noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import InputError
+from ergoqp.problem import Problem
+from ergoqp.responses import LinearResponse
+from ergoqp.simulation.check import Checker
+from ergoqp.step import Stepper
+
+
+@dataclass(frozen=True, eq=False)
+class PointsRun:
+    """What one loop left behind.
+
+    Attributes:
+        dt: period [s].
+        states: the state before each step and after the last one (n + 1, N).
+        twists: what was sent (n, 6).
+        statuses: of each step (n,).
+        cost: V before each step (n,) [points].
+        violations: steps that broke a limit, per limit, by the independent checker.
+        max_violation: the worst of each.
+    """
+
+    dt: float
+    states: NDArray[np.float64]
+    twists: NDArray[np.float64]
+    statuses: tuple[str, ...]
+    cost: NDArray[np.float64]
+    violations: dict[str, int]
+    max_violation: dict[str, float]
+
+
+def run_points(
+    problem: Problem,
+    start: ArrayLike,
+    duration: float = 20.0,
+    *,
+    stepper: Stepper | None = None,
+    stop_when_still: float | None = 0.5,
+) -> PointsRun:
+    """Run the loop from a state: what is sent is what happens.
+
+    Args:
+        problem: its response must be a `LinearResponse`.
+        start: state at time 0 (N,).
+        duration: longest time [s].
+        stepper: of this problem, reset here; None: a new one.
+        stop_when_still: end early after resting for this long [s]; None: never.
+
+    Raises:
+        InputError: for another response, or a start of another size.
+    """
+    if not isinstance(problem.response, LinearResponse):
+        raise InputError(f"problem {problem.name}: got a {type(problem.response).__name__}, allowed LinearResponse")
+    state = np.array(start, dtype=float)
+    if state.shape != (len(problem.coordinates),) or not np.isfinite(state).all():
+        raise InputError(f"start: got shape {state.shape}, allowed ({len(problem.coordinates)},) of finite numbers")
+    stepper = stepper or problem.stepper()
+    stepper.reset()
+    checker, matrix, dt = Checker(problem), np.asarray(problem.response.matrix), stepper.dt
+    states, twists, statuses, cost = [state], [], [], []
+    previous, still = np.zeros(6), 0.0
+    for _ in range(round(duration / dt)):
+        step = stepper.step(state)
+        checker.check(step.twist, previous, np.eye(4), state, step.posture_rate, dt, gave_way=step.slack)
+        state, previous = state + matrix @ step.twist * dt, step.twist
+        states.append(state)
+        twists.append(step.twist)
+        statuses.append(step.status)
+        cost.append(step.cost)
+        still = still + dt if step.status == "settled" and not step.twist.any() else 0.0
+        if stop_when_still is not None and still >= stop_when_still:
+            break
+    found = (dict(checker.violations), dict(checker.max_violation))
+    return PointsRun(dt, np.array(states), np.array(twists), tuple(statuses), np.array(cost), *found)
