@@ -107,8 +107,8 @@ class Checker:
             kept = np.array([name not in gave_way for name in self.problem.coordinates])
             excess |= self._joint_excess(posture, rate, dt, observed, is_braking, kept)
         if self._boundary and posture is not None:
-            told = self._boundary.name in gave_way
-            excess["boundary"] = 0.0 if told or is_braking else self._boundary_excess(posture, rate, dt)
+            excused = not self._boundary.hard and (is_braking or self._boundary.name in gave_way)
+            excess["boundary"] = 0.0 if excused else self._boundary_excess(posture, rate, dt)
         if self._length and posture is not None:
             before, behind = (abs(_apart(points) - self._length.length) for points in (posture, posture + rate * dt))
             excess["arm length"] = behind - before
@@ -127,7 +127,7 @@ class Checker:
         return float(np.max(after - least))
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
-        """How much further outside than it was; at most the certificate's own accuracy inside."""
+        """How much further outside than it was; 0 inside."""
         points = self._boundary.model.coordinates.read(np.stack([posture, posture + rate * dt]))
         before, after = self._boundary.model.margin(points)
         return float(min(before, 0.0) - after)
