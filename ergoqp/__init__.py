@@ -18,6 +18,7 @@ from ergoqp.joints import JOINTS as JOINTS
 from ergoqp.sheets import reba as reba
 
 if TYPE_CHECKING:
+    from ergoqp.costs.learned import load_cost as load_cost
     from ergoqp.problem import Control as Control
     from ergoqp.problem import Problem as Problem
     from ergoqp.problem_file import load_problem as load_problem
@@ -36,6 +37,7 @@ __all__ = [
     "Stepper",
     "__version__",
     "errors",
+    "load_cost",
     "load_problem",
     "load_recording",
     "reba",
@@ -47,6 +49,7 @@ _LATER = {
     "Problem": "ergoqp.problem",
     "Step": "ergoqp.step",
     "Stepper": "ergoqp.step",
+    "load_cost": "ergoqp.costs.learned",
     "load_problem": "ergoqp.problem_file",
     "load_recording": "ergoqp.recordings",
     "replay": "ergoqp.step",

@@ -19,6 +19,7 @@ from ergoqp.commands.common import (
     writing,
 )
 from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.recordings import Recording
@@ -46,6 +47,9 @@ def run(
         ErgoqpError: if what the user gave cannot be used.
     """
     problem = load_problem(problem_name)
+    if tuple(problem.coordinates) != JOINTS:
+        moved = ", ".join(problem.coordinates)
+        raise InputError(f"problem {problem.name}: moves {moved}, allowed here problems of a person; see ergoqp.simulation.points")
     check_numbers(problem, duration, seed)
     screen = console()
     if recording_path is None:
