@@ -49,7 +49,7 @@ def run(
     problem = load_problem(problem_name)
     if tuple(problem.coordinates) != JOINTS:
         moved = ", ".join(problem.coordinates)
-        raise InputError(f"problem {problem.name}: moves {moved}, allowed here problems of a person; see ergoqp.simulation.points")
+        raise InputError(f"problem {problem.name}: moves {moved}, allowed problems of a person; see ergoqp.simulation.points")
     check_numbers(problem, duration, seed)
     screen = console()
     if recording_path is None:

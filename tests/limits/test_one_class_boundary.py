@@ -1,0 +1,140 @@
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ergoqp
+from benchmarks.boundary import FirstOrder, Outward, draw_case
+from ergoqp.coordinates import FOREARM, SCORED_JOINTS
+from ergoqp.costs.dataset import balanced_postures
+from ergoqp.errors import InputError, ProblemError
+from ergoqp.joints import INDEX
+from ergoqp.limits import ArmLength, OneClassBoundary, TwistLimit
+from ergoqp.one_class import OneClass
+from ergoqp.responses import LinearResponse
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import run_loop, start_at
+from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.points import run_points
+
+LENGTH = 0.26
+
+
+@pytest.fixture(scope="module")
+def case():
+    return draw_case(6, np.random.default_rng(4))
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Pairs of points one forearm apart, and the boundary around them."""
+    rng = np.random.default_rng(1)
+    elbow, way = rng.normal(size=(900, 3)) * 0.12, np.array([0.8, 0.3, 0.0]) + rng.normal(size=(900, 3))
+    points = np.hstack([elbow, elbow + LENGTH * way / np.linalg.norm(way, axis=1, keepdims=True)])
+    return points, OneClass.fit(points, FOREARM, nu=0.05, gamma=0.5)
+
+
+def outward(model, *limits, response=None):
+    control = ergoqp.Control(comfort=0.0, rest_below=0.0, stall_after=1e6, effort_linear=0.1, effort_angular=0.1)
+    return ergoqp.Problem(cost=Outward(model), response=response or LinearResponse(), limits=list(limits), control=control)
+
+
+@given(seed=st.integers(0, 10**6), size=st.floats(1e-4, 30.0))
+@settings(max_examples=300, deadline=None)
+def test_the_bound_holds_for_every_displacement(case, seed, size):
+    rng = np.random.default_rng(seed)
+    start = case.inside[rng.integers(len(case.inside))] + rng.normal(size=6) * case.model.scale * rng.choice([0.1, 3.0])
+    step = rng.normal(size=6) * case.model.scale * size
+    value, slope = (np.array(part).ravel() for part in case.model.margin_and_slope(start))
+    scaled = step / case.model.scale
+    bound = value[0] + slope @ step - case.model.gamma * scaled @ scaled
+    assert case.model.margin(start + step)[0] >= bound - 1e-9 * (1 + abs(bound))
+
+
+@pytest.mark.parametrize("kind", [OneClassBoundary, FirstOrder])
+def test_only_the_whole_row_stays_inside(case, kind):
+    names = case.model.coordinates.names
+    problem = outward(
+        case.model, TwistLimit(0.8, 0.8, 0.8, 0.8), kind(case.model, hard=True), response=LinearResponse(names, largest=100.0)
+    )
+    stepper = problem.stepper(dt=0.05)
+    least = min(
+        case.margin(run_points(problem, start, 5.0, stepper=stepper, stop_when_still=None).states).min()
+        for start in case.inside[:6]
+    )
+    # A linear row believes the slope and leaves; that it does shows that this way out is an attack.
+    assert least > 0 if kind is OneClassBoundary else least < -1e-6
+
+
+def test_it_reaches_the_boundary_and_not_only_its_neighbourhood(case):
+    names = case.model.coordinates.names
+    problem = outward(
+        case.model, TwistLimit(), OneClassBoundary(case.model, hard=True), response=LinearResponse(names, largest=100.0)
+    )
+    run = run_points(problem, case.inside[0], 12.0, stop_when_still=None)
+    assert 0 <= case.margin(run.states[-1:])[0] < 1e-3
+    assert set(run.statuses) == {"optimal"}
+    assert not any(run.violations.values())
+
+
+def test_on_a_bent_way_it_holds_too(arm):
+    points, model = arm
+    problem = outward(model, TwistLimit(0.15, 0.15, 1.5, 1.5), ArmLength(LENGTH), OneClassBoundary(model, hard=True))
+    stepper, inside = problem.stepper(), points[model.margin(points) > 0.01]
+    for start in inside[:5]:
+        run = run_points(problem, start, 5.0, stepper=stepper, stop_when_still=None)
+        assert model.margin(run.states).min() >= 0
+        assert np.abs(np.linalg.norm(run.states[:, 3:] - run.states[:, :3], axis=1) - LENGTH).max() < 1e-12
+        assert not any(run.violations.values())
+        assert "braking" not in run.statuses
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_from_outside_it_comes_back_and_stays(arm, seed):
+    points, model = arm
+    limit = ArmLength(LENGTH)
+    rng = np.random.default_rng(seed)
+    somewhere = limit.project(points[:50] + rng.normal(size=(50, 6)) * 0.12)
+    start = somewhere[model.margin(somewhere) < -0.05][0]
+    problem = outward(model, TwistLimit(0.15, 0.15, 1.5, 1.5), limit, OneClassBoundary(model, hard=True))
+    run = run_points(problem, start, 4.0, stop_when_still=None)
+    margin = model.margin(run.states)
+    first = int(np.argmax(margin >= 0))
+    assert run.statuses[0] == "recovering"
+    assert 0 < first * run.dt <= 2.0
+    assert (np.diff(margin[:first]) > -1e-12).all()
+    assert margin[first:].min() >= 0
+
+
+def test_a_persons_posture_comes_back_into_the_data():
+    """In the full problem the row goes through S: kept as far as braking allows, and announced."""
+    postures, _ = balanced_postures(60, np.random.default_rng(0))
+    model = OneClass.fit(postures[:, [INDEX[name] for name in SCORED_JOINTS]], SCORED_JOINTS, nu=0.05, gamma=0.05)
+    plain = ergoqp.load_problem("screwing")
+    problem = plain.replace(limits=[*plain.limits, OneClassBoundary(model, tolerance=0.05, recovery_time=1.0)])
+    step = problem.stepper().step(problem.response.comfort)
+    assert step.margins["boundary"] == pytest.approx(model.margin(model.coordinates.read(problem.response.comfort))[0])
+    person, checker = sample_person(plain, 0), Checker(problem)
+    posture = problem.response.comfort.copy()
+    posture[INDEX["right_shoulder_flexion"]] = np.radians(100)
+    trace = run_loop(problem, person, start_at(person, posture), duration=4.0, seed=0, checker=checker)
+    assert not any(checker.violations.values())
+    assert trace.steps[-1].margins["boundary"] >= min(0.0, trace.steps[0].margins["boundary"])
+
+
+def test_terms_that_do_not_fit_are_refused(arm):
+    _, model = arm
+    with pytest.raises(InputError, match="recovery_time"):
+        OneClassBoundary(model, recovery_time=0.0)
+    with pytest.raises(InputError, match="tolerance"):
+        OneClassBoundary(model, tolerance=-1.0)
+    plain = ergoqp.load_problem("screwing")
+    with pytest.raises(ProblemError, match="elbow_x"):
+        plain.replace(limits=[*plain.limits, OneClassBoundary(model)])
+
+
+def test_readings_stay_matrices(case):
+    """Thousands of kernels must not become scalars: the function calls them as they are."""
+    assert OneClassBoundary(case.model).measure().n_instructions() < 20
+    assert isinstance(OneClassBoundary(case.model).measure()(ca.MX.sym("q", 6)), ca.MX)
