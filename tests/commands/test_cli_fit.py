@@ -1,0 +1,49 @@
+"""``ergoqp fit`` as a user meets it."""
+
+import numpy as np
+import pytest
+from command_line import mistake
+
+import ergoqp as package
+from ergoqp.costs.posture_data import posture_data
+
+
+def test_fit_writes_a_model_that_works_and_a_picture(ergoqp, tmp_path):
+    outcome = ergoqp("fit", "quadratic", "--per-score", 30, "--folds", 3, "--seed", 2)
+    assert outcome.status == 0, outcome.err
+    assert "300 points of 20 coordinates" in outcome.out
+    assert "unseen points" in outcome.out
+    folder = tmp_path / "ergoqp-out" / "fit-quadratic"
+    assert (folder / "quadratic.png").read_bytes().startswith(b"\x89PNG")
+    cost = package.load_cost(folder / "quadratic.npz")
+    data = posture_data(30, seed=2)
+    states = cost.coordinates.spread(data.points[:5])
+    assert cost(states) == pytest.approx([float(cost.function(state)) for state in states], abs=1e-10)
+
+
+def test_fit_to_a_table_of_ones_own(ergoqp, tmp_path):
+    rng = np.random.default_rng(0)
+    rows = [f"{angle:.2f},{1 + abs(angle) / 20:.3f}" for angle in rng.uniform(-30, 60, 60)]
+    (tmp_path / "mine.csv").write_text("trunk_flexion_deg,score\n" + "\n".join(rows) + "\n")
+    outcome = ergoqp("fit", "svr", "--data", "mine.csv", "--set", "C=5.0", "--out", "here")
+    assert outcome.status == 0, outcome.err
+    assert "60 points of 1 coordinates: mine.csv" in outcome.out
+    assert (tmp_path / "here" / "svr.npz").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("fit", "forest"), "cost: got 'forest', allowed quadratic, gmr"),
+        (("fit", "svr", "--data", "mocap"), "--data: got 'mocap', allowed sheet, interval, forearm"),
+        (("fit", "svr", "--data", "absent.csv"), "absent.csv: cannot be read"),
+        (("fit", "quadratic", "--per-score", "0"), "--per-score: got 0"),
+        (("fit", "quadratic", "--per-score", "3", "--folds", "1"), "folds: got 1"),
+        (("fit", "svr", "--set", "D=3"), "--set: got 'D=3', allowed NAME=VALUE with a name of"),
+        (("fit", "svr", "--set", "C"), "--set: got 'C'"),
+        (("fit", "gmr", "--per-score", "2", "--folds", "2", "--set", "components=50"), "50"),
+    ],
+)
+def test_mistakes_give_one_sentence_and_leave_nothing(ergoqp, tmp_path, arguments, said):
+    assert said in mistake(ergoqp(*arguments))
+    assert not list(tmp_path.rglob("*.npz*"))
