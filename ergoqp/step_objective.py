@@ -63,6 +63,13 @@ def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
     return value, ca.gradient(value, q)
 
 
+def _values(problem: Problem, states: ca.MX) -> ca.MX:
+    """V (1, k) at several states (n, k)."""
+    if _is_dense(problem) and hasattr(problem.cost, "values"):
+        return problem.cost.values(states[problem.cost.coordinates.indices, :])  # pyright: ignore[reportAttributeAccessIssue]
+    return ca.horzcat(*(problem.cost.expression(state) for state in ca.horzsplit(states)))
+
+
 def _is_dense(problem: Problem) -> bool:
     """Whether the cost is made of large matrices, which stay matrices: see `ergoqp.costs.learned.LearnedCost`."""
     return getattr(problem.cost, "dense", False)
@@ -105,8 +112,7 @@ def gain_function(problem: Problem) -> ca.Function:
     inputs = [ca.MX.sym("q", n), ca.MX.sym("V"), ca.MX.sym("xi", 6), ca.MX.sym("S", n, 6)]
     seen, pace = look(inputs[0], inputs[2], inputs[3])
     away = seen - ca.repmat(ca.DM(stand_in(problem)), 1, len(_LOOKS))
-    values = [problem.cost.expression(place) for place in ca.horzsplit(seen)]
-    ahead = ca.horzcat(*values) + ca.mtimes(_comfort(problem).T, away**2) / 2
+    ahead = _values(problem, seen) + ca.mtimes(_comfort(problem).T, away**2) / 2
     gain = ca.if_else(pace > 1e-6, inputs[1] - ca.mmin(ahead), 0)
     function = ca.Function("gain", inputs, [gain])
     if _is_dense(problem):

@@ -58,6 +58,13 @@ class LearnedCost(ABC):
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, a scalar expression of the inputs (d,): equal to `predict` to 1e-10."""
 
+    def values(self, x: ca.MX) -> ca.MX:
+        """Return V (1, k) of k columns of inputs (d, k), an expression: the control step looks ahead at several places.
+
+        Kinds whose matrices can serve several columns at once write it here.
+        """
+        return ca.horzcat(*(self.value(column) for column in ca.horzsplit(x)))
+
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression; kinds that know a shorter way than differentiation write it here."""
         return ca.gradient(self.value(x), x)
