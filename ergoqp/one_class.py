@@ -39,6 +39,12 @@ _TOLERANCE: Final = 1e-6
 _CHUNK: Final = 4_000_000
 """Entries of a kernel matrix that are held at once."""
 
+_STARTS: Final = 16
+"""From so many support vectors the largest margin is looked for,"""
+
+_CLIMB: Final = 30
+"""in so many steps."""
+
 Array = NDArray[np.float64]
 
 
@@ -149,9 +155,7 @@ class OneClass:
             raise ModelError(f"one-class SVM: cannot be fitted to {len(rows)} points with nu {nu:g}: {error}") from None
         model = cls.from_estimator(estimator, names)
         if model.decision(rows).max() <= 10 * _TOLERANCE:
-            raise ModelError(
-                f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}, allowed a smaller gamma or nu"
-            )
+            raise ModelError(f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}, allowed a smaller gamma")
         return model
 
     @classmethod
@@ -175,8 +179,10 @@ class OneClass:
         gamma = svm._gamma  # what "scale" and "auto" came to; there is no public name for it
         centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
-        if model.decision(model.centres * scale + mean).max() < -10 * svm.tol:
-            raise ModelError("OneClassSVM: got a fit with every support vector outside, allowed one with something inside")
+        if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
+            raise ModelError(
+                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed another nu or gamma"
+            )
         return model
 
     def decision(self, points: ArrayLike) -> Array:
@@ -191,9 +197,26 @@ class OneClass:
         return np.concatenate([*values, np.empty(0)]) - self.gamma * (rows**2).sum(axis=1) - self.log_rho
 
     def _log_sum(self, rows: Array) -> Array:
-        exponents = self._offsets + 2 * self.gamma * rows @ self._sum.points.T
+        exponents = self._exponents(rows)
         largest = exponents.max(axis=1)
         return largest + np.log(np.exp(exponents - largest[:, np.newaxis]).sum(axis=1))
+
+    def _summit(self) -> float:
+        """Return the largest margin found uphill from the most inner support vectors.
+
+        All support vectors can be outside and points inside. Moving each point to the mean of the centres, weighted by
+        their shares in the sum, never goes down (mean shift).
+        """
+        rows = self._sum.points[np.argsort(-self.margin(self.centres * self.scale + self.mean))[:_STARTS]]
+        for _ in range(_CLIMB):
+            exponents = self._exponents(rows)
+            shares = np.exp(exponents - exponents.max(axis=1)[:, np.newaxis])
+            rows = shares @ self._sum.points / shares.sum(axis=1)[:, np.newaxis]
+        return float(self.margin(rows * self.scale + self._sum.origin).max())
+
+    def _exponents(self, rows: Array) -> Array:
+        """Return the exponents (n, centres) of points as seen from the origin, scaled (n, d), without -gamma |u|^2."""
+        return self._offsets + 2 * self.gamma * rows @ self._sum.points.T
 
     @cached_property
     def _offsets(self) -> Array:
