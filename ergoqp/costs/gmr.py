@@ -1,0 +1,277 @@
+"""Gaussian mixture regression of the score on the posture: eq. 2.4-2.8 of the EPFL report, and a mixture per score."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.mixture import MixtureRegression, Prediction
+
+if TYPE_CHECKING:
+    from sklearn.mixture import GaussianMixture
+
+Array = NDArray[np.float64]
+Variant = Literal["per_score", "joint"]
+Covariance = Literal["full", "diag"]
+
+COMPONENTS: Final[dict[str, int]] = {"per_score": 60, "joint": 24}
+"""Gaussians in all, when not given. 24 is the number that the EPFL report found by BIC."""
+
+ROUNDS: Final = 300
+"""Rounds of EM at most."""
+
+MOST_SCORES: Final = 40
+"""Different labels at most, for a mixture per score."""
+
+
+class Gmr(LearnedCost):
+    """V(q) = E[score | q] under a Gaussian mixture.
+
+    Two variants. ``joint`` is the EPFL report's: one mixture with full covariances over posture and score, conditioned on the
+    posture. It predicts well but its gradient leads nowhere good (`notebooks/03_gmr_postures` shows why). ``per_score`` fits a
+    mixture to the postures of each score and weighs the scores by Bayes' rule, V = sum_i s_i p(score i | q): a mixture whose
+    Gaussians have no variance of the score, so everything of the regression stays as it is. Its covariances are diagonal, its
+    responsibilities are averaged over two temperatures so that the gradient sees further than the next Gaussian, and the s_i
+    are the scores after a straight line that makes the predictions unbiased on the data.
+
+    Attributes:
+        mixture: the Gaussians over (inputs, score).
+        regression: the score given the inputs.
+        variant: ``"per_score"`` or ``"joint"``.
+    """
+
+    name = "gmr"
+
+    def __init__(
+        self,
+        mixture: MixtureRegression,
+        coordinates: Sequence[str],
+        minimum: float,
+        *,
+        variant: Variant = "joint",
+        temperatures: Sequence[float] = (1.0,),
+        shares: Sequence[float] = (1.0,),
+    ) -> None:
+        """Take a mixture whose last column is the score.
+
+        Raises:
+            ModelError: if the mixture has another number of columns than inputs and one, or cannot be split.
+        """
+        super().__init__(coordinates, minimum)
+        width = len(self.coordinates)
+        if mixture.means.shape[1] != width + 1:
+            raise ModelError(f"gmr: got a mixture of {mixture.means.shape[1]} columns, allowed {width + 1}: inputs and score")
+        self.mixture, self.variant = mixture, variant
+        self.regression = mixture.split(range(width), [width]).tempered(temperatures, shares)
+
+    @classmethod
+    def fit(
+        cls,
+        data: DataSet,
+        components: int | None = None,
+        seed: int = 0,
+        *,
+        variant: Variant = "per_score",
+        covariance: Covariance | None = None,
+        regularisation: float = 1e-3,
+        temperatures: Sequence[float] | None = None,
+        shares: Sequence[float] | None = None,
+    ) -> Self:
+        """Fit by EM from a k-means++ start.
+
+        Args:
+            data: points and their scores.
+            components: Gaussians in all; None: 60 for ``per_score``, where they are shared out by the number of postures of
+                each score, and 24 for ``joint``.
+            seed: of the start.
+            variant: ``"per_score"`` or ``"joint"``, the EPFL report's.
+            covariance: ``"full"`` or ``"diag"``; None: diagonal for ``per_score``, full for ``joint``.
+            regularisation: added to every variance, also to that of the score in ``joint`` [rad^2 or m^2, points^2].
+            temperatures: of the responsibilities; None: (1, 8) for ``per_score`` and (1,) for ``joint``.
+            shares: of the temperatures; None: (0.8, 0.2), or (1,).
+
+        Raises:
+            ModelError: for too few points, equal labels, or an option that is none.
+            MissingExtraError: if scikit-learn is not installed.
+        """
+        if variant not in get_args(Variant):
+            raise ModelError(f"variant: got {variant!r}, allowed {', '.join(get_args(Variant))}")
+        per_score = variant == "per_score"
+        covariance = ("diag" if per_score else "full") if covariance is None else covariance
+        if covariance not in get_args(Covariance):
+            raise ModelError(f"covariance: got {covariance!r}, allowed {', '.join(get_args(Covariance))}")
+        count = COMPONENTS[variant] if components is None else components
+        if not isinstance(count, (int, np.integer)) or count < 1:
+            raise ModelError(f"components: got {count!r}, allowed a whole number of at least 1")
+        if not (isinstance(regularisation, (int, float)) and 0 < regularisation < np.inf):
+            raise ModelError(f"regularisation: got {regularisation!r}, allowed a positive number")
+        # A full covariance needs d + 2 points to be more than its regularisation, a diagonal one a few.
+        least = count * (data.points.shape[1] + 2 if covariance == "full" else 4)
+        data.require(least, f"gmr with {count} Gaussians")
+        temperatures = ((1.0, 8.0) if per_score else (1.0,)) if temperatures is None else temperatures
+        shares = ((0.8, 0.2) if per_score else (1.0,)) if shares is None else shares
+        options = {"variant": variant, "temperatures": temperatures, "shares": shares}
+        lowest = float(data.labels.min())
+        if not per_score:
+            mixture = _em(np.column_stack([data.points, data.labels]), count, seed, covariance, regularisation, "kmeans")
+            return cls(mixture, data.coordinates, lowest, **options)
+        mixture = _per_score(data, count, seed, covariance, regularisation)
+        plain = cls(mixture, data.coordinates, lowest, **options)
+        slope, offset = np.polyfit(plain.predict(data.points), data.labels, 1)
+        means = mixture.means.copy()
+        means[:, -1] = offset + slope * means[:, -1]
+        # V is a mean of these, so the lowest is a true bound.
+        lowest = min(lowest, float(means[:, -1].min()))
+        return cls(MixtureRegression(mixture.weights, means, mixture.covariances), data.coordinates, lowest, **options)
+
+    @classmethod
+    def from_estimator(cls, estimator: GaussianMixture, coordinates: Sequence[str], minimum: float | None = None) -> Self:
+        """Return the regression of a fitted scikit-learn mixture over (inputs, score), whatever its type of covariance.
+
+        Args:
+            estimator: fitted; its last column is the score.
+            coordinates: names of the inputs.
+            minimum: V_min [points]; None: the lowest mean score of a Gaussian.
+
+        Raises:
+            ModelError: if it is not fitted, or has another number of columns.
+        """
+        mixture = _of_estimator(estimator)
+        return cls(mixture, coordinates, float(mixture.means[:, -1].min()) if minimum is None else minimum)
+
+    def predict(self, points: Array) -> Array:
+        """Return V (n,) of inputs (n, d), eq. 2.5."""
+        return self.regression.mean(points)[:, 0]
+
+    def variance(self, points: Array) -> Array:
+        """Return the variance of the score (n,) at inputs (n, d), eq. 2.6 [points^2]."""
+        return self.regression.covariance(points)[:, 0, 0]
+
+    def prediction(self, x: ca.MX) -> Prediction:
+        """Return mean, covariance and derivative of the score as expressions of the inputs (d,)."""
+        return self.regression.expression(x)
+
+    def value(self, x: ca.MX) -> ca.MX:
+        """Return V, a scalar expression of the inputs (d,), eq. 2.5."""
+        return self.prediction(x).mean
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,), an expression, eq. 2.8."""
+        return self.prediction(x).derivative.T
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings, arrays)."""
+        regression, mixture = self.regression, self.mixture
+        settings = {"variant": self.variant, "temperatures": regression.temperatures, "shares": regression.shares}
+        return settings, {"weights": mixture.weights, "means": mixture.means, "covariances": mixture.covariances}
+
+    @classmethod
+    def from_parts(
+        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+    ) -> Self:
+        """Return the cost that `parts` came from."""
+        mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
+        options = {name: settings[name] for name in ("variant", "temperatures", "shares")}
+        return cls(mixture, coordinates, minimum, **options)
+
+
+def bic_curve(
+    data: DataSet,
+    counts: Sequence[int] = range(1, 51),
+    seed: int = 0,
+    *,
+    covariance: Covariance = "full",
+    regularisation: float = 1e-3,
+    progress: Callable[[float], None] | None = None,
+) -> NDArray[np.float64]:
+    """Return the Bayesian information criterion of joint mixtures over (inputs, score): the lower the better.
+
+    Args:
+        data: points and their scores.
+        counts: numbers of Gaussians.
+        seed: of the starts.
+        covariance: ``"full"`` or ``"diag"``.
+        regularisation: added to every variance.
+        progress: called with the share that is done.
+
+    Returns:
+        One value per count.
+
+    Raises:
+        ModelError: for too few points.
+        MissingExtraError: if scikit-learn is not installed.
+    """
+    data.require(max(counts) * (data.points.shape[1] + 2), f"a BIC curve up to {max(counts)} Gaussians")
+    columns = np.column_stack([data.points, data.labels])
+    values, work = [], np.cumsum(counts)
+    for count, done in zip(counts, work, strict=True):
+        values.append(_estimator(columns, count, seed, covariance, regularisation, "kmeans").bic(columns))
+        if progress is not None:
+            progress(float(done / work[-1]))
+    return np.array(values)
+
+
+def _per_score(data: DataSet, count: int, seed: int, covariance: str, regularisation: float) -> MixtureRegression:
+    """Return a mixture of mixtures, one for each score, whose Gaussians have no variance of the score."""
+    scores, sizes = np.unique(data.labels, return_counts=True)
+    if len(scores) > MOST_SCORES:
+        raise ModelError(
+            f"gmr: got {len(scores)} different labels, allowed at most {MOST_SCORES} for a mixture per score; "
+            "variant 'joint' takes any"
+        )
+    weights, means, covariances = [], [], []
+    for score, size in zip(scores, sizes, strict=True):
+        own = max(1, round(count * size / len(data)))
+        # Seeds without Lloyd's rounds: the Gaussians of one score overlap, and clusters would separate them.
+        part = _em(data.points[data.labels == score], own, seed, covariance, regularisation, "k-means++")
+        weights.append(part.weights * size / len(data))
+        means.append(np.column_stack([part.means, np.full(own, score)]))
+        covariances.append(np.pad(part.covariances, ((0, 0), (0, 1), (0, 1))))
+    return MixtureRegression(*(np.concatenate(arrays) for arrays in (weights, means, covariances)))
+
+
+def _em(columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str) -> MixtureRegression:
+    return _of_estimator(_estimator(columns, count, seed, covariance, regularisation, start))
+
+
+def _estimator(columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str) -> GaussianMixture:
+    try:
+        from sklearn.exceptions import ConvergenceWarning
+        from sklearn.mixture import GaussianMixture
+    except ImportError:
+        raise MissingExtraError("fitting a Gaussian mixture", "learn", "sklearn") from None
+    estimator = GaussianMixture(
+        count, covariance_type=covariance, reg_covar=regularisation, max_iter=ROUNDS, init_params=start, random_state=seed
+    )
+    with warnings.catch_warnings():
+        # Rounds beyond the limit no longer change what is predicted; a start with fewer clusters than asked is no fault.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        # One point is a Gaussian too: its variance is the regularisation.
+        try:
+            return estimator.fit(columns if len(columns) > 1 else np.repeat(columns, 2, axis=0))
+        except ValueError:
+            raise ModelError(
+                f"gmr: one of {count} Gaussians has no width; got regularisation {regularisation:g}, allowed a larger one"
+            ) from None
+
+
+def _of_estimator(estimator: GaussianMixture) -> MixtureRegression:
+    if not hasattr(estimator, "means_"):
+        raise ModelError("gmr: got a Gaussian mixture that is not fitted, allowed a fitted one")
+    weights, means, given = (np.asarray(a, float) for a in (estimator.weights_, estimator.means_, estimator.covariances_))
+    count, width = means.shape
+    if estimator.covariance_type == "full":
+        covariances = given
+    elif estimator.covariance_type == "tied":
+        covariances = np.repeat(given[np.newaxis], count, axis=0)
+    else:
+        covariances = np.stack([np.eye(width) * variances for variances in given])
+    return MixtureRegression(weights / weights.sum(), means, covariances)
