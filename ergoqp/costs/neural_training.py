@@ -1,8 +1,9 @@
-"""Training of `ergoqp.costs.neural.Neural`: forward, backward and Adam in single precision, a few matrix products per update."""
+"""Training of `ergoqp.costs.neural.Neural`: forward, backward and Adam in single precision, a few products per update."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ def _start(inputs: NDArray, count: int, steps: int, hidden: Sequence[int], rng: 
     places = low[:, np.newaxis] + wide[:, np.newaxis] * np.arange(1, steps + 1) / (steps + 1)
     net = {"places": places, "sharpness": np.log(np.repeat(2 * (steps + 1) / wide[:, np.newaxis], steps, axis=1))}
     sizes = [places.size, *hidden, count]
-    for layer, (rows, columns) in enumerate(zip(sizes[:-1], sizes[1:], strict=True), start=1):
+    for layer, (rows, columns) in enumerate(pairwise(sizes), start=1):
         net[f"W{layer}"] = rng.normal(size=(rows, columns)) / np.sqrt(rows)
         net[f"b{layer}"] = np.zeros(columns)
     return {name: values.astype(np.float32) for name, values in net.items()}
