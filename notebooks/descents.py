@@ -1,0 +1,90 @@
+"""Descents of learned costs over postures as the EPFL report makes them, and the judges of where they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.spatial import KDTree
+
+from ergoqp.coordinates import Coordinates
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.sheets import reba
+
+Array = NDArray[np.float64]
+Slopes = Callable[[Array], tuple[Array, Array]]
+
+
+def slopes_of(cost: LearnedCost, count: int) -> Slopes:
+    """Return a function of `count` inputs (count, d) that gives V (count,) and dV/dx (count, d)."""
+    x = ca.MX.sym("x", len(cost.coordinates))
+    function = ca.Function("slopes", [x], ca.cse([cost.value(x), ca.densify(cost.slope(x))])).map(count)
+
+    def slopes(points: Array) -> tuple[Array, Array]:
+        values, gradients = function(points.T)
+        return np.asarray(values).ravel(), np.asarray(gradients).T
+
+    return slopes
+
+
+def follow(
+    slopes: Slopes,
+    starts: Array,
+    rate: float = 0.01,
+    steps: int = 2000,
+    *,
+    box: tuple[Array, Array] | None = None,
+    stop_below: float | None = None,
+) -> Array:
+    """Follow the gradient with a constant rate, as the EPFL report does.
+
+    Args:
+        slopes: gives values and gradients.
+        starts: first points (n, d).
+        rate: step per unit of gradient [rad^2 per point].
+        steps: number of steps.
+        box: lower and upper ends (d,) of the inputs, None for none.
+        stop_below: a point whose value is below stays where it is.
+
+    Returns:
+        All points on the way, shape (steps + 1, n, d).
+    """
+    path = np.empty((steps + 1, *starts.shape))
+    path[0] = starts
+    for i in range(steps):
+        values, gradients = slopes(path[i])
+        moving = np.ones(len(starts), dtype=bool) if stop_below is None else values >= stop_below
+        path[i + 1] = path[i] - rate * gradients * moving[:, np.newaxis]
+        if box is not None:
+            path[i + 1] = np.clip(path[i + 1], *box)
+    return path
+
+
+def to_the_bottom(cost: LearnedCost, starts: Array, box: tuple[Array, Array]) -> Array:
+    """Return the local minima (n, d) within a box, by L-BFGS-B: neither step size nor patience plays a part."""
+    slopes = slopes_of(cost, 1)
+
+    def one(x: Array) -> tuple[float, Array]:
+        value, gradient = slopes(x[np.newaxis])
+        return float(value[0]), gradient[0]
+
+    bounds = list(zip(*box, strict=True))
+    return np.array([minimize(one, start, jac=True, method="L-BFGS-B", bounds=bounds).x for start in starts])
+
+
+def true_scores(points: Array, coordinates: tuple[str, ...]) -> NDArray[np.int64]:
+    """Return the sheet's scores (n,) of inputs (n, d); joints that are no inputs are at zero.
+
+    Angles beyond half a turn are read as half a turn: the sheet's outer bands go on.
+    """
+    postures = Coordinates(coordinates).spread(points)
+    return reba.assess(np.clip(postures, -np.pi, np.pi)).final
+
+
+def nearest_scores(points: Array, data: DataSet) -> Array:
+    """Return the label (n,) of the data point nearest to each point (n, d): the EPFL report's judge."""
+    return data.labels[KDTree(data.points).query(points)[1]]
