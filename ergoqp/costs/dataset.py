@@ -11,14 +11,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Unpack
+from typing import Final, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import InputError
-from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets.description import TIE, Segment, Sheet
+from ergoqp.sheets.interval import FINAL_MAX, interval_ranges, interval_sheet
 from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.score import look_up, score_final, score_segment
 from ergoqp.sheets.task import Task, TaskOptions, read_task
@@ -33,9 +34,10 @@ def balanced_postures(
     method: Method | None = None,
     *,
     scores: Sequence[int] = range(1, 11),
+    joints: Sequence[str] | None = None,
     **options: Unpack[TaskOptions],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Draw postures with equally many of each score.
+    """Draw postures with equally many of each score of the sheet.
 
     Every joint that scores is drawn by picking one of its bands uniformly (clipped to the joint's range), then uniformly
     inside; the others uniformly in their range; kept are the wanted scores.
@@ -45,6 +47,7 @@ def balanced_postures(
         rng: source of randomness; the same state gives the same postures.
         method: how the sheet is read; the default follows the publication.
         scores: wanted scores.
+        joints: names of those that are drawn, the others are zero; None: all.
         **options: of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
 
     Returns:
@@ -53,17 +56,89 @@ def balanced_postures(
     Raises:
         InputError: for a score that no posture has under these options.
     """
-    if per_score < 1:
-        raise InputError(f"per_score: got {per_score}, allowed: 1 or more")
-    if not len(scores):
-        raise InputError("scores: got none, allowed: one or more final scores")
+    return sheet_sampler(method, joints, **options).draw(per_score, rng, scores)
+
+
+def sheet_sampler(
+    method: Method | None = None, joints: Sequence[str] | None = None, **options: Unpack[TaskOptions]
+) -> BalancedSampler:
+    """Return the sampler of :func:`balanced_postures`: to draw many times, the tables are worked out once."""
     method = read_method(method)
     sheet = sheet_of(method)
-    law = _law(sheet, method, read_task(sheet, None, **options))
-    labels = np.repeat(np.asarray(scores, dtype=np.int64), per_score)
-    cells = np.concatenate([law.draw_cells(int(score), per_score, rng) for score in scores])
-    order = rng.permutation(len(labels))
-    return law.draw_angles(cells[order], rng), labels[order]
+    task = read_task(sheet, None, **options)
+    return BalancedSampler(sheet, task, method.arms, method.final_max, LOWER, UPPER, joints)
+
+
+def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
+    """Return a sampler of the simplified sheet in its own ranges, see :mod:`ergoqp.sheets.interval`."""
+    sheet = interval_sheet()
+    return BalancedSampler(sheet, read_task(sheet, None), "segments", FINAL_MAX, *interval_ranges(), joints)
+
+
+class BalancedSampler:
+    """Draws postures of wanted scores.
+
+    Args:
+        sheet: with its bands and tables.
+        task: options, one value for all postures.
+        arms: the worse arm as a ``"whole"``, or the worse of both in each of the ``"segments"``.
+        final_max: highest final score.
+        lower: of each joint, shape (32,) [rad].
+        upper: of each joint.
+        joints: names of those that are drawn, the others are zero; None: all.
+
+    Raises:
+        InputError: for a name that is no joint.
+    """
+
+    def __init__(
+        self,
+        sheet: Sheet,
+        task: Task,
+        arms: Literal["whole", "segments"],
+        final_max: int,
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        joints: Sequence[str] | None = None,
+    ) -> None:
+        """Work out the law of the drawn bands."""
+        names = JOINTS if joints is None else tuple(joints)
+        unknown = [name for name in names if name not in INDEX]
+        if unknown:
+            raise InputError(f"joints: got {unknown[0]!r}, allowed names of ergoqp.JOINTS")
+        drawn = np.isin(JOINTS, names)
+        self._lower, self._upper = np.where(drawn, lower, 0.0), np.where(drawn, upper, 0.0)
+        parts = [(segment, "") for segment in sheet.of_table("A")]
+        parts += [(segment, side) for side in SIDES for segment in sheet.of_table("B")]
+        bands = [_bands(segment, side, task, self._lower, self._upper) for segment, side in parts]
+        self._law = _law(sheet, bands, task, arms, final_max)
+
+    def draw(
+        self, per_score: int, rng: np.random.Generator, scores: Sequence[int] = range(1, 11)
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Draw postures with equally many of each score, see :func:`balanced_postures`.
+
+        Args:
+            per_score: postures of each score, at least 1.
+            rng: source of randomness.
+            scores: wanted scores.
+
+        Returns:
+            Postures, shape (n, 32) [rad], in random order, and their scores, shape (n,).
+
+        Raises:
+            InputError: for a number below 1, or a score that no posture has.
+        """
+        if per_score < 1:
+            raise InputError(f"per_score: got {per_score}, allowed: 1 or more")
+        if not len(scores):
+            raise InputError("scores: got none, allowed: one or more final scores")
+        labels = np.repeat(np.asarray(scores, dtype=np.int64), per_score)
+        cells = np.concatenate([self._law.draw_cells(int(score), per_score, rng) for score in scores])
+        order = rng.permutation(len(labels))
+        postures = rng.uniform(self._lower, self._upper, (len(labels), len(JOINTS)))
+        self._law.draw_angles(cells[order], postures, rng)
+        return postures, labels[order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,40 +185,34 @@ class _Law:
         cumulative = np.cumsum(self.chance[cells])
         return cells[np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")]
 
-    def draw_angles(self, cells: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw a posture in each cell, shape (n, 32) [rad]."""
-        postures = rng.uniform(LOWER, UPPER, (len(cells), len(JOINTS)))
+    def draw_angles(self, cells: NDArray[np.int64], postures: NDArray[np.float64], rng: np.random.Generator) -> None:
+        """Draw the scoring joints of postures (n, 32), each in its cell [rad]."""
         for bands, score in zip(self.bands, self.scores[cells].T, strict=True):
             pick = bands.first[score] + rng.integers(bands.count[score])
             postures[:, bands.joints] = rng.uniform(bands.low[pick], bands.high[pick])
-        return postures
 
 
-def _law(sheet: Sheet, method: Method, task: Task) -> _Law:
-    parts = [(segment, "") for segment in sheet.of_table("A")]
-    parts += [(segment, side) for side in SIDES for segment in sheet.of_table("B")]
-    bands = [_bands(segment, side, task) for segment, side in parts]
+def _law(sheet: Sheet, bands: list[_Bands], task: Task, arms: Literal["whole", "segments"], final_max: int) -> _Law:
     marginals = [b.count / b.count.sum() for b in bands]
     grid = np.meshgrid(*(np.arange(1, len(b.count), dtype=np.int8) for b in bands), indexing="ij")
     scores = [axis.ravel() for axis in grid]
     chance = np.prod([marginal[score] for marginal, score in zip(marginals, scores, strict=True)], axis=0)
     a, right, left = scores[:3], scores[3:6], scores[6:]
-    if method.arms == "whole":
+    if arms == "whole":
         table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
     else:
         table_b = look_up(sheet, "B", *(np.maximum(r, other) for r, other in zip(right, left, strict=True)))
-    final = score_final(sheet, look_up(sheet, "A", *a), table_b, task.points, method.final_max)
+    final = score_final(sheet, look_up(sheet, "A", *a), table_b, task.points, final_max)
     return _Law(bands, np.stack(scores, axis=1), chance, final)
 
 
-def _bands(segment: Segment, side: str, task: Task) -> _Bands:
+def _bands(segment: Segment, side: str, task: Task, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> _Bands:
     joints, choices = [], []
     for step in segment.steps:
         for joint_side in SIDES if segment.worse_side and step is segment.base else (side,):
             joint = segment.joint(step, joint_side)
-            ends = np.clip([LOWER[joint], *step.edges, UPPER[joint]], LOWER[joint], UPPER[joint])
             joints.append(joint)
-            choices.append([(low, high) for low, high in itertools.pairwise(ends) if high - low > 2 * _CLEAR])
+            choices.append(_choices(step.edges, lower[joint], upper[joint]))
     ends = np.array(list(itertools.product(*choices)))  # (combinations, joints, 2)
     # The exact reading says what a combination scores: no rule is written twice.
     angles = np.zeros((len(JOINTS), len(ends)))
@@ -151,5 +220,12 @@ def _bands(segment: Segment, side: str, task: Task) -> _Bands:
     score = score_segment(segment, angles, task, side)
     order = np.argsort(score, kind="stable")
     count = np.bincount(score, minlength=segment.highest + 1)
-    low, high = ends[order, :, 0] + _CLEAR, ends[order, :, 1] - _CLEAR
-    return _Bands(joints, low, high, np.cumsum(count) - count, count)
+    return _Bands(joints, ends[order, :, 0], ends[order, :, 1], np.cumsum(count) - count, count)
+
+
+def _choices(edges: Sequence[float], lower: float, upper: float) -> list[tuple[float, float]]:
+    """Return the bands of a joint as (lowest, highest) drawn angle; its one value if it has no range."""
+    if lower == upper:
+        return [(lower, upper)]
+    ends = np.clip([lower, *edges, upper], lower, upper)
+    return [(low + _CLEAR, high - _CLEAR) for low, high in itertools.pairwise(ends) if high - low > 2 * _CLEAR]

@@ -1,0 +1,67 @@
+"""The simplified sheet behind the EPFL report's data: for comparison with its figures only, never for a person.
+
+Its scores are about one point below REBA's. The worse of both arms counts in each segment; no load, coupling or activity.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.errors import InputError
+from ergoqp.joints import LOWER, SIDES, UPPER
+from ergoqp.sheets.description import Sheet, load_description, read_sheet
+from ergoqp.sheets.postures import check_angles, read_postures
+from ergoqp.sheets.score import look_up, score_final, score_segments, score_worse_segments
+from ergoqp.sheets.task import read_task
+
+FINAL_MAX: Final = 12
+"""Highest final score: that of table C."""
+
+
+@cache
+def interval_sheet() -> Sheet:
+    """Return the sheet: its own bands, and REBA's tables with the cells that are one point low."""
+    reba, own = load_description("reba"), load_description("interval")
+    for table, cells in own["low_cells"].items():
+        for first, second, third in cells:
+            reba["tables"][table]["cells"][first - 1][second - 1][third - 1] -= 1
+    return read_sheet({**reba, **own}, reba["numbers"], ties="lower", load_ties="inner")
+
+
+@cache
+def interval_ranges() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and upper ends of the angles in the data, shape (32,) each [rad]; other joints have all their range."""
+    lower, upper = LOWER.copy(), UPPER.copy()
+    for name, entry in load_description("interval")["segments"].items():
+        segment = interval_sheet().segments[name]
+        conditions = (condition for modifier in entry.get("modifiers", ()) for condition in modifier["conditions"])
+        for step, described in zip(segment.steps, (*entry["base"], *conditions), strict=True):
+            joints = [segment.joint(step, side) for side in SIDES]
+            lower[joints], upper[joints] = np.radians(described["range"])
+    return lower, upper
+
+
+def score_interval(postures: ArrayLike) -> NDArray[np.int64]:
+    """Return the final score 1 to 12 of postures by the simplified sheet, shape (n,).
+
+    Args:
+        postures: shape (n, 32) or (32,), in the order of :data:`ergoqp.JOINTS`, all finite [rad]. Angles beyond the ranges
+            are scored by the outer band.
+
+    Raises:
+        InputError: for a wrong shape, NaN, or an angle beyond +-180 deg.
+    """
+    sheet = interval_sheet()
+    angles = np.ascontiguousarray(read_postures(postures).T)
+    valid = check_angles(angles, 0)
+    if not valid.all():
+        raise InputError(f"postures: row {np.argmin(valid)} holds NaN, allowed: finite angles")
+    task = read_task(sheet, None)
+    segments = score_segments(sheet, angles, task)
+    table_a = look_up(sheet, "A", *(segments[segment.label("")] for segment in sheet.of_table("A")))
+    final = score_final(sheet, table_a, score_worse_segments(sheet, segments), task.points, FINAL_MAX)
+    return final.astype(np.int64)
