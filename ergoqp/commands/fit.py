@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ergoqp.commands.common import console, make_folder, working, writing
+from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.data_file import read_data
 from ergoqp.costs.learned import KINDS, LearnedCost
@@ -27,15 +28,18 @@ FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
 DATA: Final = ("sheet", "interval", "forearm")
 """Data sets that the command draws itself."""
 
-_GIVEN: Final = ("data", "cls", "progress")
+_GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
 
 
-def fit(kind: str, source: str, per_score: int, seed: int, folds: int, settings: Sequence[str], out: Path | None) -> None:
+def fit(
+    kind: str, source: str, joints: str, per_score: int, seed: int, folds: int, settings: Sequence[str], out: Path | None
+) -> None:
     """Fit a cost, print one table, and write the model and a picture.
 
     Args:
         kind: of cost, one of `FITTED`.
         source: one of `DATA`, or the path of a CSV file.
+        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the 22 that the sheet reads.
         per_score: postures per score, for data that are drawn.
         seed: of data, folds and fit.
         folds: of the cross-validation.
@@ -51,7 +55,7 @@ def fit(kind: str, source: str, per_score: int, seed: int, folds: int, settings:
     make = getattr(import_module(module), name).fit
     options = read_settings(make, settings)
     with working("data") as done:
-        data = load_data(source, per_score, seed, done)
+        data = load_data(source, joints, per_score, seed, folds, done)
     screen = console()
     screen.print(Text(f"{len(data)} points of {len(data.coordinates)} coordinates: {data.source}"))
 
@@ -81,7 +85,7 @@ def fit(kind: str, source: str, per_score: int, seed: int, folds: int, settings:
         screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
 
 
-def load_data(source: str, per_score: int, seed: int, progress: Callable[[float], None]) -> DataSet:
+def load_data(source: str, joints: str, per_score: int, seed: int, folds: int, progress: Callable[[float], None]) -> DataSet:
     """Return the data set of a name or a file.
 
     Raises:
@@ -89,10 +93,15 @@ def load_data(source: str, per_score: int, seed: int, progress: Callable[[float]
     """
     if source in DATA and per_score < 1:
         raise InputError(f"--per-score: got {per_score}, allowed 1 or more")
+    if folds < 2:
+        raise InputError(f"--folds: got {folds}, allowed 2 or more")
+    if joints == "scored" and source != "sheet":
+        raise InputError(f"--joints: got 'scored' with the data {source!r}, allowed only with 'sheet'")
     if source in ("sheet", "interval"):
         from ergoqp.costs.posture_data import posture_data
 
-        return posture_data(per_score, labels=source, seed=seed, progress=progress)
+        names = SCORED_JOINTS if joints == "scored" else REPORT_JOINTS
+        return posture_data(per_score, labels=source, seed=seed, joints=names, progress=progress)
     if source == "forearm":
         from ergoqp.forearm import forearm_data
 
