@@ -35,6 +35,13 @@ class Side(StrEnum):
     both = "both"
 
 
+class Joints(StrEnum):
+    """Which joints drawn postures have."""
+
+    report = "report"
+    scored = "scored"
+
+
 app = typer.Typer(
     name="ergoqp",
     add_completion=False,
@@ -86,6 +93,7 @@ Examples:
   ergoqp fit gmr --set components=30 --folds 3
   ergoqp fit svr --data forearm                      elbow and wrist of the right arm
   ergoqp fit quadratic --data my_postures.csv        columns trunk_flexion_deg ..., score
+  ergoqp fit boundary --joints scored                where there were data, for [limits.one_class_boundary]
 """
 
 _Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
@@ -199,11 +207,14 @@ def _score(
 def _fit(
     cost: Annotated[
         str,
-        typer.Argument(metavar="COST", help="quadratic, gmr, svr, one_class_ladder or neural.", show_default=False),
+        typer.Argument(metavar="COST", help="quadratic, gmr, svr, one_class_ladder, neural; or boundary.", show_default=False),
     ],
     data: Annotated[
         str, typer.Option("--data", metavar="NAME|FILE", help="sheet, interval, forearm, or a CSV file of your own.")
     ] = "sheet",
+    joints: Annotated[
+        Joints, typer.Option("--joints", help="The 20 joints of the EPFL report, or all 22 that the sheet reads.")
+    ] = Joints.report,
     per_score: Annotated[
         int, typer.Option("--per-score", metavar="N", help="Postures of each score, where data are drawn.")
     ] = 1000,
@@ -214,9 +225,14 @@ def _fit(
     ] = None,
     out: _Out = None,
 ) -> None:
+    if cost == "boundary":
+        from ergoqp.commands.fit_boundary import fit_boundary
+
+        fit_boundary(data, joints.value, per_score, seed, folds, settings or [], out)
+        return
     from ergoqp.commands.fit import fit
 
-    fit(cost, data, per_score, seed, folds, settings or [], out)
+    fit(cost, data, joints.value, per_score, seed, folds, settings or [], out)
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

@@ -5,7 +5,9 @@ import pytest
 from command_line import mistake
 
 import ergoqp as package
+from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.posture_data import posture_data
+from ergoqp.one_class import load_one_class
 
 
 def test_fit_writes_a_model_that_works_and_a_picture(ergoqp, tmp_path):
@@ -31,6 +33,14 @@ def test_fit_to_a_table_of_ones_own(ergoqp, tmp_path):
     assert (tmp_path / "here" / "svr.npz").is_file()
 
 
+def test_fit_a_boundary(ergoqp, tmp_path):
+    outcome = ergoqp("fit", "boundary", "--joints", "scored", "--per-score", 40, "--folds", 2, "--set", "nu=0.05")
+    assert outcome.status == 0, outcome.err
+    assert "400 points of 22 coordinates" in outcome.out
+    model = load_one_class(tmp_path / "ergoqp-out" / "fit-boundary" / "boundary.npz")
+    assert 0.9 < (model.margin(posture_data(40, joints=SCORED_JOINTS).points) >= 0).mean() < 1.0
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -38,8 +48,10 @@ def test_fit_to_a_table_of_ones_own(ergoqp, tmp_path):
         (("fit", "svr", "--data", "mocap"), "--data: got 'mocap', allowed sheet, interval, forearm"),
         (("fit", "svr", "--data", "absent.csv"), "absent.csv: cannot be read"),
         (("fit", "quadratic", "--per-score", "0"), "--per-score: got 0"),
-        (("fit", "quadratic", "--per-score", "3", "--folds", "1"), "folds: got 1"),
+        (("fit", "quadratic", "--per-score", "3", "--folds", "1"), "--folds: got 1"),
         (("fit", "svr", "--set", "D=3"), "--set: got 'D=3', allowed NAME=VALUE with a name of"),
+        (("fit", "svr", "--data", "interval", "--joints", "scored"), "--joints: got 'scored' with the data 'interval'"),
+        (("fit", "boundary", "--set", "nu=2", "--per-score", "9"), "nu"),
         (("fit", "svr", "--set", "C"), "--set: got 'C'"),
         (("fit", "gmr", "--per-score", "2", "--folds", "2", "--set", "components=50"), "50"),
     ],
