@@ -41,10 +41,12 @@ class FirstOrder(OneClassBoundary):
     """The same row without its reserve: what a linearised constraint does."""
 
     def rows(self, situation: Situation) -> Rows:
+        """Return the row with nothing set aside."""
         rows = super().rows(situation)
         return Rows(rows.matrix, rows.below, rows.above, rows.rate, ca.SX(1, 1))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return what the slope alone promises."""
         value, slope = self._reading(situation)
         return value + ca.fmin(0, ca.dot(slope, self._moves(situation) @ displacement))
 
@@ -55,14 +57,17 @@ class Outward:
     name, minimum, dense = "outward", -1e6, True
 
     def __init__(self, model: OneClass) -> None:
+        """Take the margin itself for the cost."""
         x = ca.MX.sym("x", len(model.coordinates))
         value, slope = model.margin_and_slope(x)
         self.value_and_gradient = ca.Function("outward", [x], [100 * value, 100 * slope])
 
     def expression(self, q: ca.MX) -> ca.MX:
+        """Return the cost."""
         return self.value_and_gradient(q)[0]
 
     def __call__(self, postures: Any) -> np.ndarray:
+        """Return the cost of each state."""
         return np.array([float(self.value_and_gradient(row)[0]) for row in np.atleast_2d(postures)])
 
 
@@ -72,6 +77,7 @@ class Waves(Outward):
     name = "waves"
 
     def __init__(self, model: OneClass, rng: np.random.Generator) -> None:
+        """Draw the waves."""
         n = len(model.coordinates)
         x = ca.MX.sym("x", n)
         waves = rng.normal(size=(12, n)) / model.scale / np.sqrt(n)

@@ -27,7 +27,7 @@ import numpy as np
 
 from benchmarks.report import Report, run
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem, problem_names
+from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.best import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Start, moved, power_above, run_loop, settle_time
@@ -135,7 +135,7 @@ def _plain_way(problem: Problem):
 def measure(report: Report) -> None:
     """Run everything in two processes and print the figures of every problem."""
     people, starts = report.pick(quick=(1, 4), full=(10, 20))
-    names = problem_names()
+    names = TASKS
     jobs = [(name, seed, starts) for seed in range(people) for name in names]
     found = {name: Loops() for name in names}
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:

@@ -40,7 +40,7 @@ from benchmarks.report import Report, run
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER, spoken
 from ergoqp.limits import AxisCone, JointLimit, WorkspaceBox
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem, problem_names
+from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.check import Checker
 from ergoqp.step import Step
 
@@ -365,7 +365,7 @@ def run_chunk(task: tuple[int, int]) -> Tally:
     """Run one chunk ``(number, steps)``; the same number gives the same inputs: ``run_chunk((7, 5000))`` reproduces it."""
     number, steps = task
     rng = np.random.default_rng([20_26, number])
-    names = problem_names()
+    names = TASKS
     slot = number % (len(names) + 5)
     problem = load_problem(names[slot]) if slot < len(names) else random_problem(rng)
     tally = Tally()

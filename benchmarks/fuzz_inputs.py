@@ -16,7 +16,7 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem, problem_names
+from ergoqp.problem_file import TASKS, load_problem
 
 Rng = np.random.Generator
 Arguments = dict[str, Any]
@@ -57,7 +57,7 @@ def random_problem(rng: Rng) -> Problem:
     """Return one of the problems with another person, other limits and another response, possibly contradictory."""
     while True:
         try:
-            return _mutated(load_problem(str(rng.choice(problem_names()))), rng)
+            return _mutated(load_problem(str(rng.choice(TASKS))), rng)
         except ErgoqpError:
             continue
 

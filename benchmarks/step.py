@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.report import Report, run
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem, problem_names
+from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.step import Stepper
@@ -102,7 +102,7 @@ def measure(report: Report) -> None:
     """Time every problem."""
     duration = report.pick(20.0, 100.0)
     medians: dict[str, float] = {}
-    for name in ("screwing", *(other for other in problem_names() if other != "screwing")):
+    for name in ("screwing", *(other for other in TASKS if other != "screwing")):
         problem = load_problem(name)
         stepper = problem.stepper()
         recorder = trajectory(problem, stepper, duration if name == "screwing" else duration / 2)

@@ -134,7 +134,7 @@ def _run(
         str,
         typer.Argument(
             metavar="PROBLEM",
-            help="dentist, desk, low_bin, overhead, screwing, or the path of a TOML file.",
+            help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
             show_default=False,
         ),
     ],

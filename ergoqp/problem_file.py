@@ -181,8 +181,12 @@ _LIMITS: Final[dict[str, Callable[..., Any]]] = {
 }
 
 
+TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")
+"""The problems of a person and the sheet itself: what all figures of closed loops are about."""
+
+
 def problem_names() -> list[str]:
-    """Return the names of the problems that come with the package."""
+    """Return the names of all problems that come with the package."""
     return sorted(path.stem for path in data_folder("problems").glob("*.toml"))
 
 

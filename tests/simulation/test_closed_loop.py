@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.problem_file import load_problem, problem_names
+from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import moved, power_above, run_loop, settle_time, start_at
@@ -33,7 +33,7 @@ def starts_of(problem, person, seed: int, count: int = 2):
     return found
 
 
-@pytest.mark.parametrize("name", problem_names())
+@pytest.mark.parametrize("name", TASKS)
 def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
     problem = load_problem(name)
     person, stepper = sample_person(problem, seed=3), problem.stepper()

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.problem_file import load_problem, problem_names
+from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import REACHED, Follower
 
 
-@pytest.fixture(scope="module", params=problem_names())
+@pytest.fixture(scope="module", params=TASKS)
 def person(request: pytest.FixtureRequest) -> Follower:
     return sample_person(load_problem(request.param), seed=2)
 
