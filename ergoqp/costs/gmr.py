@@ -96,7 +96,7 @@ class Gmr(LearnedCost):
             covariance: ``"full"`` or ``"diag"``; None: diagonal for ``per_score``, full for ``joint``.
             regularisation: added to every variance, also to that of the score in ``joint`` [rad^2 or m^2, points^2].
             temperatures: of the responsibilities; None: (1, 8) for ``per_score`` and (1,) for ``joint``.
-            shares: of the temperatures; None: (0.8, 0.2), or (1,).
+            shares: of the temperatures; None: (0.7, 0.3), or (1,).
 
         Raises:
             ModelError: for too few points, equal labels, or an option that is none.
@@ -117,7 +117,7 @@ class Gmr(LearnedCost):
         least = count * (data.points.shape[1] + 2 if covariance == "full" else 4)
         data.require(least, f"gmr with {count} Gaussians")
         temperatures = ((1.0, 8.0) if per_score else (1.0,)) if temperatures is None else temperatures
-        shares = ((0.8, 0.2) if per_score else (1.0,)) if shares is None else shares
+        shares = ((0.7, 0.3) if per_score else (1.0,)) if shares is None else shares
         options = {"variant": variant, "temperatures": temperatures, "shares": shares}
         lowest = float(data.labels.min())
         if not per_score:
