@@ -1,7 +1,8 @@
-"""Where the data folders are: inside the package (a wheel), else beside it (a checkout or an editable install)."""
+"""Where folders are: the data that came with the package, and the user's cache."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from ergoqp.errors import ErgoqpError
@@ -11,6 +12,8 @@ _PACKAGE = Path(__file__).resolve().parent
 
 def data_folder(name: str) -> Path:
     """Return the folder ``models`` or ``problems`` that came with this installation.
+
+    It is inside the package (a wheel), else beside it (a checkout or an editable install).
 
     Args:
         name: ``"models"`` or ``"problems"``.
@@ -23,3 +26,8 @@ def data_folder(name: str) -> Path:
         if folder.is_dir():
             return folder
     raise ErgoqpError(f"the data folder {name!r} is missing from this installation of ergoqp; reinstall the package")
+
+
+def cache_folder() -> Path:
+    """Return the user's cache folder for ergoqp: below ``XDG_CACHE_HOME``, else ``~/.cache``."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ergoqp"

@@ -6,11 +6,11 @@ import hashlib
 import json
 import os
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.paths import cache_folder
 from ergoqp.problem import Problem
 from ergoqp.simulation.loop import Start
 from ergoqp.simulation.person import Follower
@@ -154,11 +154,6 @@ def draw_starts(problem: Problem, person: Follower, count: int, seed: int, at_le
 def _grips(person: Follower, posture: np.ndarray) -> np.ndarray:
     contact = person.contact(posture)[0]
     return np.stack([contact @ grip for grip in person.grasp(posture)])
-
-
-def cache_folder() -> Path:
-    """Return the user's cache folder for ergoqp: below ``XDG_CACHE_HOME``, else ``~/.cache``."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ergoqp"
 
 
 def _key(problem: Problem, person: Follower, spacing: float) -> str:
