@@ -1,0 +1,46 @@
+"""Data sets on disk: what takes long to make is made once, and found again by what was asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ergoqp.costs.data import DataSet
+from ergoqp.errors import ModelError
+from ergoqp.paths import cache_folder
+
+
+def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]) -> DataSet:
+    """Return a data set from the user's cache, or make it and keep it there.
+
+    A file that cannot be read is ignored and written anew; a folder that cannot be written to only means no cache.
+
+    Args:
+        kind: of data, names the folder below :func:`ergoqp.paths.cache_folder`.
+        asked: all that the data depend on, a version of the code that makes them included; what JSON and numpy can hold.
+        make: makes them.
+    """
+    text = json.dumps(asked, sort_keys=True, default=lambda value: np.asarray(value).tolist())
+    path = cache_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return DataSet(file["points"], file["labels"], tuple(file["coordinates"].tolist()), str(file["source"]))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, ModelError):
+        data = make()
+    scratch = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with scratch.open("wb") as file:
+            np.savez(file, points=data.points, labels=data.labels, coordinates=data.coordinates, source=data.source)
+        # In one move: nobody ever reads half of a file.
+        scratch.replace(path)
+    except OSError:
+        scratch.unlink(missing_ok=True)
+    return data
