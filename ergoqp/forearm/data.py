@@ -1,0 +1,140 @@
+"""The forearm's data set: elbow and wrist of random postures, clustered, and of each cluster only the lowest scores.
+
+A posture's score has causes that elbow and wrist do not show: a bent neck, the other arm. The EPFL report's remedy
+(section 4.2.3) is elitist: cluster the points and keep those with the lowest score of their cluster. What is left is due to the
+forearm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ergoqp.coordinates import FOREARM
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.data_cache import cached_data
+from ergoqp.costs.dataset import balanced_postures
+from ergoqp.errors import InputError
+from ergoqp.forearm.geometry import forearm_length, forearm_points, read_points
+from ergoqp.human import Body
+from ergoqp.pipelines import sklearn
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+SCORES: Final = range(1, 11)
+"""Scores of the base postures."""
+
+EMPTY_LABEL: Final = float(SCORES[-1])
+"""Label of points where there are no postures [points]."""
+
+EMPTY_DISTANCE: Final = 0.15
+"""Points farther from every posture of the base than this count as empty; both points together [m]."""
+
+_MARGIN: Final = 0.15
+"""Empty points are looked for this far around the elbows of the base [m]."""
+_BLOCK: Final = 100_000
+
+
+def forearm_data(
+    per_score: int = 1000,
+    seed: int = 0,
+    clusters: int | None = None,
+    body: Body | None = None,
+    *,
+    empty: int = 0,
+    cache: bool = True,
+    progress: Progress | None = None,
+) -> DataSet:
+    """Return elbows and wrists of the right arm, labelled with sheet scores.
+
+    Args:
+        per_score: random postures of each score 1 to 10, before clustering.
+        seed: of the random numbers.
+        clusters: number of clusters, k-means in the six coordinates; None: one per four postures, which keeps about a third
+            of them, as in the EPFL report (2281 of 10 000).
+        body: the person; default: the nominal one.
+        empty: number of points added where no posture of the base is near, labelled with the highest score. Without
+            them a regression is free to be low where there were no data, and that is where a descent then goes. They may
+            be out of reach, or only rarely used.
+        cache: keep the data set on disk, and read it from there when the same is asked for again.
+        progress: called now and then with the share that is done.
+
+    Returns:
+        The data set, coordinates `ergoqp.coordinates.FOREARM` [m], in random order.
+
+    Raises:
+        InputError: for numbers of postures, clusters or empty points that cannot be.
+        MissingExtraError: if scikit-learn is not installed.
+    """
+    base = per_score * len(SCORES)
+    clusters = max(1, base // 4) if clusters is None else clusters
+    if per_score < 1 or not 1 <= clusters <= base or empty < 0:
+        raise InputError(
+            f"forearm data: got per_score {per_score}, clusters {clusters} and empty {empty}, allowed per_score of at least 1, "
+            f"clusters from 1 to the number of postures, {base}, and empty of at least 0"
+        )
+    body, progress = body or Body(), progress or (lambda share: None)
+
+    def make() -> DataSet:
+        points, labels = _make(per_score, seed, clusters, body, empty, progress)
+        source = f"forearm, {per_score} postures per score, {clusters} clusters, {empty} empty points, seed {seed}"
+        return DataSet(points, labels, FOREARM, source)
+
+    asked = {"version": 1, "per_score": per_score, "seed": seed, "clusters": clusters, "empty": empty}
+    data = cached_data("forearm", {**asked, "lengths": dict(body.lengths)}, make) if cache else make()
+    progress(1.0)
+    return data
+
+
+def nearest_sample_cost(points: ArrayLike, data: DataSet) -> Array:
+    """Return the label (n,) of the data point that is nearest to each point: the EPFL report's way to judge an end.
+
+    Args:
+        points: shape (n, 6) [m].
+        data: with the same coordinates.
+    """
+    rows = read_points(points)
+    squares = (data.points**2).sum(axis=1)
+    parts = [squares - 2 * rows[i : i + 256] @ data.points.T for i in range(0, len(rows), 256)]
+    return data.labels[np.concatenate([np.argmin(part, axis=1) for part in parts])] if parts else np.empty(0)
+
+
+def _make(per_score: int, seed: int, clusters: int, body: Body, empty: int, progress: Progress) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    postures, scores = balanced_postures(per_score, rng, scores=SCORES)
+    progress(0.1)
+    blocks = range(0, len(postures), _BLOCK)
+    points = np.concatenate([forearm_points(postures[i : i + _BLOCK], body) for i in blocks])
+    progress(0.2)
+    cluster = _cluster(points, clusters, seed)
+    progress(0.9)
+    lowest = np.full(clusters, np.iinfo(scores.dtype).max)
+    np.minimum.at(lowest, cluster, scores)
+    kept = scores == lowest[cluster]
+    gaps = _empty_points(points, empty, forearm_length(body), rng)
+    labels = np.concatenate([scores[kept].astype(float), np.full(len(gaps), EMPTY_LABEL)])
+    order = rng.permutation(len(labels))
+    return np.concatenate([points[kept], gaps])[order], labels[order]
+
+
+def _cluster(points: Array, clusters: int, seed: int) -> NDArray[np.int32]:
+    # With a few points per cluster random starts are as good as any; metres are metres, so nothing is scaled.
+    means = sklearn("cluster", "the forearm's data set").KMeans(
+        clusters, init="random", n_init=1, max_iter=20, random_state=seed
+    )
+    return means.fit(points).labels_
+
+
+def _empty_points(points: Array, count: int, length: float, rng: np.random.Generator) -> Array:
+    """Return points (count, 6) of a forearm in any direction, that are near to no posture's."""
+    low, high = points[:, :3].min(axis=0) - _MARGIN, points[:, :3].max(axis=0) + _MARGIN
+    tree, found = sklearn("neighbors", "the forearm's data set").KDTree(points), [np.empty((0, 6))]
+    while sum(map(len, found)) < count:
+        elbow, way = rng.uniform(low, high, (count, 3)), rng.normal(size=(count, 3))
+        drawn = np.hstack([elbow, elbow + length * way / np.linalg.norm(way, axis=1, keepdims=True)])
+        found.append(drawn[tree.query(drawn)[0][:, 0] > EMPTY_DISTANCE])
+    return np.concatenate(found)[:count]
