@@ -117,7 +117,7 @@ def _inside(intervals: Intervals, points: int) -> float:
 
 
 def _largest(limits: NDArray[np.int64]) -> list[Limits]:
-    """Return the limits that no other undercuts in all joints at once."""
+    """Return the limits that lie within no others."""
     within = (limits[:, None] <= limits[None]).all(axis=-1)
     less = (limits[:, None] < limits[None]).any(axis=-1)
     return [tuple(row) for row in limits[~(within & less).any(axis=-1)].tolist()]
