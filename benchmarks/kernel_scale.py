@@ -1,0 +1,81 @@
+"""Time of a control step against the number of support vectors of its cost. ``python -m benchmarks.kernel_scale``.
+
+The problem is ``screwing`` with a support vector machine of the 20 joints of the EPFL report's data as its cost, interpreted by
+CasADi, the QP and the certification included.
+
+- ``us_N``: median of a whole `Stepper.step` call with N support vectors; ``p99_us_N`` its 99th percentile.
+- ``cost_us_N``: value and gradient of the cost alone; ``sklearn_us_N``: scikit-learn's own prediction, the value alone.
+- ``us_smooth_reba``: the step with the sheet's smooth score, in the same run.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import Report, run
+from ergoqp.costs.features import Columns
+from ergoqp.costs.posture_data import posture_data
+from ergoqp.costs.quality import evaluation_time
+from ergoqp.costs.svr import Svr
+from ergoqp.kernels import Kernel, KernelSum
+from ergoqp.problem import Problem
+from ergoqp.problem_file import load_problem
+
+COUNTS = (30, 100, 300, 1000, 3000, 10_000)
+
+
+def machine(count: int) -> tuple[Svr, object]:
+    """Fit scikit-learn's machine to so many postures that at least `count` become support vectors, and keep so many."""
+    from sklearn.svm import SVR
+
+    data = posture_data(max(10, count // 8), seed=3)
+    mean, scale = data.points.mean(axis=0), data.points.std(axis=0)
+    estimator = SVR(epsilon=1e-3).fit((data.points - mean) / scale, data.labels)
+    kept = np.argsort(-np.abs(estimator.dual_coef_.ravel()))[:count]
+    if len(kept) < count:
+        raise RuntimeError(f"only {len(kept)} support vectors of {len(data)} postures, {count} wanted")
+    centres, weights = estimator.support_vectors_[kept], estimator.dual_coef_.ravel()[kept]
+    model = KernelSum(Kernel("rbf", estimator._gamma), centres, weights, float(estimator.intercept_[0]), mean, scale)
+    return Svr(Columns(tuple(range(len(mean)))), model, data.coordinates, 1.0), estimator
+
+
+def step_times(problem: Problem, steps: int) -> NDArray[np.float64]:
+    """Return the times of so many steps near an awkward posture [us]."""
+    stepper, rng = problem.stepper(), np.random.default_rng(0)
+    posture = problem.response.comfort + 0.15  # type: ignore[attr-defined]
+    pose = stepper.step(posture).pose
+    times = []
+    for _ in range(steps):
+        noisy = posture + rng.normal(0, 0.01, posture.shape)
+        start = time.perf_counter()
+        stepper.step(noisy, pose)
+        times.append(time.perf_counter() - start)
+    return np.array(times[steps // 10 :]) * 1e6
+
+
+def measure(report: Report) -> None:
+    """Measure every size."""
+    problem, steps = load_problem("screwing"), report.pick(800, 5000)
+    smooth = step_times(problem, steps)
+    report.figure("us_smooth_reba", float(np.median(smooth)), "step with the smooth score")
+    for count in report.pick(COUNTS[:5], COUNTS):
+        cost, estimator = machine(count)
+        times = step_times(problem.replace(cost=cost), steps)
+        report.figure(f"us_{count}", float(np.median(times)), f"step with {count} support vectors")
+        report.figure(f"p99_us_{count}", float(np.percentile(times, 99)))
+        states = cost.coordinates.spread(posture_data(20, seed=4).points)
+        report.figure(f"cost_us_{count}", evaluation_time(cost, states), "value and gradient")
+        row = ((cost.coordinates.read(states[0]) - cost.model.mean) / cost.model.scale).reshape(1, -1)
+        calls = []
+        for _ in range(300):
+            start = time.perf_counter()
+            estimator.predict(row)  # type: ignore[attr-defined]
+            calls.append(time.perf_counter() - start)
+        report.figure(f"sklearn_us_{count}", float(np.median(calls)) * 1e6, "scikit-learn, value alone")
+
+
+if __name__ == "__main__":
+    run(measure, "Time of a control step against the number of support vectors.")
