@@ -1,0 +1,228 @@
+"""Any fitted regressor of scikit-learn as a cost: its parts are read, and its prediction is written again as an expression.
+
+What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF, Matern or rational quadratic, with
+or without white noise), MLPRegressor, GaussianMixture (as regression: its last column is the score) or OneClassSVM (the
+cost is minus its decision function: lower is further inside). The estimator itself is not kept, so nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.costs.gmr import Gmr
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.errors import ModelError
+from ergoqp.kernels import Kernel, KernelSum
+from ergoqp.pipelines import dense, unpack
+
+Array = NDArray[np.float64]
+
+ACTIVATIONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
+    "identity": lambda z, lib: z,
+    "logistic": lambda z, lib: (1 + lib.tanh(z / 2)) / 2,
+    "tanh": lambda z, lib: lib.tanh(z),
+    "relu": lambda z, lib: lib.fmax(z, 0),
+}
+"""Of MLPRegressor's hidden layers, in numpy or CasADi."""
+
+_ALLOWED: Final = "SVR, KernelRidge, GaussianProcessRegressor, MLPRegressor, GaussianMixture, OneClassSVM"
+
+
+class SklearnCost(LearnedCost):
+    """V(q) that an estimator of scikit-learn predicts; made by `from_sklearn`.
+
+    Attributes:
+        model: a sum of kernels, or a network.
+    """
+
+    name = "sklearn"
+
+    def __init__(self, model: KernelSum | Layers, coordinates: Sequence[str], minimum: float) -> None:
+        """Keep the model."""
+        super().__init__(coordinates, minimum)
+        self.model = model
+
+    def predict(self, points: Array) -> Array:
+        """Return V (n,) of inputs (n, d)."""
+        return self.model.values(points)
+
+    def value(self, x: ca.MX) -> ca.MX:
+        """Return V, a scalar expression of the inputs (d,)."""
+        return self.model.expression(x)
+
+    def values(self, x: ca.MX) -> ca.MX:
+        """Return V (1, k) of k columns of inputs (d, k), an expression."""
+        return self.model.expression(x) if isinstance(self.model, KernelSum) else super().values(x)
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,), an expression."""
+        return self.model.slope(x) if isinstance(self.model, KernelSum) else ca.gradient(self.value(x), x)
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings, arrays)."""
+        settings, arrays = self.model.parts()
+        return {"form": "kernels" if isinstance(self.model, KernelSum) else "layers", **settings}, arrays
+
+    @classmethod
+    def from_parts(
+        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+    ) -> Self:
+        """Return the cost that `parts` came from."""
+        form = KernelSum if settings["form"] == "kernels" else Layers
+        return cls(form.from_parts(settings, arrays), coordinates, minimum)
+
+
+class Layers:
+    """A network of dense layers with one activation, linear at the end.
+
+    Attributes:
+        weights: of each layer (rows, columns), inputs first.
+        biases: of each layer (columns,).
+        activation: a key of `ACTIVATIONS`.
+        mean: subtracted from the inputs (d,).
+        scale: divides then (d,).
+    """
+
+    def __init__(self, weights: Sequence[Array], biases: Sequence[Array], activation: str, mean: Array, scale: Array) -> None:
+        """Keep the layers."""
+        self.weights, self.biases = [np.asarray(w, float) for w in weights], [np.asarray(b, float) for b in biases]
+        self.activation, self.mean, self.scale = activation, mean, scale
+
+    def values(self, points: Array) -> Array:
+        """Return the output (n,) of inputs (n, d)."""
+        h, act = (points - self.mean) / self.scale, ACTIVATIONS[self.activation]
+        for weights, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            h = act(h @ weights + bias, np)
+        return (h @ self.weights[-1] + self.biases[-1])[:, 0]
+
+    def expression(self, x: ca.MX) -> ca.MX:
+        """Return the output, a scalar expression of the inputs (d,)."""
+        h, act = (x - ca.DM(self.mean)) / ca.DM(self.scale), ACTIVATIONS[self.activation]
+        for weights, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            h = act(ca.MX(ca.DM(weights.T)) @ h + ca.DM(bias), ca)
+        return ca.MX(ca.DM(self.weights[-1].T)) @ h + ca.DM(self.biases[-1])
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings, arrays)."""
+        arrays = {"mean": self.mean, "scale": self.scale}
+        for number, (weights, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays |= {f"W{number}": weights, f"b{number}": bias}
+        return {"activation": self.activation, "layers": len(self.weights)}, arrays
+
+    @classmethod
+    def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Layers:
+        """Return the network that `parts` came from."""
+        weights, biases = ([arrays[f"{letter}{i}"] for i in range(settings["layers"])] for letter in "Wb")
+        return cls(weights, biases, settings["activation"], arrays["mean"], arrays["scale"])
+
+
+def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.0) -> LearnedCost:
+    """Return the cost that a fitted estimator, or a pipeline of scalers and one, predicts.
+
+    Args:
+        estimator: fitted; see the top of this file for what can be read.
+        coordinates: names of its inputs, in its order.
+        minimum: V_min, no posture is meant to cost less [points].
+
+    Raises:
+        ModelError: for an estimator, kernel or step that cannot be read, one that is not fitted, or another number of inputs.
+        MissingExtraError: if scikit-learn is not installed.
+    """
+    width = len(tuple(coordinates))
+    last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
+    kind = type(last).__name__
+    if kind == "GaussianMixture":
+        if last is not estimator:
+            raise ModelError(
+                "estimator: got a GaussianMixture after other steps, allowed one by itself: it holds the score too"
+            )
+        return Gmr.from_estimator(estimator, coordinates, minimum)
+    mean, scale, last = unpack(estimator, width)
+    if kind not in _READERS:
+        raise ModelError(f"estimator: got a {kind}, allowed {_ALLOWED}")
+    return SklearnCost(_READERS[kind](last, mean, scale), coordinates, minimum)
+
+
+def _svr(svr: Any, mean: Array, scale: Array, sign: float = 1.0) -> KernelSum:
+    weights = sign * dense(svr.dual_coef_).ravel()
+    kernel = _kernel(svr.kernel, svr._gamma, svr.coef0, svr.degree)  # there is no public name for what "scale" came to
+    return KernelSum(kernel, dense(svr.support_vectors_), weights, sign * float(svr.intercept_[0]), mean, scale)
+
+
+def _ridge(ridge: Any, mean: Array, scale: Array) -> KernelSum:
+    gamma = 1.0 / len(mean) if ridge.gamma is None else ridge.gamma
+    kernel = _kernel(ridge.kernel, gamma, ridge.coef0, ridge.degree)
+    weights = _single(ridge.dual_coef_)
+    return KernelSum(kernel, dense(ridge.X_fit_), weights, 0.0, mean, scale)
+
+
+def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
+    if not hasattr(process, "alpha_"):
+        raise ModelError("estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one")
+    factor, kernel, lengths = _covariance(process.kernel_)
+    spread, offset = float(np.ravel(process._y_train_std)[0]), float(np.ravel(process._y_train_mean)[0])
+    weights = factor * spread * _single(process.alpha_)
+    return KernelSum(kernel, dense(process.X_train_) / lengths, weights, offset, mean, scale * lengths)
+
+
+def _network(mlp: Any, mean: Array, scale: Array) -> Layers:
+    if mlp.activation not in ACTIVATIONS:
+        raise ModelError(f"MLPRegressor: got the activation {mlp.activation!r}, allowed {', '.join(ACTIVATIONS)}")
+    if mlp.n_outputs_ != 1:
+        raise ModelError(f"MLPRegressor: got {mlp.n_outputs_} outputs, allowed 1")
+    return Layers(mlp.coefs_, mlp.intercepts_, mlp.activation, mean, scale)
+
+
+_READERS: Final[dict[str, Callable[[Any, Array, Array], KernelSum | Layers]]] = {
+    "SVR": _svr,
+    "KernelRidge": _ridge,
+    "GaussianProcessRegressor": _process,
+    "MLPRegressor": _network,
+    "OneClassSVM": lambda svm, mean, scale: _svr(svm, mean, scale, -1.0),
+}
+
+
+def _kernel(name: Any, gamma: float, offset: float, degree: float) -> Kernel:
+    """Return a kernel by scikit-learn's name of it."""
+    kind = {"polynomial": "poly"}.get(name, name)
+    if kind not in ("rbf", "linear", "poly", "sigmoid"):
+        raise ModelError(f"estimator: got the kernel {name!r}, allowed rbf, linear, poly, sigmoid")
+    return Kernel(kind, float(gamma), float(offset), float(degree))
+
+
+def _covariance(kernel: Any) -> tuple[float, Kernel, Array]:
+    """Return (constant factor, kernel, length scales (d,) or (1,)) of a Gaussian process's kernel."""
+    kind = type(kernel).__name__
+    if kind == "Sum":
+        # White noise is no covariance between different points, so a prediction does not see it.
+        rest = [part for part in (kernel.k1, kernel.k2) if type(part).__name__ != "WhiteKernel"]
+        if len(rest) == 1:
+            return _covariance(rest[0])
+    elif kind == "Product":
+        for constant, other in ((kernel.k1, kernel.k2), (kernel.k2, kernel.k1)):
+            if type(constant).__name__ == "ConstantKernel":
+                factor, found, lengths = _covariance(other)
+                return factor * float(constant.constant_value), found, lengths
+    elif kind == "RBF":
+        return 1.0, Kernel("rbf", 0.5), np.atleast_1d(np.asarray(kernel.length_scale, dtype=float))
+    elif kind == "Matern" and kernel.nu in (1.5, 2.5):
+        name = "matern32" if kernel.nu == 1.5 else "matern52"
+        return 1.0, Kernel(name, 1.0), np.atleast_1d(np.asarray(kernel.length_scale, dtype=float))
+    elif kind == "RationalQuadratic":
+        return 1.0, Kernel("rational", 0.5, alpha=float(kernel.alpha)), np.atleast_1d(float(kernel.length_scale))
+    raise ModelError(
+        f"GaussianProcessRegressor: got the kernel {kernel}, allowed a constant times RBF, Matern (nu 1.5 or 2.5) or "
+        "RationalQuadratic, with or without WhiteKernel"
+    )
+
+
+def _single(coefficients: Any) -> Array:
+    weights = np.asarray(coefficients, dtype=float)
+    if weights.ndim > 1 and weights.shape[1] != 1:
+        raise ModelError(f"estimator: got {weights.shape[1]} outputs, allowed 1")
+    return weights.ravel()
