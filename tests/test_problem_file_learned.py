@@ -16,8 +16,8 @@ from ergoqp.responses import IkResponse, LinearResponse
 def save_models(folder, name, coordinates):
     """A small network and a boundary of these coordinates."""
     rng, d = np.random.default_rng(0), len(coordinates)
-    network = {"places": rng.normal(size=(d, 3)), "sharpness": np.ones((d, 3)), "W1": rng.normal(size=(3 * d, 4))}
-    network |= {"b1": np.zeros(4), "W2": rng.normal(size=(4, 3)), "b2": np.zeros(3)}
+    network = {"places": rng.normal(size=(d, 3)), "sharpness": np.ones((d, 3)), "mixing": rng.normal(size=(d, 3, 2))}
+    network |= {"W1": rng.normal(size=(2 * d, 4)), "b1": np.zeros(4), "W2": rng.normal(size=(4, 3)), "b2": np.zeros(3)}
     Neural(network, [1, 2, 3], coordinates, 1.0).save(folder / f"{name}_cost.npz")
     OneClass.fit(rng.normal(size=(200, d)), coordinates, nu=0.1).save(folder / f"{name}_boundary.npz")
 

@@ -1,26 +1,37 @@
 """The sheet learned by a small network from millions of labelled postures, the idea of DULA and DEBA (Yazdani et al., 2022).
 
-A score is constant between band ends, and a band end belongs to one joint. So the first layer looks at each joint alone, with
-a few soft steps tanh(a (x - c)) whose places c and sharpness a are learned; dense layers combine them; the last one gives a
-probability p_i of each score i. The value is the expected score, sum_i i p_i, which is smooth and never beyond the scores seen.
-Nothing of the sheet is built in: the steps start evenly spread.
+A score is constant between band ends, and a band end belongs to one joint. So the first layer looks at each joint alone: a
+few soft steps tanh(a (x - c)), whose places c and sharpness a are learned, mixed to a few curves. Dense layers combine the
+curves of all joints, and the last one gives a probability p_i of each score i. The value is the expected score, sum_i i p_i,
+which is smooth and never beyond the scores seen. Nothing of the sheet is built in: the steps start evenly spread.
+
+Trained on exact scores it is as flat between band ends as the sheet is. Trained on the scores of postures as a noisy sensor
+sees them (`taus_deg` of :meth:`Neural.fit_sheet`) it learns the expected score under that noise, which leads from afar.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Self
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Any, Final, Self, Unpack
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.neural_training import Network, train
+from ergoqp.costs.neural_training import Batches, Network, depth, layers_of, shares_of, shuffled, start, steps_of, train
+from ergoqp.costs.posture_stream import posture_stream
 from ergoqp.errors import ModelError
+from ergoqp.sheets.method import Method, read_method
+from ergoqp.sheets.task import TaskOptions
 
 _MOST_SCORES: Final = 30
+_BATCH: Final = 512
+_LEAST_BATCH: Final = 64
+_LEAST_UPDATES: Final = 8000
 _CHUNK: Final = 4096
 """Rows that are predicted at once."""
 
@@ -28,10 +39,15 @@ _CHUNK: Final = 4096
 class Neural(LearnedCost):
     """V(q) as the expected score of a network that gives each score a probability.
 
-    Attributes:
+    Args:
+        network: its parameters, see :data:`ergoqp.costs.neural_training.Network`.
         scores: the scores that the network knows (s,) [points].
-        network: its parameters; training is in single precision, everything else in double.
-        temperature: divides the last layer; above 1 the steps between scores are softer and lead from farther away.
+        coordinates: the inputs.
+        minimum: V_min, the lowest score [points].
+        temperature: divides the last layer; above 1 the steps between scores are softer.
+
+    Raises:
+        ModelError: if the network is not of these coordinates and scores, or the temperature is not positive.
     """
 
     name = "neural"
@@ -39,33 +55,30 @@ class Neural(LearnedCost):
     def __init__(
         self, network: Network, scores: Sequence[float], coordinates: Sequence[str], minimum: float, temperature: float = 1.0
     ) -> None:
-        """Keep the parameters.
-
-        Raises:
-            ModelError: if the network is not of these coordinates and scores, or the temperature is not positive.
-        """
+        """Keep the parameters; training is in single precision, everything else in double."""
         super().__init__(coordinates, minimum)
         self.network = {name: np.asarray(values, dtype=np.float64) for name, values in network.items()}
         self.scores = np.asarray(scores, dtype=float)
-        if len(self.network["places"]) != len(self.coordinates) or self.network[f"b{self._layers}"].shape != self.scores.shape:
-            raise ModelError("neural: got a network of other inputs or outputs, allowed one of these coordinates and scores")
+        inputs, outputs = len(self.network["mixing"]), self.network[f"b{depth(self.network)}"].shape
+        if inputs != len(self.coordinates) or outputs != self.scores.shape:
+            raise ModelError(
+                f"neural: got a network of {inputs} inputs and outputs of shape {outputs}, "
+                f"allowed {len(self.coordinates)} coordinates and {self.scores.shape} scores"
+            )
         if not 0 < temperature < np.inf:
             raise ModelError(f"neural: got the temperature {temperature!r}, allowed a positive number")
         self.temperature = float(temperature)
-
-    @property
-    def _layers(self) -> int:
-        return sum(name.startswith("W") for name in self.network)
 
     @classmethod
     def fit(
         cls,
         data: DataSet,
-        steps: int = 16,
-        hidden: Sequence[int] = (128, 64),
-        epochs: int = 6,
-        batch: int = 1024,
-        rate: float = 0.003,
+        steps: int = 12,
+        curves: int = 3,
+        hidden: Sequence[int] = (96, 48),
+        epochs: int | None = None,
+        batch: int | None = None,
+        rate: float = 0.004,
         temperature: float = 1.0,
         seed: int = 0,
         progress: Callable[[float], None] | None = None,
@@ -73,11 +86,12 @@ class Neural(LearnedCost):
         """Train on labelled points by Adam with a cosine schedule, cross-entropy of the scores.
 
         Args:
-            data: points and whole-numbered labels; the more the better, hundreds of thousands.
+            data: points and whole-numbered labels; the more the better.
             steps: soft steps per input.
+            curves: made from the steps of each input.
             hidden: sizes of the dense layers.
-            epochs: passes over the data.
-            batch: points per update.
+            epochs: passes over the data; None: 4 of them, and for few data as many as make 8000 updates.
+            batch: points per update; None: the 150th part of the data, 64 to 512.
             rate: largest step of Adam.
             temperature: of the result, see the class.
             seed: of start and order.
@@ -86,14 +100,73 @@ class Neural(LearnedCost):
         Raises:
             ModelError: for too little data, or labels that are not a few whole numbers.
         """
-        data.require(4 * batch if len(data) > batch else batch, "neural")
+        if batch is None:
+            batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH)
+        if epochs is None:
+            epochs = max(4, _LEAST_UPDATES // max(1, len(data) // max(1, batch)))
+        _check(steps, curves, hidden, epochs, batch)
+        data.require(batch, "neural")
         scores, classes = np.unique(data.labels, return_inverse=True)
         if len(scores) > _MOST_SCORES or (scores != np.round(scores)).any():
             raise ModelError(f"neural: got {len(scores)} different labels, allowed at most {_MOST_SCORES} whole numbers")
-        if min(steps, epochs, batch, *hidden) < 1 or not hidden:
-            raise ModelError("neural: got a size of 0 among steps, hidden, epochs and batch, allowed 1 or more")
-        network = train(data.points, classes, len(scores), steps, hidden, epochs, batch, rate, seed, progress)
-        return cls(network, scores.tolist(), data.coordinates, float(scores[0]), temperature)
+        rng = np.random.default_rng(seed)
+        begun = start(data.points, len(scores), steps, curves, hidden, rng)
+        updates = epochs * (len(data) // batch)
+        network = train(begun, shuffled(data.points.astype(np.float32), classes, batch, rng), updates, rate, progress)
+        return cls(network, scores.tolist(), data.coordinates, scores[0], temperature)
+
+    @classmethod
+    def fit_sheet(
+        cls,
+        count: int = 6_000_000,
+        joints: Sequence[str] = SCORED_JOINTS,
+        *,
+        scores: Sequence[int] = range(1, 11),
+        taus_deg: Sequence[float] = (),
+        weights: Sequence[float] = (),
+        steps: int = 12,
+        curves: int = 3,
+        hidden: Sequence[int] = (96, 48),
+        batch: int = _BATCH,
+        rate: float = 0.004,
+        seed: int = 0,
+        progress: Callable[[float], None] | None = None,
+        method: Method | None = None,
+        **task: Unpack[TaskOptions],
+    ) -> Self:
+        """Train on fresh postures that the sheet scores, each seen once: no data are kept, and none are learned by heart.
+
+        Args:
+            count: of postures, rounded down to whole updates.
+            joints: the inputs; the others are at zero.
+            scores: of the postures, as many of each.
+            taus_deg: scales of the noise under which the expected score is learned [deg]; none: the score itself.
+            weights: share of each scale.
+            steps: as in :meth:`fit`, like the following.
+            curves: made from the steps of each input.
+            hidden: sizes of the dense layers.
+            batch: postures per update.
+            rate: largest step of Adam.
+            seed: of start and postures.
+            progress: told the share that is done.
+            method: how the sheet is read; the default follows the publication.
+            **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+
+        Raises:
+            ModelError: for sizes that make no network.
+            InputError: for an unknown joint, a score that no posture has, or scales and weights that do not fit together.
+        """
+        _check(steps, curves, hidden, count // max(batch, 1), batch)
+        rng = np.random.default_rng(seed)
+        per_score = max(2000, -(-batch // max(1, len(scores))))
+        noise = {"taus_deg": taus_deg, "weights": weights}
+        blocks = posture_stream(rng, joints=joints, scores=scores, per_score=per_score, **noise, method=method, **task)
+        first = next(blocks)
+        # Noise leads to scores that no posture of the data has.
+        known = np.arange(1, read_method(method).final_max + 1) if len(taus_deg) else np.unique(scores)
+        begun = start(first[0], len(known), steps, curves, hidden, rng)
+        network = train(begun, _batches(chain([first], blocks), known, batch), count // batch, rate, progress)
+        return cls(network, known.tolist(), joints, known[0])
 
     def predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the expected score (n,) of inputs (n, d)."""
@@ -101,33 +174,51 @@ class Neural(LearnedCost):
         return np.concatenate([*parts, np.empty(0)])
 
     def _expected(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        net = self.network
-        h = np.tanh((points[:, :, np.newaxis] - net["places"]) * net["sharpness"]).reshape(len(points), -1)
-        for layer in range(1, self._layers):
-            h = np.tanh(h @ net[f"W{layer}"] + net[f"b{layer}"])
-        z = (h @ net[f"W{self._layers}"] + net[f"b{self._layers}"]) / self.temperature
-        share = np.exp(z - z.max(axis=1, keepdims=True))
-        return share @ self.scores / share.sum(axis=1)
+        z = layers_of(self.network, steps_of(self.network, points))[-1]
+        return shares_of(z / self.temperature) @ self.scores
 
     def value(self, x: ca.MX) -> ca.MX:
         """Return the expected score, a scalar expression of the inputs (d,)."""
-        return self._last(self._first(x)[-1])
+        return ca.dot(ca.DM(self.scores), self._shares(self._layers(self._steps(x))[-1]))
 
-    def _first(self, x: ca.MX) -> list[ca.MX]:
-        """Outputs of the layers before the last one, the soft steps first."""
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,): back through the layers, without the transposed products that differentiation would form."""
         net = self.network
-        steps = net["places"].shape[1]
-        spread = ca.vec(ca.repmat(x.T, steps, 1))
-        outputs = [ca.tanh((spread - ca.DM(net["places"].ravel())) * ca.DM(net["sharpness"].ravel()))]
-        for layer in range(1, self._layers):
-            outputs.append(ca.tanh(_matrix(net[f"W{layer}"]) @ outputs[-1] + ca.DM(net[f"b{layer}"])))
-        return outputs
+        steps = self._steps(x)
+        *values, z = self._layers(steps)
+        shares = self._shares(z)
+        back = shares * (ca.DM(self.scores) - ca.dot(ca.DM(self.scores), shares)) / self.temperature
+        for layer in range(depth(net), 0, -1):
+            back = ca.MX(ca.DM(net[f"W{layer}"])) @ back
+            if layer > 1:
+                back *= 1 - values[layer - 1] ** 2
+        back = (ca.MX(self._mixing.T) @ back) * (1 - steps**2) * ca.DM(net["sharpness"].ravel())
+        return ca.sum1(ca.reshape(back, net["places"].shape[1], len(self.coordinates))).T
 
-    def _last(self, h: ca.MX) -> ca.MX:
+    def _steps(self, x: ca.MX) -> ca.MX:
+        places, sharpness = self.network["places"], self.network["sharpness"]
+        spread = ca.vec(ca.repmat(x.T, places.shape[1], 1))
+        return ca.tanh((spread - ca.DM(places.ravel())) * ca.DM(sharpness.ravel()))
+
+    @property
+    def _mixing(self) -> ca.DM:
+        """The mixing of all inputs as one matrix (d m, d k) of blocks, the zeros between them left out."""
+        inputs, steps, curves = self.network["mixing"].shape
+        dense = np.zeros((inputs, curves, inputs, steps))
+        dense[np.arange(inputs), :, np.arange(inputs), :] = self.network["mixing"].transpose(0, 2, 1)
+        return ca.sparsify(ca.DM(dense.reshape(inputs * curves, inputs * steps)))
+
+    def _layers(self, steps: ca.MX) -> list[ca.MX]:
         net = self.network
-        z = (_matrix(net[f"W{self._layers}"]) @ h + ca.DM(net[f"b{self._layers}"])) / self.temperature
-        share = ca.exp(z - ca.mmax(z))
-        return ca.dot(ca.DM(self.scores), share) / ca.sum1(share)
+        values = [ca.MX(self._mixing) @ steps]
+        for layer in range(1, depth(net) + 1):
+            z = ca.MX(ca.DM(net[f"W{layer}"].T)) @ values[-1] + ca.DM(net[f"b{layer}"])
+            values.append(z if layer == depth(net) else ca.tanh(z))
+        return values
+
+    def _shares(self, z: ca.MX) -> ca.MX:
+        weights = ca.exp((z - ca.mmax(z)) / self.temperature)
+        return weights / ca.sum1(weights)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return settings and arrays, in single precision: that is what training gives."""
@@ -142,6 +233,17 @@ class Neural(LearnedCost):
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])
 
 
-def _matrix(weights: NDArray[np.float64]) -> ca.MX:
-    """Weights (m, n) as the matrix (n, m) that maps a column."""
-    return ca.MX(ca.DM(weights.T))
+def _check(steps: int, curves: int, hidden: Sequence[int], passes: int, batch: int) -> None:
+    if not hidden or min(steps, curves, passes, batch, *hidden) < 1:
+        raise ModelError(
+            f"neural: got {steps} steps, {curves} curves, hidden layers of {tuple(hidden)}, batches of {batch} and {passes} "
+            "passes over them, allowed 1 or more of each"
+        )
+
+
+def _batches(blocks: Iterator[tuple[NDArray, NDArray]], scores: NDArray, batch: int) -> Batches:
+    for points, labels in blocks:
+        # What is left over of a block is dropped: fresh postures cost little.
+        classes = np.searchsorted(scores, labels)
+        for first in range(0, len(points) - batch + 1, batch):
+            yield points[first : first + batch], classes[first : first + batch]

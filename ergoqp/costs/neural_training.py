@@ -1,15 +1,19 @@
-"""Training of `ergoqp.costs.neural.Neural`: forward, backward and Adam in single precision, a few products per update."""
+"""The network of `ergoqp.costs.neural.Neural`: its layers, and their training by Adam in single precision."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 Network = dict[str, NDArray]
-"""``places`` and ``sharpness`` of the soft steps (d, k); ``W1``, ``b1``, ... of the dense layers, inputs first."""
+"""Parameters: ``places`` and ``sharpness`` (d, k) of the soft steps of each input; ``mixing`` (d, k, m), which makes m
+curves of each input from its steps; ``W1``, ``b1``, ... of the dense layers, inputs first, the last one to the classes."""
+
+Batches = Iterator[tuple[NDArray, NDArray]]
+"""Points (n, d) and the numbers of their classes (n,), counted from 0: what one update sees."""
 
 _WARM_UP = 300
 """Updates over which the rate grows to its full size."""
@@ -18,92 +22,119 @@ _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8
 """Adam's memory of the gradient and of its square, and what keeps the division defined (Kingma and Ba, 2015)."""
 
 
-def train(
-    points: NDArray,
-    classes: NDArray,
-    count: int,
-    steps: int,
-    hidden: Sequence[int],
-    epochs: int,
-    batch: int,
-    rate: float,
-    seed: int,
-    progress: Callable[[float], None] | None = None,
-) -> Network:
-    """Return the parameters of a network that gives each class a probability, trained by cross-entropy.
+def depth(net: Network) -> int:
+    """Count the dense layers."""
+    return sum(name.startswith("W") for name in net)
+
+
+def start(points: NDArray, count: int, steps: int, curves: int, hidden: Sequence[int], rng: np.random.Generator) -> Network:
+    """Return a network to be trained: steps evenly spread over each input's range, all weights small and random.
 
     Args:
-        points: inputs (n, d).
-        classes: number of the class of each (n,), from 0.
-        count: how many classes there are.
+        points: inputs (n, d), for their ranges.
+        count: of classes.
         steps: soft steps per input.
+        curves: made from the steps of each input.
         hidden: sizes of the dense layers.
-        epochs: passes over the data.
-        batch: points per update.
-        rate: largest step of Adam; it falls to zero along half a cosine.
-        seed: of start and order.
-        progress: told the share that is done.
+        rng: source of randomness.
     """
-    rng = np.random.default_rng(seed)
-    inputs = points.astype(np.float32)
-    net = _start(inputs, count, steps, hidden, rng)
-    mean = {name: np.zeros_like(values) for name, values in net.items()}
-    square = {name: np.zeros_like(values) for name, values in net.items()}
-    batch = min(batch, len(inputs))
-    updates, done = epochs * (len(inputs) // batch), 0
-    for _ in range(epochs):
-        order = rng.permutation(len(inputs))
-        for first in range(0, len(order) - batch + 1, batch):
-            rows = order[first : first + batch]
-            slopes = _slopes(net, inputs[rows], classes[rows])
-            done += 1
-            pace = rate * min(1.0, done / _WARM_UP) * 0.5 * (1 + np.cos(np.pi * done / updates))
-            for name, slope in slopes.items():
-                mean[name] += np.float32(1 - _FIRST) * (slope - mean[name])
-                square[name] += np.float32(1 - _SECOND) * (slope * slope - square[name])
-                size = np.sqrt(square[name] / np.float32(1 - _SECOND**done)) + np.float32(_TINY)
-                net[name] -= np.float32(pace / (1 - _FIRST**done)) * mean[name] / size
-            if progress is not None and done % 100 == 0:
-                progress(done / updates)
-    net["sharpness"] = np.exp(net["sharpness"])
+    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    wide = np.maximum(high - low, 1e-6)[:, np.newaxis]
+    net = {
+        "places": low[:, np.newaxis] + wide * np.arange(1, steps + 1) / (steps + 1),
+        "sharpness": np.repeat(2 * (steps + 1) / wide, steps, axis=1),
+        "mixing": rng.normal(size=(len(wide), steps, curves)) / np.sqrt(steps),
+    }
+    for layer, (rows, columns) in enumerate(pairwise([len(wide) * curves, *hidden, count]), start=1):
+        net[f"W{layer}"] = rng.normal(size=(rows, columns)) / np.sqrt(rows)
+        net[f"b{layer}"] = np.zeros(columns)
     return net
 
 
-def _start(inputs: NDArray, count: int, steps: int, hidden: Sequence[int], rng: np.random.Generator) -> Network:
-    """Steps evenly spread over each input's range, each as wide as their distance; small random dense layers.
+def shuffled(points: NDArray, classes: NDArray, batch: int, rng: np.random.Generator) -> Batches:
+    """Yield batches of the same data without end, in a new order in each pass."""
+    while True:
+        order = rng.permutation(len(points))
+        for first in range(0, len(order) - batch + 1, batch):
+            rows = order[first : first + batch]
+            yield points[rows], classes[rows]
 
-    The logarithm of the sharpness is what is trained, so that it stays positive.
+
+def train(
+    net: Network, batches: Batches, updates: int, rate: float, progress: Callable[[float], None] | None = None
+) -> Network:
+    """Return the network with its parameters trained by cross-entropy, (float32).
+
+    Args:
+        net: from `start`.
+        batches: at least as many as updates.
+        updates: how many.
+        rate: largest step of Adam; it grows from zero and falls to zero along half a cosine.
+        progress: told the share that is done.
     """
-    low, high = inputs.min(axis=0).astype(float), inputs.max(axis=0).astype(float)
-    wide = np.maximum(high - low, 1e-6)
-    places = low[:, np.newaxis] + wide[:, np.newaxis] * np.arange(1, steps + 1) / (steps + 1)
-    net = {"places": places, "sharpness": np.log(np.repeat(2 * (steps + 1) / wide[:, np.newaxis], steps, axis=1))}
-    sizes = [places.size, *hidden, count]
-    for layer, (rows, columns) in enumerate(pairwise(sizes), start=1):
-        net[f"W{layer}"] = rng.normal(size=(rows, columns)) / np.sqrt(rows)
-        net[f"b{layer}"] = np.zeros(columns)
-    return {name: values.astype(np.float32) for name, values in net.items()}
+    # All parameters are one row of numbers, so that an update is a few operations; the names are views of it. What is
+    # trained is the logarithm of the sharpness, which so stays positive.
+    begun = {**net, "sharpness": np.log(net["sharpness"])}
+    row = np.concatenate([values.ravel() for values in begun.values()]).astype(np.float32)
+    ends = np.cumsum([values.size for values in begun.values()])
+    views = {n: v.reshape(begun[n].shape) for n, v in zip(begun, np.split(row, ends[:-1]), strict=True)}
+    mean, square = np.zeros_like(row), np.zeros_like(row)
+    for done, (points, classes) in enumerate(islice(batches, updates), start=1):
+        current = {**views, "sharpness": np.exp(views["sharpness"])}
+        slopes = _slopes(current, points.astype(np.float32), classes)
+        slope = np.concatenate([slopes[name].ravel() for name in views])
+        pace = rate * min(1.0, done / _WARM_UP) * 0.5 * (1 + np.cos(np.pi * done / updates))
+        mean += np.float32(1 - _FIRST) * (slope - mean)
+        square += np.float32(1 - _SECOND) * (slope * slope - square)
+        size = np.sqrt(square / np.float32(1 - _SECOND**done)) + np.float32(_TINY)
+        row -= np.float32(pace / (1 - _FIRST**done)) * mean / size
+        if progress is not None and (done % 100 == 0 or done == updates):
+            progress(done / updates)
+    return {**views, "sharpness": np.exp(views["sharpness"])}
 
 
-def _slopes(net: Network, inputs: NDArray, classes: NDArray) -> Network:
-    """Return the derivative of the mean cross-entropy by every parameter."""
-    layers = sum(name.startswith("W") for name in net)
-    sharpness = np.exp(net["sharpness"])
-    argument = (inputs[:, :, np.newaxis] - net["places"]) * sharpness
-    outputs = [np.tanh(argument).reshape(len(inputs), -1)]
-    for layer in range(1, layers):
-        outputs.append(np.tanh(outputs[-1] @ net[f"W{layer}"] + net[f"b{layer}"]))
-    z = outputs[-1] @ net[f"W{layers}"] + net[f"b{layers}"]
-    back = np.exp(z - z.max(axis=1, keepdims=True))
-    back /= back.sum(axis=1, keepdims=True)
+def steps_of(net: Network, points: NDArray) -> NDArray:
+    """Return the soft steps (d, n, k) of points (n, d)."""
+    return np.tanh((points.T[:, :, np.newaxis] - net["places"][:, np.newaxis]) * net["sharpness"][:, np.newaxis])
+
+
+def layers_of(net: Network, steps: NDArray) -> list[NDArray]:
+    """Return what goes into each dense layer, and last the logarithms of the class weights (n, classes)."""
+    curves = np.matmul(steps, net["mixing"])
+    values = [np.ascontiguousarray(curves.transpose(1, 0, 2)).reshape(steps.shape[1], -1)]
+    for layer in range(1, depth(net) + 1):
+        z = values[-1] @ net[f"W{layer}"] + net[f"b{layer}"]
+        values.append(z if layer == depth(net) else np.tanh(z, out=z))
+    return values
+
+
+def shares_of(z: NDArray) -> NDArray:
+    """Return the probability (n, classes) of each class from the logarithms of their weights."""
+    weights = np.exp(z - z.max(axis=1, keepdims=True))
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
+    """Return the derivative of the mean cross-entropy by every parameter; by the logarithm of the sharpness."""
+    steps = steps_of(net, points)
+    values = layers_of(net, steps)
+    back = shares_of(values.pop())
     back[np.arange(len(back)), classes] -= 1
     back /= np.float32(len(back))
     slopes: Network = {}
-    for layer in range(layers, 0, -1):
-        output = outputs[layer - 1]
-        slopes[f"W{layer}"], slopes[f"b{layer}"] = output.T @ back, back.sum(axis=0)
-        back = (back @ net[f"W{layer}"].T) * (1 - output * output)
-    back = back.reshape(argument.shape)
-    slopes["places"] = -back.sum(axis=0) * sharpness
-    slopes["sharpness"] = (back * argument).sum(axis=0)
+    for layer in range(depth(net), 0, -1):
+        value = values[layer - 1]
+        slopes[f"W{layer}"], slopes[f"b{layer}"] = value.T @ back, back.sum(axis=0)
+        back = back @ net[f"W{layer}"].T
+        if layer > 1:
+            back *= 1 - value * value
+    joints, _, curves = net["mixing"].shape
+    back = np.ascontiguousarray(back.reshape(len(points), joints, curves).transpose(1, 0, 2))
+    slopes["mixing"] = np.matmul(steps.transpose(0, 2, 1), back)
+    back = np.matmul(back, net["mixing"].transpose(0, 2, 1))
+    back *= 1 - steps * steps
+    # The argument of a step is a (x - c): its derivatives by c and log a are -a and a (x - c), summed over the points.
+    by_place = back.sum(axis=1) * net["sharpness"]
+    by_input = np.matmul(points.T[:, np.newaxis], back)[:, 0] * net["sharpness"]
+    slopes["places"], slopes["sharpness"] = -by_place, by_input - net["places"] * by_place
     return slopes
