@@ -1,8 +1,8 @@
 """Any fitted regressor of scikit-learn as a cost: its parts are read, and its prediction is written again as an expression.
 
-What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF, Matern or rational quadratic, with
-or without white noise), MLPRegressor, GaussianMixture (as regression: its last column is the score) or OneClassSVM (the
-cost is minus its decision function: lower is further inside). The estimator itself is not kept, so nothing is ever unpickled.
+What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF, Matern or rational quadratic,
+with or without white noise), MLPRegressor, GaussianMixture (as regression: its last column is the score) or OneClassSVM (the
+cost is minus its decision function: lower is further inside). The estimator itself is not kept: nothing is ever unpickled.
 """
 
 from __future__ import annotations
