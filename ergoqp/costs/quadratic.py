@@ -1,0 +1,103 @@
+"""The classical baseline: one quadratic per joint, added up; convex, so that it has one best posture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.errors import MissingExtraError, ModelError
+
+
+class Quadratic(LearnedCost):
+    """V(x) = a + sum_j (b_j x_j + c_j x_j^2) with c_j >= 0.
+
+    Args:
+        constant: a [points].
+        slopes: b (d,) [points per unit of the inputs].
+        curvatures: c (d,), not negative [points per unit squared].
+        coordinates: the inputs.
+        minimum: V_min, the lowest score of the data [points].
+
+    Raises:
+        ModelError: if there is not one slope and one curvature per input, or one curvature is negative.
+    """
+
+    name = "quadratic"
+
+    def __init__(
+        self, constant: float, slopes: NDArray, curvatures: NDArray, coordinates: Sequence[str], minimum: float
+    ) -> None:
+        """Keep the coefficients."""
+        super().__init__(coordinates, minimum)
+        self.constant = float(constant)
+        self.slopes, self.curvatures = (np.asarray(values, dtype=float) for values in (slopes, curvatures))
+        shapes, width = (self.slopes.shape, self.curvatures.shape), (len(self.coordinates),)
+        if shapes != (width, width):
+            raise ModelError(f"quadratic: got slopes and curvatures of shapes {shapes}, allowed {width} each")
+        if not (self.curvatures >= 0).all():
+            raise ModelError(f"quadratic: got a curvature of {self.curvatures.min():g}, allowed 0 or more")
+
+    @classmethod
+    def fit(cls, data: DataSet) -> Self:
+        """Fit by least squares with curvatures bounded below by zero.
+
+        Args:
+            data: labelled points, at least three per input.
+
+        Raises:
+            ModelError: for too little data.
+            MissingExtraError: without scipy.
+        """
+        width = data.points.shape[1]
+        data.require(3 * width, "quadratic")
+        try:
+            from scipy.optimize import lsq_linear
+        except ImportError:
+            raise MissingExtraError("fitting a quadratic cost", "learn", "scipy") from None
+        # In units of each input's spread about its mean the columns are of one size.
+        centre, spread = data.points.mean(axis=0), data.points.std(axis=0)
+        spread[spread == 0] = 1.0
+        z = (data.points - centre) / spread
+        columns = np.hstack([np.ones((len(z), 1)), z, z * z])
+        lower = np.concatenate([np.full(1 + width, -np.inf), np.zeros(width)])
+        # The triangular factor has the same solution as the columns, whatever their number.
+        q, r = np.linalg.qr(columns)
+        found = lsq_linear(r, q.T @ data.labels, bounds=(lower, np.inf), method="bvls").x
+        b, c = found[1 : 1 + width] / spread, np.maximum(found[1 + width :], 0.0) / spread**2
+        constant = found[0] - b @ centre + c @ centre**2
+        return cls(constant, b - 2 * c * centre, c, data.coordinates, float(data.labels.min()))
+
+    def predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the value (n,) of inputs (n, d)."""
+        return self.constant + points @ self.slopes + points**2 @ self.curvatures
+
+    def value(self, x: ca.MX) -> ca.MX:
+        """Return the value, a scalar expression of the inputs (d,)."""
+        return self.constant + ca.dot(ca.DM(self.slopes) + ca.DM(self.curvatures) * x, x)
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,)."""
+        return ca.DM(self.slopes) + ca.DM(2 * self.curvatures) * x
+
+    def hessian_model(self, q: ca.MX) -> ca.MX:
+        """Return the Hessian (N, N) itself: constant, and positive semidefinite."""
+        diagonal = np.zeros(q.shape[0])
+        diagonal[self.coordinates.indices] = 2 * self.curvatures
+        return ca.MX(ca.DM(np.diag(diagonal)))
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return settings and arrays."""
+        return {"constant": self.constant}, {"slopes": self.slopes, "curvatures": self.curvatures}
+
+    @classmethod
+    def from_parts(
+        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+    ) -> Self:
+        """Return the cost that `parts` came from."""
+        return cls(settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum)
