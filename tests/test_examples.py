@@ -11,6 +11,7 @@ SAYS = {
     "01_step_in_a_loop": ["at the start: REBA", "without a frame: braking, no posture arrived"],
     "02_own_problem_from_python": ["smooth_reba", "quadratic", "limits broken 0 times"],
     "03_score_a_recording": ["negligible", "worst: REBA", "trunk"],
+    "04_learned_cost": ["480 to learn from", "within one point", "boundary margin"],
 }
 
 
