@@ -181,38 +181,35 @@ class Neural(LearnedCost):
         """Return the expected score, a scalar expression of the inputs (d,)."""
         return ca.dot(ca.DM(self.scores), self._shares(self._layers(self._steps(x))[-1]))
 
+    def values(self, x: ca.MX) -> ca.MX:
+        """Return V (1, k) of k columns of inputs (d, k): the same products for all columns."""
+        logarithms = ca.horzsplit(self._layers(self._steps(x))[-1])
+        return ca.horzcat(*(ca.dot(ca.DM(self.scores), self._shares(z)) for z in logarithms))
+
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,): back through the layers, without the transposed products that differentiation would form."""
-        net = self.network
+        net, scores = self.network, ca.DM(self.scores)
         steps = self._steps(x)
         *values, z = self._layers(steps)
         shares = self._shares(z)
-        back = shares * (ca.DM(self.scores) - ca.dot(ca.DM(self.scores), shares)) / self.temperature
+        back = shares * (scores - ca.dot(scores, shares)) / self.temperature
         for layer in range(depth(net), 0, -1):
             back = ca.MX(ca.DM(net[f"W{layer}"])) @ back
             if layer > 1:
                 back *= 1 - values[layer - 1] ** 2
-        back = (ca.MX(self._mixing.T) @ back) * (1 - steps**2) * ca.DM(net["sharpness"].ravel())
-        return ca.sum1(ca.reshape(back, net["places"].shape[1], len(self.coordinates))).T
+        return ca.MX(_blocks(net["sharpness"][:, np.newaxis])) @ ((ca.MX(_blocks(net["mixing"])) @ back) * (1 - steps**2))
 
     def _steps(self, x: ca.MX) -> ca.MX:
         places, sharpness = self.network["places"], self.network["sharpness"]
-        spread = ca.vec(ca.repmat(x.T, places.shape[1], 1))
-        return ca.tanh((spread - ca.DM(places.ravel())) * ca.DM(sharpness.ravel()))
-
-    @property
-    def _mixing(self) -> ca.DM:
-        """The mixing of all inputs as one matrix (d m, d k) of blocks, the zeros between them left out."""
-        inputs, steps, curves = self.network["mixing"].shape
-        dense = np.zeros((inputs, curves, inputs, steps))
-        dense[np.arange(inputs), :, np.arange(inputs), :] = self.network["mixing"].transpose(0, 2, 1)
-        return ca.sparsify(ca.DM(dense.reshape(inputs * curves, inputs * steps)))
+        shift = ca.DM((places * sharpness).ravel())
+        return ca.tanh(ca.MX(_blocks(sharpness[..., np.newaxis])) @ x - ca.repmat(shift, 1, x.shape[1]))
 
     def _layers(self, steps: ca.MX) -> list[ca.MX]:
         net = self.network
-        values = [ca.MX(self._mixing) @ steps]
+        values = [ca.MX(_blocks(net["mixing"].transpose(0, 2, 1))) @ steps]
         for layer in range(1, depth(net) + 1):
-            z = ca.MX(ca.DM(net[f"W{layer}"].T)) @ values[-1] + ca.DM(net[f"b{layer}"])
+            bias = ca.repmat(ca.DM(net[f"b{layer}"]), 1, steps.shape[1])
+            z = ca.MX(ca.DM(net[f"W{layer}"].T)) @ values[-1] + bias
             values.append(z if layer == depth(net) else ca.tanh(z))
         return values
 
@@ -231,6 +228,14 @@ class Neural(LearnedCost):
     ) -> Self:
         """Return the cost that `parts` came from."""
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])
+
+
+def _blocks(blocks: NDArray[np.float64]) -> ca.DM:
+    """Return the matrix (d a, d b) with the blocks (d, a, b) on its diagonal and nothing stored between them."""
+    count, rows, columns = blocks.shape
+    full = np.zeros((count, rows, count, columns))
+    full[np.arange(count), :, np.arange(count), :] = blocks
+    return ca.sparsify(ca.DM(full.reshape(count * rows, count * columns)))
 
 
 def _check(steps: int, curves: int, hidden: Sequence[int], passes: int, batch: int) -> None:
