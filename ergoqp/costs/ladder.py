@@ -1,0 +1,178 @@
+"""One one-class SVM per score, made one smooth cost: the EPFL report's last and best idea (its figures 24 and 25).
+
+The report walks down a ladder: a posture of class i follows the gradient of the one-class SVM of class i - 1, then of the next,
+with a jump of the gradient at every rung. The same ladder as one function counts the rungs that are still below. With g_j the
+margin of class j (`ergoqp.one_class`: positive inside), the set of all classes up to i has the margin
+
+    m_i = log sum_{j <= i} exp g_j        (a smooth maximum),
+
+and with the scores s_1 < s_2 < ... the value is
+
+    V = s_1 + sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / steepness),    z_i = -steepness m_i - log 9,
+
+sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on are positive and V is about
+s_i; its slope is that of the rung whose edge is nearest, the next one below. The second term is small; it keeps a slope where
+all logistics are flat, far away, and fades inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.errors import ModelError
+from ergoqp.one_class import OneClass
+
+Array = NDArray[np.float64]
+
+_LEAST: Final = 10
+"""Fewest points of a rung."""
+
+_MOST: Final = 30
+"""Most rungs."""
+
+_EDGE: Final = float(np.log(9))
+"""What a rung counts at its edge is a tenth."""
+
+
+class OneClassLadder(LearnedCost):
+    """V(q) by counting the one-class SVMs that the posture is still outside of.
+
+    Attributes:
+        rungs: one boundary per score, ascending.
+        scores: of the rungs [points].
+        steepness: of the logistic function, per unit of the margins.
+        pull: share of the term that leads from afar.
+    """
+
+    name = "one_class_ladder"
+
+    def __init__(
+        self,
+        rungs: Sequence[OneClass],
+        scores: Sequence[float],
+        coordinates: Sequence[str],
+        minimum: float,
+        steepness: float = 6.0,
+        pull: float = 0.05,
+    ) -> None:
+        """Keep the rungs.
+
+        Raises:
+            ModelError: if there are fewer than two, or scores and rungs do not fit together.
+        """
+        super().__init__(coordinates, minimum)
+        self.rungs, self.scores = tuple(rungs), np.asarray(scores, dtype=float)
+        if len(self.rungs) < 2 or len(self.scores) != len(self.rungs) or not (np.diff(self.scores) > 0).all():
+            raise ModelError(f"ladder: got {len(self.rungs)} rungs and scores {self.scores}, allowed two or more, ascending")
+        if not (0 < steepness < np.inf and 0 <= pull < 1):
+            raise ModelError(f"ladder: got steepness {steepness!r} and pull {pull!r}, allowed above 0, and from 0 to below 1")
+        self.steepness, self.pull = float(steepness), float(pull)
+
+    @classmethod
+    def fit(
+        cls,
+        data: DataSet,
+        nu: float = 0.05,
+        gamma: float | None = None,
+        steepness: float = 6.0,
+        pull: float = 0.05,
+        progress: Callable[[float], None] | None = None,
+    ) -> Self:
+        """Fit one boundary to the points of each label.
+
+        Args:
+            data: labelled points; at least 10 of each label.
+            nu: share of a class's points outside its own boundary, at most.
+            gamma: of the kernels, per squared scaled unit; None: 2 / d.
+            steepness: see the class.
+            pull: see the class.
+            progress: told the share that is done.
+
+        Raises:
+            ModelError: for too few points of a label, or too many labels.
+            MissingExtraError: if scikit-learn is not installed.
+        """
+        data.require(2 * _LEAST, "one_class_ladder")
+        scores, counts = np.unique(data.labels, return_counts=True)
+        if len(scores) > _MOST or counts.min() < _LEAST:
+            raise ModelError(
+                f"one_class_ladder: got {len(scores)} labels with at least {counts.min()} points each, "
+                f"allowed at most {_MOST} with at least {_LEAST}"
+            )
+        gamma = 2 / len(data.coordinates) if gamma is None else gamma
+        rungs = []
+        for number, score in enumerate(scores):
+            rungs.append(OneClass.fit(data.points[data.labels == score], data.coordinates, nu, gamma))
+            if progress is not None:
+                progress((number + 1) / len(scores))
+        return cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
+
+    def predict(self, points: Array) -> Array:
+        """Return V (n,) of inputs (n, d)."""
+        margins = np.logaddexp.accumulate(np.stack([rung.margin(points) for rung in self.rungs[:-1]], axis=1), axis=1)
+        z = -self.steepness * margins - _EDGE
+        rungs = (1 - self.pull) * np.exp(-np.logaddexp(0, -z)) + self.pull / self.steepness * np.logaddexp(0, z)
+        return self.scores[0] + rungs @ np.diff(self.scores)
+
+    def value(self, x: ca.MX) -> ca.MX:
+        """Return V, a scalar expression of the inputs (d,)."""
+        return self._both(x)[0]
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,), an expression: the slopes of the margins, weighed."""
+        return self._both(x)[1]
+
+    def _both(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
+        found = [rung.margin_and_slope(x) for rung in self.rungs[:-1]]
+        weigh = self._weighed()
+        value, weights = weigh(ca.vertcat(*(margin for margin, _ in found)))
+        return value, ca.horzcat(*(slope for _, slope in found)) @ weights
+
+    def _weighed(self) -> ca.Function:
+        """Return ``margins (k,) -> V, dV/dmargins (k,)``: a few scalars, whatever the number of kernels."""
+        margins = ca.SX.sym("margins", len(self.rungs) - 1)
+        value, merged = ca.SX(self.scores[0]), margins[0]
+        for i, height in enumerate(np.diff(self.scores)):
+            if i:
+                merged = _softplus(margins[i] - merged) + merged
+            z = -self.steepness * merged - _EDGE
+            value += height * ((1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.steepness * _softplus(z))
+        return ca.Function("weighed", [margins], ca.cse([value, ca.gradient(value, margins)]))
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings, arrays)."""
+        settings = {
+            "scores": self.scores.tolist(),
+            "steepness": self.steepness,
+            "pull": self.pull,
+            "gammas": [rung.gamma for rung in self.rungs],
+            "log_rhos": [rung.log_rho for rung in self.rungs],
+        }
+        arrays = {}
+        for number, rung in enumerate(self.rungs):
+            for name in ("mean", "scale", "centres", "weights"):
+                arrays[f"{name}{number}"] = getattr(rung, name)
+        return settings, arrays
+
+    @classmethod
+    def from_parts(
+        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+    ) -> Self:
+        """Return the cost that `parts` came from."""
+        rungs = []
+        for number, (gamma, log_rho) in enumerate(zip(settings["gammas"], settings["log_rhos"], strict=True)):
+            mean, scale, centres, weights = (arrays[f"{name}{number}"] for name in ("mean", "scale", "centres", "weights"))
+            rungs.append(OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho))))
+        return cls(rungs, settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"])
+
+
+def _softplus(z: ca.SX) -> ca.SX:
+    """log(1 + exp z) without overflow."""
+    return ca.fmax(z, 0) + ca.log1p(ca.exp(-ca.fabs(z)))
