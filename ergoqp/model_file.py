@@ -21,6 +21,11 @@ FORMAT: Final = "ergoqp-model-1"
 
 _HEADER: Final = "header"
 
+_UNREADABLE: Final = (
+    *(ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error),
+    RuntimeError,  # a zip that says it is encrypted, or packed in a way that Python does not know
+)
+
 
 def save_model(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write a model. An existing file is replaced in one move, so that nobody ever sees half of one.
@@ -55,7 +60,8 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # numpy leaves a file open that it was given by name and finds to be no zip.
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         header = json.loads(arrays.pop(_HEADER).tobytes())
         claimed = header.pop("checksum")
@@ -65,7 +71,7 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         raise ModelError(f"{path.name}: is not there, allowed a model file (.npz)") from None
     except OSError as error:
         raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+    except _UNREADABLE as error:
         raise ModelError(f"{path.name}: is not a model file, or was cut ({type(error).__name__})") from None
     if claimed != _checksum(header, arrays):
         raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")

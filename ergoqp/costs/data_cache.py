@@ -30,9 +30,20 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
     text = json.dumps(asked, sort_keys=True, default=lambda value: np.asarray(value).tolist())
     path = cache_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             return DataSet(file["points"], file["labels"], tuple(file["coordinates"].tolist()), str(file["source"]))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, ModelError):
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        EOFError,
+        TypeError,
+        AttributeError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+        zlib.error,
+        ModelError,
+    ):
         data = make()
     scratch = path.with_suffix(f".{os.getpid()}.part")
     try:
