@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from ergoqp.coordinates import Coordinates
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
+from ergoqp.joints import LOWER, UPPER
 from ergoqp.sheets import reba
 
 Array = NDArray[np.float64]
@@ -39,6 +40,7 @@ def follow(
     *,
     box: tuple[Array, Array] | None = None,
     stop_below: float | None = None,
+    every: int = 1,
 ) -> Array:
     """Follow the gradient with a constant rate, as the EPFL report does.
 
@@ -49,19 +51,21 @@ def follow(
         steps: number of steps.
         box: lower and upper ends (d,) of the inputs, None for none.
         stop_below: a point whose value is below stays where it is.
+        every: keep the points of every so many steps.
 
     Returns:
-        All points on the way, shape (steps + 1, n, d).
+        The points on the way, shape (1 + steps // every, n, d): those at the start, and after every so many steps.
     """
-    path = np.empty((steps + 1, *starts.shape))
-    path[0] = starts
-    for i in range(steps):
-        values, gradients = slopes(path[i])
+    points, path = starts, [starts]
+    for i in range(1, steps + 1):
+        values, gradients = slopes(points)
         moving = np.ones(len(starts), dtype=bool) if stop_below is None else values >= stop_below
-        path[i + 1] = path[i] - rate * gradients * moving[:, np.newaxis]
+        points = points - rate * gradients * moving[:, np.newaxis]
         if box is not None:
-            path[i + 1] = np.clip(path[i + 1], *box)
-    return path
+            points = np.clip(points, *box)
+        if i % every == 0:
+            path.append(points)
+    return np.array(path)
 
 
 def to_the_bottom(cost: LearnedCost, starts: Array, box: tuple[Array, Array]) -> Array:
@@ -74,6 +78,17 @@ def to_the_bottom(cost: LearnedCost, starts: Array, box: tuple[Array, Array]) ->
 
     bounds = list(zip(*box, strict=True))
     return np.array([minimize(one, start, jac=True, method="L-BFGS-B", bounds=bounds).x for start in starts])
+
+
+def balanced_rows(data: DataSet, per_score: int) -> NDArray[np.int64]:
+    """Return the numbers of the first `per_score` rows of each score: the starts that all methods share."""
+    return np.concatenate([np.flatnonzero(data.labels == score)[:per_score] for score in np.unique(data.labels)])
+
+
+def joint_ranges(coordinates: tuple[str, ...]) -> tuple[Array, Array]:
+    """Return the lower and upper ends of the ranges of joints, (d,) each [rad]."""
+    indices = Coordinates(coordinates).indices
+    return LOWER[indices], UPPER[indices]
 
 
 def true_scores(points: Array, coordinates: tuple[str, ...]) -> NDArray[np.int64]:
