@@ -8,11 +8,11 @@ margin of class j (`ergoqp.one_class`: positive inside), the set of all classes 
 
 and with the scores s_1 < s_2 < ... the value is
 
-    V = s_1 + sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / steepness),    z_i = -steepness m_i - log 9,
+    V = offset + height sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),  z_i = -steepness m_i - log 9,
 
-sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on are positive and V is about
-s_i; its slope is that of the rung whose edge is nearest, the next one below. The second term is small; it keeps a slope where
-all logistics are flat, far away, and fades inside.
+sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on are positive, and what is
+left are the rungs below, of which the nearest gives the slope. The second term is what leads on where the logistics are
+flat; `reach` makes it count like the first at the far data, and offset and height are fitted to the labels.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ _LEAST: Final = 10
 _MOST: Final = 30
 """Most rungs."""
 
+_FAR: Final = 90.0
+"""Percentile of the data that counts as far."""
+
 _EDGE: Final = float(np.log(9))
 """What a rung counts at its edge is a tenth."""
 
@@ -49,6 +52,9 @@ class OneClassLadder(LearnedCost):
         scores: of the rungs [points].
         steepness: of the logistic function, per unit of the margins.
         pull: share of the term that leads from afar.
+        reach: softplus of the far data.
+        offset: value where every rung is reached [points].
+        height: of a rung of one point [points].
     """
 
     name = "one_class_ladder"
@@ -60,7 +66,11 @@ class OneClassLadder(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
         steepness: float = 6.0,
-        pull: float = 0.05,
+        pull: float = 0.3,
+        *,
+        reach: float = 1.0,
+        offset: float = 1.0,
+        height: float = 1.0,
     ) -> None:
         """Keep the rungs.
 
@@ -74,6 +84,7 @@ class OneClassLadder(LearnedCost):
         if not (0 < steepness < np.inf and 0 <= pull < 1):
             raise ModelError(f"ladder: got steepness {steepness!r} and pull {pull!r}, allowed above 0, and from 0 to below 1")
         self.steepness, self.pull = float(steepness), float(pull)
+        self.reach, self.offset, self.height = float(reach), float(offset), float(height)
 
     @classmethod
     def fit(
@@ -82,7 +93,7 @@ class OneClassLadder(LearnedCost):
         nu: float = 0.05,
         gamma: float | None = None,
         steepness: float = 6.0,
-        pull: float = 0.05,
+        pull: float = 0.3,
         progress: Callable[[float], None] | None = None,
     ) -> Self:
         """Fit one boundary to the points of each label.
@@ -90,7 +101,7 @@ class OneClassLadder(LearnedCost):
         Args:
             data: labelled points; at least 10 of each label.
             nu: share of a class's points outside its own boundary, at most.
-            gamma: of the kernels, per squared scaled unit; None: 2 / d.
+            gamma: of the kernels, per squared scaled unit; None: 3 / d.
             steepness: see the class.
             pull: see the class.
             progress: told the share that is done.
@@ -106,20 +117,32 @@ class OneClassLadder(LearnedCost):
                 f"one_class_ladder: got {len(scores)} labels with at least {counts.min()} points each, "
                 f"allowed at most {_MOST} with at least {_LEAST}"
             )
-        gamma = 2 / len(data.coordinates) if gamma is None else gamma
+        gamma = 3 / len(data.coordinates) if gamma is None else gamma
         rungs = []
         for number, score in enumerate(scores):
             rungs.append(OneClass.fit(data.points[data.labels == score], data.coordinates, nu, gamma))
             if progress is not None:
                 progress((number + 1) / len(scores))
-        return cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
+        plain = cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
+        _, far = plain._terms(data.points)
+        reach = float(np.percentile(far, _FAR))
+        counted = cls(rungs, scores.tolist(), data.coordinates, 0.0, steepness, pull, reach=reach, offset=0.0)
+        height, offset = np.polyfit(counted.predict(data.points), data.labels, 1)
+        lowest = min(float(scores[0]), float(offset))
+        fitted = {"reach": reach, "offset": offset, "height": height}
+        return cls(rungs, scores.tolist(), data.coordinates, lowest, steepness, pull, **fitted)
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d)."""
+        near, far = self._terms(points)
+        rungs = (1 - self.pull) * near + self.pull / self.reach * far
+        return self.offset + self.height * (rungs @ np.diff(self.scores))
+
+    def _terms(self, points: Array) -> tuple[Array, Array]:
+        """Return logistic and softplus of every rung but the last (n, k)."""
         margins = np.logaddexp.accumulate(np.stack([rung.margin(points) for rung in self.rungs[:-1]], axis=1), axis=1)
         z = -self.steepness * margins - _EDGE
-        rungs = (1 - self.pull) * np.exp(-np.logaddexp(0, -z)) + self.pull / self.steepness * np.logaddexp(0, z)
-        return self.scores[0] + rungs @ np.diff(self.scores)
+        return np.exp(-np.logaddexp(0, -z)), np.logaddexp(0, z)
 
     def value(self, x: ca.MX) -> ca.MX:
         """Return V, a scalar expression of the inputs (d,)."""
@@ -138,12 +161,13 @@ class OneClassLadder(LearnedCost):
     def _weighed(self) -> ca.Function:
         """Return ``margins (k,) -> V, dV/dmargins (k,)``: a few scalars, whatever the number of kernels."""
         margins = ca.SX.sym("margins", len(self.rungs) - 1)
-        value, merged = ca.SX(self.scores[0]), margins[0]
+        value, merged = ca.SX(self.offset), margins[0]
         for i, height in enumerate(np.diff(self.scores)):
             if i:
                 merged = _softplus(margins[i] - merged) + merged
             z = -self.steepness * merged - _EDGE
-            value += height * ((1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.steepness * _softplus(z))
+            rung = (1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.reach * _softplus(z)
+            value += self.height * height * rung
         return ca.Function("weighed", [margins], ca.cse([value, ca.gradient(value, margins)]))
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -152,6 +176,7 @@ class OneClassLadder(LearnedCost):
             "scores": self.scores.tolist(),
             "steepness": self.steepness,
             "pull": self.pull,
+            "fitted": {"reach": self.reach, "offset": self.offset, "height": self.height},
             "gammas": [rung.gamma for rung in self.rungs],
             "log_rhos": [rung.log_rho for rung in self.rungs],
         }
@@ -170,7 +195,8 @@ class OneClassLadder(LearnedCost):
         for number, (gamma, log_rho) in enumerate(zip(settings["gammas"], settings["log_rhos"], strict=True)):
             mean, scale, centres, weights = (arrays[f"{name}{number}"] for name in ("mean", "scale", "centres", "weights"))
             rungs.append(OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho))))
-        return cls(rungs, settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"])
+        terms = settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"]
+        return cls(rungs, *terms, **settings["fitted"])
 
 
 def _softplus(z: ca.SX) -> ca.SX:
