@@ -8,7 +8,8 @@ margin of class j (`ergoqp.one_class`: positive inside), the set of all classes 
 
 and with the scores s_1 < s_2 < ... the value is
 
-    V = offset + height sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),  z_i = -steepness m_i - log 9,
+    V = offset + height sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),
+    z_i = -steepness m_i - log 9,
 
 sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on are positive, and what is
 left are the rungs below, of which the nearest gives the slope. The second term is what leads on where the logistics are
