@@ -19,6 +19,7 @@ flat; `reach` makes it count like the first at the far data, and offset and heig
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final, Self
 
 import casadi as ca
@@ -102,7 +103,8 @@ class OneClassLadder(LearnedCost):
         Args:
             data: labelled points; at least 10 of each label.
             nu: share of a class's points outside its own boundary, at most.
-            gamma: of the kernels, per squared scaled unit; None: 3 / d.
+            gamma: of the kernels, per squared scaled unit; None: 3 / d, or for a class
+                with too few points for that, half or a quarter of it.
             steepness: see the class.
             pull: see the class.
             progress: told the share that is done.
@@ -118,10 +120,10 @@ class OneClassLadder(LearnedCost):
                 f"one_class_ladder: got {len(scores)} labels with at least {counts.min()} points each, "
                 f"allowed at most {_MOST} with at least {_LEAST}"
             )
-        gamma = 3 / len(data.coordinates) if gamma is None else gamma
+        choices = [3 / len(data.coordinates) / part for part in (1, 2, 4)] if gamma is None else [gamma]
         rungs = []
         for number, score in enumerate(scores):
-            rungs.append(OneClass.fit(data.points[data.labels == score], data.coordinates, nu, gamma))
+            rungs.append(_rung(data.part(data.labels == score), nu, choices))
             if progress is not None:
                 progress((number + 1) / len(scores))
         plain = cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
@@ -198,6 +200,14 @@ class OneClassLadder(LearnedCost):
             rungs.append(OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho))))
         terms = settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"]
         return cls(rungs, *terms, **settings["fitted"])
+
+
+def _rung(data: DataSet, nu: float, gammas: Sequence[float]) -> OneClass:
+    """Return the boundary of one class with the first of some widths that leaves something inside."""
+    for gamma in gammas[:-1]:
+        with suppress(ModelError):
+            return OneClass.fit(data.points, data.coordinates, nu, gamma)
+    return OneClass.fit(data.points, data.coordinates, nu, gammas[-1])
 
 
 def _softplus(z: ca.SX) -> ca.SX:
