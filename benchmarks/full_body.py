@@ -21,13 +21,13 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
-from ergoqp.costs.posture_data import posture_data
 
 from benchmarks.closed_loop import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.learned import load_cost
+from ergoqp.costs.posture_data import posture_data
 from ergoqp.limits import OneClassBoundary
 from ergoqp.one_class import OneClass
 from ergoqp.paths import data_folder
@@ -76,16 +76,15 @@ def problem_with(cost: str, per_score: int) -> Problem:
 
 
 def _fitted(cost: str, per_score: int) -> Cost:
-    from ergoqp.costs.ladder import OneClassLadder
-    from ergoqp.costs.quadratic import Quadratic
-    from ergoqp.costs.svr import Svr
-
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import SVR
 
     from ergoqp.costs.from_sklearn import from_sklearn
     from ergoqp.costs.gmr import Gmr
+    from ergoqp.costs.ladder import OneClassLadder
+    from ergoqp.costs.quadratic import Quadratic
+    from ergoqp.costs.svr import Svr
 
     if cost == "neural":
         return load_cost(data_folder("models") / "neural_sheet.npz")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from command_line import mistake
-from ergoqp.costs.posture_data import posture_data
 
 import ergoqp as package
 from ergoqp.coordinates import SCORED_JOINTS
+from ergoqp.costs.posture_data import posture_data
 from ergoqp.one_class import load_one_class
 
 
