@@ -85,6 +85,16 @@ def test_stays_a_few_operations_on_whole_matrices():
     assert ca.Function("f", [x], list(model.value_and_slope(x))).n_instructions() < 40
 
 
+@pytest.mark.parametrize("kind", RADIAL + PRODUCT)
+def test_several_points_at_once(kind):
+    model, rng = random_sum(kind)
+    x = ca.MX.sym("x", 5, 3)
+    together = ca.Function("f", [x], [model.expression(x)])
+    points = rng.normal(size=(3, 5))
+    np.testing.assert_allclose(together(points.T).full().ravel(), model.values(points), rtol=1e-12)
+    assert together.n_instructions() < 100
+
+
 def test_features_times_weights_are_the_values():
     model, rng = random_sum("matern52")
     points = rng.normal(size=(7, 5))
@@ -117,5 +127,8 @@ def test_what_does_not_fit_is_named():
     ]:
         with pytest.raises(ModelError, match=sentence):
             KernelSum(Kernel("rbf"), **{**good, name: bad})
-    with pytest.raises(ModelError, match=r"shape \(3, 1\), allowed \(2, 1\)"):
-        KernelSum(Kernel("rbf"), **good).expression(ca.MX.sym("x", 3))
+    model = KernelSum(Kernel("rbf"), **good)
+    with pytest.raises(ModelError, match=r"shape \(3, 1\), allowed \(2, k\)"):
+        model.expression(ca.MX.sym("x", 3))
+    with pytest.raises(ModelError, match=r"shape \(2, 3\), allowed \(2, 1\)"):
+        model.value_and_slope(ca.MX.sym("x", 2, 3))

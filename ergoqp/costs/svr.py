@@ -1,0 +1,201 @@
+"""Support vector regression of the score, the EPFL report's second surrogate, with a scaling that is fitted as well.
+
+What counts with radial kernels is the metric. Three things are fitted before the regression itself, all from the data: soft
+steps where each joint's effect on the score changes (`ergoqp.costs.features`), a length scale per feature
+(`ergoqp.costs.relevance`), and which features are left out because they do not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal, Self, get_args
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.features import Columns, Steps, features_from
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.reduce import Reduction, reduced
+from ergoqp.costs.relevance import relevance
+from ergoqp.errors import ModelError
+from ergoqp.kernels import Kernel, KernelSum
+from ergoqp.pipelines import dense, sklearn
+
+Choice = Literal["auto", "steps", "plain"]
+"""What the kernels see: soft steps, the inputs themselves, or whichever makes the data more likely."""
+
+_LEAST: Final = 20
+"""Fewest points that can be fitted."""
+
+_SILENT: Final = 0.02
+"""Features are left out if along one standard deviation they move the label less than this share of its own."""
+
+_CACHE_MB: Final = 500
+"""Memory that the fit may use for kernel values."""
+
+Array = NDArray[np.float64]
+
+
+class Svr(LearnedCost):
+    """V(q) by support vector regression with radial kernels.
+
+    Attributes:
+        features: what the kernels see of the inputs.
+        model: the sum of kernels of the features.
+        reduction: how a reduced set differs from the full one; None for a full one.
+    """
+
+    name = "svr"
+
+    def __init__(
+        self,
+        features: Columns | Steps,
+        model: KernelSum,
+        coordinates: Sequence[str],
+        minimum: float,
+        reduction: Reduction | None = None,
+    ) -> None:
+        """Keep the parts, see the attributes.
+
+        Raises:
+            ModelError: if the features are not as many as the kernels see.
+        """
+        super().__init__(coordinates, minimum)
+        self.features, self.model, self.reduction = features, model, reduction
+        if len(features) != len(model.scale):
+            raise ModelError(f"svr: got {len(features)} features, allowed {len(model.scale)}, as many as the kernels see")
+
+    @classmethod
+    def fit(
+        cls,
+        data: DataSet,
+        C: float = 3.0,
+        epsilon: float = 0.3,
+        gamma: float = 3.0,
+        seed: int = 0,
+        max_vectors: int | None = None,
+        features: Choice = "auto",
+        widths: Sequence[float] = (0.05, 1.0),
+        shares: Sequence[float] = (0.3, 0.7),
+    ) -> Self:
+        """Fit to labelled points.
+
+        Args:
+            data: at least 20 points.
+            C: price of an error beyond the tube [points].
+            epsilon: half the width of the tube [points]: half of that gives twice the support vectors.
+            gamma: of the kernel, in units of the fitted relevances. A support vector machine wants it narrower than the
+                Gaussian process that the relevances come from.
+            seed: of the random part of the data that the length scales are fitted to, and of the reduced set.
+            max_vectors: most support vectors; more are reduced to so many, see `ergoqp.costs.reduce`.
+            features: what the kernels see.
+            widths: of the soft steps, in standard deviations of the input. Narrow ones alone predict best and lead nowhere:
+                between two steps the cost is flat. The default was chosen by where plain descent ends.
+            shares: of the widths, adding up to 1.
+
+        Raises:
+            ModelError: for too little data, labels that are all the same, or a number out of its range.
+            MissingExtraError: if scikit-learn is not installed.
+        """
+        data.require(_LEAST, "svr")
+        _check(C=C, epsilon=epsilon, gamma=gamma, max_vectors=max_vectors)
+        if features not in get_args(Choice):
+            raise ModelError(f"svr: got features {features!r}, allowed {', '.join(get_args(Choice))}")
+        best, scale = _metric(_candidates(data, features, widths, shares), data, seed)
+        seen = best.values(data.points)
+        mean = seen.mean(axis=0)
+        svr = sklearn("svm", "fitting a kernel cost").SVR(C=C, epsilon=epsilon, gamma=gamma, cache_size=_CACHE_MB)
+        svr.fit((seen - mean) / scale, data.labels)
+        centres, weights = dense(svr.support_vectors_), dense(svr.dual_coef_).ravel()
+        if not len(weights):
+            raise ModelError(f"svr: no label is further than epsilon {epsilon:g} from all others, allowed a smaller epsilon")
+        model = KernelSum(Kernel("rbf", gamma), centres, weights, float(svr.intercept_[0]), mean, scale)
+        cost = cls(best, model, data.coordinates, float(data.labels.min()))
+        if max_vectors is None or len(model) <= max_vectors:
+            return cost
+        return reduced(cost, max_vectors, data, seed)[0]
+
+    def seen(self, points: Array) -> Array:
+        """Return the features (n, m) of inputs (n, d)."""
+        return self.features.values(points)
+
+    def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
+        """Return the same cost with another sum of kernels."""
+        return type(self)(self.features, model, self.coordinates.names, self.minimum, reduction)
+
+    def predict(self, points: Array) -> Array:
+        """Return V (n,) of inputs (n, d)."""
+        return self.model.values(self.seen(points))
+
+    def value(self, x: ca.MX) -> ca.MX:
+        """Return V, an expression of the inputs (d,)."""
+        return self.model.expression(self.features.expression(x))
+
+    def values(self, x: ca.MX) -> ca.MX:
+        """Return V (1, k) of k columns of inputs (d, k), an expression."""
+        return self.model.expression(ca.horzcat(*(self.features.expression(column) for column in ca.horzsplit(x))))
+
+    def slope(self, x: ca.MX) -> ca.MX:
+        """Return dV/dx (d,), an expression: the kernels' own slope, through the features."""
+        seen = self.features.expression(x)
+        return ca.jtimes(seen, x, self.model.slope(seen), True)
+
+    def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return (settings, arrays)."""
+        settings, arrays = self.model.parts()
+        of_features, more = self.features.parts()
+        settings["features"] = of_features
+        settings["reduction"] = None if self.reduction is None else self.reduction.as_dict()
+        return settings, arrays | more
+
+    @classmethod
+    def from_parts(
+        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+    ) -> Self:
+        """Return the cost that `parts` came from."""
+        reduction = settings["reduction"]
+        if reduction is not None:
+            reduction = Reduction(**reduction)
+        features, model = features_from(settings["features"], arrays), KernelSum.from_parts(settings, arrays)
+        return cls(features, model, coordinates, minimum, reduction)
+
+
+def _candidates(data: DataSet, choice: Choice, widths: Sequence[float], shares: Sequence[float]) -> list[Columns | Steps]:
+    """Return the features to choose from."""
+    varied = tuple(np.flatnonzero(np.ptp(data.points, axis=0) > 0).tolist())
+    if not varied:
+        raise ModelError("svr: got the same point everywhere, allowed different points")
+    if choice == "plain":
+        return [Columns(varied)]
+    steps = Steps.fit(data.points, data.labels, widths, shares)
+    if choice == "auto" and not len(steps):
+        return [Columns(varied)]
+    if not len(steps):
+        raise ModelError("svr: no input has a step in its effect on the label, allowed features: plain, auto")
+    return [steps] if choice == "steps" else [steps, Columns(varied)]
+
+
+def _metric(candidates: Sequence[Columns | Steps], data: DataSet, seed: int) -> tuple[Columns | Steps, Array]:
+    """Return those features that make the data most likely, without the silent ones, and the scale of each."""
+    best, scale, lowest = candidates[0], np.empty(0), np.inf
+    for features in candidates:
+        seen = features.values(data.points)
+        spread = seen.std(axis=0)
+        found = relevance((seen - seen.mean(axis=0)) / spread, data.labels, seed)
+        kept = found.slopes >= min(_SILENT * data.labels.std(), found.slopes.max())
+        if found.cost < lowest:
+            best, lowest = features.part(np.flatnonzero(kept).tolist()), found.cost
+            scale = (spread / np.sqrt(found.factors))[kept]
+    return best, scale
+
+
+def _check(C: float, epsilon: float, gamma: float, max_vectors: int | None) -> None:
+    for name, number in (("C", C), ("gamma", gamma)):
+        if not 0 < number < np.inf:
+            raise ModelError(f"svr: got {name} {number!r}, allowed a positive number")
+    if not 0 <= epsilon < np.inf:
+        raise ModelError(f"svr: got epsilon {epsilon!r}, allowed a number of at least 0")
+    if max_vectors is not None and max_vectors < 1:
+        raise ModelError(f"svr: got max_vectors {max_vectors!r}, allowed 1 or more")
