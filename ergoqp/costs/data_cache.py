@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -53,5 +54,6 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
         # In one move: nobody ever reads half of a file.
         scratch.replace(path)
     except OSError:
-        scratch.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
     return data

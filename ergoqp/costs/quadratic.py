@@ -61,9 +61,9 @@ class Quadratic(LearnedCost):
         except ImportError:
             raise MissingExtraError("fitting a quadratic cost", "learn", "scipy") from None
         # In units of each input's spread about its mean the columns are of one size.
-        centre, spread = data.points.mean(axis=0), data.points.std(axis=0)
-        spread[spread == 0] = 1.0
-        z = (data.points - centre) / spread
+        centre, still = data.points.mean(axis=0), np.ptp(data.points, axis=0) == 0
+        spread = np.where(still, 1.0, data.points.std(axis=0))
+        z = np.where(still, 0.0, (data.points - centre) / spread)
         columns = np.hstack([np.ones((len(z), 1)), z, z * z])
         lower = np.concatenate([np.full(1 + width, -np.inf), np.zeros(width)])
         # The triangular factor has the same solution as the columns, whatever their number.

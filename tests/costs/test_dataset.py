@@ -64,9 +64,31 @@ def test_options_and_method_count():
     assert sorted(set(scores)) == [4, 8, 12]
 
 
+def test_joints_that_are_not_drawn_are_zero():
+    joints = ("trunk_flexion", "neck_flexion", "right_shoulder_flexion", "left_elbow_flexion", "right_hip_flexion")
+    postures, scores = balanced_postures(100, np.random.default_rng(0), scores=(1, 3, 5), joints=joints)
+    drawn = [INDEX[joint] for joint in joints]
+    assert (np.delete(postures, drawn, axis=1) == 0).all()
+    assert (postures[:, drawn].std(axis=0) > 0.1).all()
+    np.testing.assert_array_equal(reba.assess(postures).final, scores)
+
+
+def test_a_zero_on_a_band_end_is_scored_as_the_sheet_scores_it():
+    # With no tolerance the trunk is upright at exactly 0 deg only, and a neck at 0 deg is on the end of its band.
+    for band_ends in ("lower", "higher"):
+        method = reba.Method(trunk_upright_deg=0.0, neck_extension_deg=0.0, band_ends=band_ends)
+        joints = ["right_shoulder_flexion", "right_knee_flexion"]
+        postures, scores = balanced_postures(50, np.random.default_rng(0), method, scores=(2, 3), joints=joints)
+        np.testing.assert_array_equal(reba.assess(postures, method).final, scores)
+
+
 def test_unreachable_scores_are_named():
     with pytest.raises(InputError, match=r"scores: got 1, allowed under these options: 4, 5, .*14"):
         balanced_postures(1, np.random.default_rng(0), activity=3)
+    with pytest.raises(InputError, match=r"scores: got 9, allowed under these options: 1, 2$"):
+        balanced_postures(1, np.random.default_rng(0), scores=[9], joints=["trunk_flexion"])
+    with pytest.raises(InputError, match="joints: got 'tail_flexion', allowed names of"):
+        balanced_postures(1, np.random.default_rng(0), joints=["tail_flexion"])
     with pytest.raises(InputError, match="per_score: got 0"):
         balanced_postures(0, np.random.default_rng(0))
     with pytest.raises(InputError, match="scores: got none"):
