@@ -1,0 +1,98 @@
+"""The learned models of the problem ``forearm``: two costs and the boundary of their data. How the shipped files were made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ergoqp.costs.data import DataSet
+from ergoqp.costs.features import Columns
+from ergoqp.costs.ladder import OneClassLadder
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.reduce import reduced
+from ergoqp.costs.svr import Svr
+from ergoqp.forearm.data import forearm_data
+from ergoqp.kernels import Kernel, KernelSum
+from ergoqp.one_class import OneClass
+from ergoqp.pipelines import sklearn
+
+Progress = Callable[[float], None]
+
+KERNELS = 800
+"""Support vectors of the regression that are kept: enough that the descent ends where the full one does."""
+
+
+@dataclass(frozen=True)
+class ForearmModels:
+    """What `fit_forearm_models` fits.
+
+    Attributes:
+        svr: the regression on data with empty places labelled as the worst.
+        report_svr: the same machine without them, as in the EPFL report.
+        ladder: one one-class SVM per score.
+        boundary: of all data.
+    """
+
+    svr: LearnedCost
+    report_svr: LearnedCost
+    ladder: OneClassLadder
+    boundary: OneClass
+
+    def save(self, folder: Path) -> None:
+        """Write what the problem needs: ``forearm_svr.npz``, ``forearm_ladder.npz`` and ``forearm_boundary.npz``."""
+        self.svr.save(folder / "forearm_svr.npz")
+        self.ladder.save(folder / "forearm_ladder.npz")
+        self.boundary.save(folder / "forearm_boundary.npz")
+
+
+def fit_forearm_models(
+    per_score: int = 3000, empty: int = 10_000, rows: int = 6000, seed: int = 0, progress: Progress | None = None
+) -> ForearmModels:
+    """Fit all models of the forearm.
+
+    Args:
+        per_score: postures of each score of the base, see `forearm_data`.
+        empty: points added where no posture is near.
+        rows: most points that each machine is fitted to.
+        seed: of the data.
+        progress: called now and then with the share that is done.
+
+    Raises:
+        MissingExtraError: if scikit-learn is not installed.
+    """
+    progress = progress or (lambda share: None)
+    kept = forearm_data(per_score, seed)
+    progress(0.3)
+    filled = forearm_data(per_score, seed, empty=empty)
+    progress(0.6)
+    rng = np.random.default_rng(seed)
+    report_svr = _machine(kept.part(rng.permutation(len(kept))[:rows]))
+    svr = _machine(filled.part(rng.permutation(len(filled))[:rows]))
+    progress(0.8)
+    ladder = OneClassLadder.fit(_rungs(kept, rows, rng), nu=0.02, gamma=0.5)
+    boundary = OneClass.fit(kept.points[rng.permutation(len(kept))[:rows]], kept.coordinates, nu=0.01, gamma=0.25)
+    progress(1.0)
+    return ForearmModels(svr, report_svr, ladder, boundary)
+
+
+def _machine(data: DataSet) -> LearnedCost:
+    """Fit a regression with wide kernels: it is to lead, and the labels are noisy by their causes elsewhere."""
+    mean, scale = data.points.mean(axis=0), data.points.std(axis=0)
+    machine = sklearn("svm", "fitting a kernel cost").SVR(C=10.0, gamma=0.25, epsilon=1.0, cache_size=500)
+    machine.fit((data.points - mean) / scale, data.labels)
+    centres, weights = machine.support_vectors_, machine.dual_coef_.ravel()
+    model = KernelSum(Kernel("rbf", 0.25), centres, weights, float(machine.intercept_[0]), mean, scale)
+    cost = Svr(Columns(tuple(range(len(mean)))), model, data.coordinates, float(data.labels.min()))
+    return reduced(cost, KERNELS, data)[0] if len(model) > KERNELS else cost
+
+
+def _rungs(data: DataSet, rows: int, rng: np.random.Generator) -> DataSet:
+    """Return at most so many points in all, as many of each score where there are, without scores that have next to none."""
+    scores, counts = np.unique(data.labels, return_counts=True)
+    scores = scores[counts >= 50]
+    each = rows // len(scores)
+    chosen = [rng.permutation(np.flatnonzero(data.labels == score))[:each] for score in scores]
+    return data.part(np.concatenate(chosen))
