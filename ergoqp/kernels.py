@@ -20,7 +20,7 @@ sigmoid   tanh(gamma p + offset)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -248,6 +248,10 @@ class KernelSum:
     def slope(self, x: ca.MX) -> ca.MX:
         """Return the gradient (d,) at one point (d,), see `value_and_slope`."""
         return self.value_and_slope(x)[1]
+
+    def scaled(self, factor: float, offset: float) -> KernelSum:
+        """Return `factor` times this sum, plus `offset`."""
+        return replace(self, weights=factor * self.weights, bias=factor * self.bias + offset)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """Return (settings that JSON can hold, arrays): all that `from_parts` needs."""

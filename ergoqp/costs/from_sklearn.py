@@ -2,7 +2,8 @@
 
 What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF, Matern or rational quadratic,
 with or without white noise), MLPRegressor, GaussianMixture (as regression: its last column is the score) or OneClassSVM (the
-cost is minus its decision function: lower is further inside). The estimator itself is not kept: nothing is ever unpickled.
+cost is minus its decision function: lower is further inside); also inside a TransformedTargetRegressor that scales the score.
+The estimator itself is not kept: nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 
 from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.reduce import Reduction
 from ergoqp.errors import ModelError
 from ergoqp.kernels import Kernel, KernelSum
-from ergoqp.pipelines import dense, unpack
+from ergoqp.pipelines import affine, dense, unpack
 
 Array = NDArray[np.float64]
 
@@ -38,14 +40,25 @@ class SklearnCost(LearnedCost):
 
     Attributes:
         model: a sum of kernels, or a network.
+        reduction: how a reduced set of kernels differs from the full one; None for a full one.
     """
 
     name = "sklearn"
 
-    def __init__(self, model: KernelSum | Layers, coordinates: Sequence[str], minimum: float) -> None:
+    def __init__(
+        self, model: KernelSum | Layers, coordinates: Sequence[str], minimum: float, reduction: Reduction | None = None
+    ) -> None:
         """Keep the model."""
         super().__init__(coordinates, minimum)
-        self.model = model
+        self.model, self.reduction = model, reduction
+
+    def seen(self, points: Array) -> Array:
+        """Return what the model sees of inputs (n, d): themselves."""
+        return points
+
+    def with_model(self, model: KernelSum, reduction: Reduction) -> Self:
+        """Return the same cost with another sum of kernels."""
+        return type(self)(model, self.coordinates.names, self.minimum, reduction)
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d)."""
@@ -66,7 +79,9 @@ class SklearnCost(LearnedCost):
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         settings, arrays = self.model.parts()
-        return {"form": "kernels" if isinstance(self.model, KernelSum) else "layers", **settings}, arrays
+        form = "kernels" if isinstance(self.model, KernelSum) else "layers"
+        reduction = None if self.reduction is None else self.reduction.as_dict()
+        return {"form": form, "reduction": reduction, **settings}, arrays
 
     @classmethod
     def from_parts(
@@ -74,7 +89,10 @@ class SklearnCost(LearnedCost):
     ) -> Self:
         """Return the cost that `parts` came from."""
         form = KernelSum if settings["form"] == "kernels" else Layers
-        return cls(form.from_parts(settings, arrays), coordinates, minimum)
+        reduction = settings["reduction"]
+        if reduction is not None:
+            reduction = Reduction(**reduction)
+        return cls(form.from_parts(settings, arrays), coordinates, minimum, reduction)
 
 
 class Layers:
@@ -107,6 +125,14 @@ class Layers:
             h = act(ca.MX(ca.DM(weights.T)) @ h + ca.DM(bias), ca)
         return ca.MX(ca.DM(self.weights[-1].T)) @ h + ca.DM(self.biases[-1])
 
+    def scaled(self, factor: float, offset: float) -> Layers:
+        """Return the network whose output is `factor` times this one's, plus `offset`."""
+        weights, biases = (
+            [*self.weights[:-1], factor * self.weights[-1]],
+            [*self.biases[:-1], factor * self.biases[-1] + offset],
+        )
+        return Layers(weights, biases, self.activation, self.mean, self.scale)
+
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         arrays = {"mean": self.mean, "scale": self.scale}
@@ -134,31 +160,51 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
         MissingExtraError: if scikit-learn is not installed.
     """
     width = len(tuple(coordinates))
-    last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
+    if type(estimator).__name__ == "GaussianMixture":
+        return Gmr.from_estimator(estimator, coordinates, minimum)
+    return SklearnCost(_model(*unpack(estimator, width)), coordinates, minimum)
+
+
+def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
+    """Return what an estimator predicts from (x - mean) / scale."""
     kind = type(last).__name__
     if kind == "GaussianMixture":
-        if last is not estimator:
-            raise ModelError(
-                "estimator: got a GaussianMixture after other steps, allowed one by itself: it holds the score too"
-            )
-        return Gmr.from_estimator(estimator, coordinates, minimum)
-    mean, scale, last = unpack(estimator, width)
+        raise ModelError("estimator: got a GaussianMixture after other steps, allowed one by itself: it holds the score too")
+    if kind == "TransformedTargetRegressor":
+        offset, factor = _target(last.transformer_)
+        more, finer, inner = unpack(last.regressor_, len(mean))
+        return _model(mean + scale * more, scale * finer, inner).scaled(factor, offset)
     if kind not in _READERS:
         raise ModelError(f"estimator: got a {kind}, allowed {_ALLOWED}")
-    return SklearnCost(_READERS[kind](last, mean, scale), coordinates, minimum)
+    return _READERS[kind](last, mean, scale)
 
 
-def _svr(svr: Any, mean: Array, scale: Array, sign: float = 1.0) -> KernelSum:
-    weights = sign * dense(svr.dual_coef_).ravel()
+def _target(scaler: Any) -> tuple[float, float]:
+    """Return (offset, factor) that lead back from the scaled score."""
+    if type(scaler).__name__ == "FunctionTransformer" and scaler.func is None and scaler.inverse_func is None:
+        return 0.0, 1.0
+    mean, scale = affine(scaler, 1)
+    return float(mean[0]), float(scale[0])
+
+
+def _svr(svr: Any, mean: Array, scale: Array) -> KernelSum:
+    weights = dense(svr.dual_coef_).ravel()
     kernel = _kernel(svr.kernel, svr._gamma, svr.coef0, svr.degree)  # there is no public name for what "scale" came to
-    return KernelSum(kernel, dense(svr.support_vectors_), weights, sign * float(svr.intercept_[0]), mean, scale)
+    return _sum(kernel, dense(svr.support_vectors_), weights, float(svr.intercept_[0]), mean, scale)
+
+
+def _sum(kernel: Kernel, centres: Array, weights: Array, bias: float, mean: Array, scale: Array) -> KernelSum:
+    if kernel.kind == "linear":
+        # However many centres, their weighted sum says it all.
+        centres, weights = weights[np.newaxis] @ centres, np.ones(1)
+    return KernelSum(kernel, centres, weights, bias, mean, scale)
 
 
 def _ridge(ridge: Any, mean: Array, scale: Array) -> KernelSum:
     gamma = 1.0 / len(mean) if ridge.gamma is None else ridge.gamma
     kernel = _kernel(ridge.kernel, gamma, ridge.coef0, ridge.degree)
     weights = _single(ridge.dual_coef_)
-    return KernelSum(kernel, dense(ridge.X_fit_), weights, 0.0, mean, scale)
+    return _sum(kernel, dense(ridge.X_fit_), weights, 0.0, mean, scale)
 
 
 def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
@@ -173,6 +219,8 @@ def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
 def _network(mlp: Any, mean: Array, scale: Array) -> Layers:
     if mlp.activation not in ACTIVATIONS:
         raise ModelError(f"MLPRegressor: got the activation {mlp.activation!r}, allowed {', '.join(ACTIVATIONS)}")
+    if mlp.out_activation_ != "identity":
+        raise ModelError(f"MLPRegressor: got the loss {mlp.loss!r}, allowed 'squared_error'")
     if mlp.n_outputs_ != 1:
         raise ModelError(f"MLPRegressor: got {mlp.n_outputs_} outputs, allowed 1")
     return Layers(mlp.coefs_, mlp.intercepts_, mlp.activation, mean, scale)
@@ -183,7 +231,7 @@ _READERS: Final[dict[str, Callable[[Any, Array, Array], KernelSum | Layers]]] = 
     "KernelRidge": _ridge,
     "GaussianProcessRegressor": _process,
     "MLPRegressor": _network,
-    "OneClassSVM": lambda svm, mean, scale: _svr(svm, mean, scale, -1.0),
+    "OneClassSVM": lambda svm, mean, scale: _svr(svm, mean, scale).scaled(-1.0, 0.0),
 }
 
 

@@ -71,7 +71,7 @@ class KernelCost(Protocol):
     """
 
     @property
-    def model(self) -> KernelSum:
+    def model(self) -> Any:
         """The sum of kernels."""
         ...
 
@@ -104,13 +104,13 @@ def reduced(cost: Kind, count: int, data: DataSet, seed: int = 0, method: Method
         ModelError: if the cost is no sum of kernels, has no more centres than that, or there are too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
-    if not isinstance(cost, KernelCost):
+    full = cost.model if isinstance(cost, KernelCost) else None
+    if not isinstance(full, KernelSum):
         raise ModelError(f"reduce: got a {type(cost).__name__}, allowed a cost that is a sum of kernels")
-    full = cost.model
     if method not in get_args(Method):
         raise ModelError(f"reduce: got the method {method!r}, allowed {', '.join(get_args(Method))}")
     if not 1 <= count < len(full):
-        raise ModelError(f"reduce: got {count} centres, allowed 1 to {len(full) - 1}: the cost has {len(full)}")
+        raise ModelError(f"reduce: got {count} centres, allowed at least 1 and fewer than the {len(full)} that the cost has")
     if len(data) < count:
         raise ModelError(f"reduce: got {len(data)} points, allowed at least {count}, one per centre")
     points = cost.seen(data.points)

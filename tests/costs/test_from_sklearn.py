@@ -1,5 +1,12 @@
+"""Estimators of scikit-learn as costs: the same numbers, expression and file; what cannot be read is named."""
+
+from inspect import signature
+from warnings import catch_warnings, simplefilter
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
@@ -74,6 +81,44 @@ def test_its_gradient_is_that_of_differences(name):
         assert slope == pytest.approx(differences, rel=1e-5, abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["svr_rbf", "ridge_poly", "process", "mlp_tanh"])
+@pytest.mark.parametrize("target", [StandardScaler(), MinMaxScaler((-1, 2)), None])
+def test_a_scaled_score_is_scaled_back(name, target):
+    inner = make_pipeline(MinMaxScaler(), ESTIMATORS[name])
+    estimator = make_pipeline(StandardScaler(), TransformedTargetRegressor(inner, transformer=target)).fit(POINTS, LABELS)
+    agrees(from_sklearn(estimator, NAMES), estimator.predict(NEW))
+
+
+@pytest.mark.skipif("loss" not in signature(MLPRegressor).parameters, reason="this scikit-learn has one loss only")
+def test_an_exponential_output_is_refused():
+    estimator = MLPRegressor(**MLP, loss="poisson").fit(POINTS, 10 + LABELS)
+    with pytest.raises(ModelError, match="got the loss 'poisson', allowed 'squared_error'"):
+        from_sklearn(estimator, NAMES)
+
+
+def test_a_linear_machine_is_one_kernel():
+    cost = from_sklearn(SVR(kernel="linear").fit(POINTS, LABELS), NAMES)
+    assert len(cost.model) == 1
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    gamma=st.floats(1e-3, 2.0),
+    C=st.floats(1e-2, 1e3),
+    kernel=st.sampled_from(["rbf", "poly", "sigmoid", "linear"]),
+)
+def test_any_machine_is_read_exactly(seed, gamma, C, kernel):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(30, 4)) * rng.uniform(0.1, 10, 4) + rng.normal(size=4)
+    svr = SVR(kernel=kernel, gamma=gamma, C=C, coef0=0.3, max_iter=200)
+    estimator = make_pipeline(StandardScaler(), svr)
+    with catch_warnings():
+        simplefilter("ignore")  # a fit that was stopped early is read as well as any
+        estimator.fit(points, rng.normal(size=30) * 3 + 5)
+    agrees(from_sklearn(estimator, NAMES), estimator.predict(NEW))
+
+
 def test_a_one_class_machine_costs_more_outside():
     estimator = make_pipeline(StandardScaler(), OneClassSVM(nu=0.1)).fit(POINTS)
     agrees(from_sklearn(estimator, NAMES), -estimator.decision_function(NEW))
@@ -92,7 +137,16 @@ def test_a_mixture_is_a_regression_on_its_last_column():
     ("estimator", "said"),
     [
         (RandomForestRegressor(3).fit(POINTS, LABELS), "got a RandomForestRegressor, allowed SVR, KernelRidge"),
-        (TransformedTargetRegressor(SVR()).fit(POINTS, LABELS), "got a TransformedTargetRegressor, allowed"),
+        (
+            TransformedTargetRegressor(SVR(), func=np.log, inverse_func=np.exp).fit(POINTS, 10 + LABELS),
+            "got the step FunctionTransformer, allowed",
+        ),
+        (TransformedTargetRegressor(RandomForestRegressor(3)).fit(POINTS, LABELS), "got a RandomForestRegressor, allowed"),
+        (TransformedTargetRegressor(SVR()), "got a TransformedTargetRegressor that is not fitted"),
+        (
+            make_pipeline(StandardScaler(), GaussianMixture(2)).fit(np.column_stack([POINTS, LABELS])[:, :4]),
+            "got a GaussianMixture after other steps",
+        ),
         (SVR(), "got a SVR that is not fitted"),
         (make_pipeline(PolynomialFeatures(), SVR()).fit(POINTS, LABELS), "got the step PolynomialFeatures"),
         (SVR(kernel=lambda a, b: a @ b.T).fit(POINTS, LABELS), "got the kernel <function"),

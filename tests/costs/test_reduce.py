@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVR
 
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.features import Columns
+from ergoqp.costs.from_sklearn import from_sklearn
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.reduce import reduced
 from ergoqp.costs.svr import Svr
 from ergoqp.errors import ModelError
 from ergoqp.kernels import Kernel, KernelSum
-
-pytest.importorskip("sklearn")
 
 
 def smooth_cost(n=300, distinct=None, seed=0):
@@ -70,9 +73,25 @@ def test_same_seed_same_groups():
     assert (one != three).any()
 
 
+@pytest.mark.parametrize("kernel", ["rbf", "poly"])
+def test_an_estimator_of_scikit_learn_can_be_reduced(kernel, tmp_path):
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(400, 3))
+    estimator = make_pipeline(StandardScaler(), SVR(kernel=kernel, C=10, coef0=1, epsilon=0.01)).fit(
+        points, np.sin(points).sum(axis=1)
+    )
+    data = DataSet(points, np.zeros(400), ("a", "b", "c"))
+    small, difference = reduced(from_sklearn(estimator, data.coordinates), 60, data)
+    error = small.predict(points) - estimator.predict(points)
+    np.testing.assert_allclose(difference.rms, np.sqrt(np.mean(error**2)), rtol=1e-6)
+    assert difference.rms < 0.05
+    small.save(tmp_path / "small.npz")
+    assert load_cost(tmp_path / "small.npz").reduction == difference
+
+
 def test_what_does_not_do_is_named():
     full, data = smooth_cost()
-    with pytest.raises(ModelError, match=r"got 300 centres, allowed 1 to 299: the cost has 300"):
+    with pytest.raises(ModelError, match="got 300 centres, allowed at least 1 and fewer than the 300"):
         reduced(full, 300, data)
     with pytest.raises(ModelError, match="got 0 centres"):
         reduced(full, 0, data)
@@ -80,5 +99,8 @@ def test_what_does_not_do_is_named():
         reduced(full, 60, data.part(np.arange(50)))
     with pytest.raises(ModelError, match="got the method 'best', allowed clusters, largest"):
         reduced(full, 60, data, method="best")
+    network = MLPRegressor(hidden_layer_sizes=(3,), solver="lbfgs", max_iter=2000, tol=1e-2).fit(data.points, data.points[:, 0])
+    with pytest.raises(ModelError, match="got a SklearnCost, allowed a cost that is a sum of kernels"):
+        reduced(from_sklearn(network, data.coordinates), 2, data)
     with pytest.raises(ModelError, match="got a DataSet, allowed a cost that is a sum of kernels"):
         reduced(data, 60, data)
