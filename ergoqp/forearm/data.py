@@ -28,11 +28,11 @@ Progress = Callable[[float], None]
 SCORES: Final = range(1, 11)
 """Scores of the base postures."""
 
-EMPTY_LABEL: Final = float(SCORES[-1])
-"""Label of points where there are no postures [points]."""
-
 EMPTY_DISTANCE: Final = 0.15
 """Points farther from every posture of the base than this count as empty; both points together [m]."""
+
+EMPTY_SLOPE: Final = 10.0
+"""Their label rises by this with the distance from the nearest posture, from the highest score on [points/m]."""
 
 _MARGIN: Final = 0.15
 """Empty points are looked for this far around the elbows of the base [m]."""
@@ -57,9 +57,9 @@ def forearm_data(
         clusters: number of clusters, k-means in the six coordinates; None: one per four postures, which keeps about a third
             of them, as in the EPFL report (2281 of 10 000).
         body: the person; default: the nominal one.
-        empty: number of points added where no posture of the base is near, labelled with the highest score. Without
-            them a regression is free to be low where there were no data, and that is where a descent then goes. They may
-            be out of reach, or only rarely used.
+        empty: number of points added where no posture of the base is near, whether out of reach or only rare. Their label
+            is the highest score and more, the farther the higher: without them a regression is free to be low where there
+            were no data, and a descent ends there; and with one label for all it is flat there, and a descent stays.
         cache: keep the data set on disk, and read it from there when the same is asked for again.
         progress: called now and then with the share that is done.
 
@@ -84,7 +84,7 @@ def forearm_data(
         source = f"forearm, {per_score} postures per score, {clusters} clusters, {empty} empty points, seed {seed}"
         return DataSet(points, labels, FOREARM, source)
 
-    asked = {"version": 1, "per_score": per_score, "seed": seed, "clusters": clusters, "empty": empty}
+    asked = {"version": 2, "per_score": per_score, "seed": seed, "clusters": clusters, "empty": empty}
     data = cached_data("forearm", {**asked, "lengths": dict(body.lengths)}, make) if cache else make()
     progress(1.0)
     return data
@@ -115,8 +115,8 @@ def _make(per_score: int, seed: int, clusters: int, body: Body, empty: int, prog
     lowest = np.full(clusters, np.iinfo(scores.dtype).max)
     np.minimum.at(lowest, cluster, scores)
     kept = scores == lowest[cluster]
-    gaps = _empty_points(points, empty, forearm_length(body), rng)
-    labels = np.concatenate([scores[kept].astype(float), np.full(len(gaps), EMPTY_LABEL)])
+    gaps, gap_labels = _empty_points(points, empty, forearm_length(body), rng)
+    labels = np.concatenate([scores[kept], gap_labels])
     order = rng.permutation(len(labels))
     return np.concatenate([points[kept], gaps])[order], labels[order]
 
@@ -129,12 +129,15 @@ def _cluster(points: Array, clusters: int, seed: int) -> NDArray[np.int32]:
     return means.fit(points).labels_
 
 
-def _empty_points(points: Array, count: int, length: float, rng: np.random.Generator) -> Array:
-    """Return points (count, 6) of a forearm in any direction, that are near to no posture's."""
+def _empty_points(points: Array, count: int, length: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return pairs (count, 6) a forearm apart in any direction that are near to no posture's, and their labels (count,)."""
     low, high = points[:, :3].min(axis=0) - _MARGIN, points[:, :3].max(axis=0) + _MARGIN
-    tree, found = sklearn("neighbors", "the forearm's data set").KDTree(points), [np.empty((0, 6))]
-    while sum(map(len, found)) < count:
+    tree = sklearn("neighbors", "the forearm's data set").KDTree(points)
+    found, distance = np.empty((0, 6)), np.empty(0)
+    while len(found) < count:
         elbow, way = rng.uniform(low, high, (count, 3)), rng.normal(size=(count, 3))
         drawn = np.hstack([elbow, elbow + length * way / np.linalg.norm(way, axis=1, keepdims=True)])
-        found.append(drawn[tree.query(drawn)[0][:, 0] > EMPTY_DISTANCE])
-    return np.concatenate(found)[:count]
+        apart = tree.query(drawn)[0][:, 0]
+        far = apart > EMPTY_DISTANCE
+        found, distance = np.concatenate([found, drawn[far]]), np.concatenate([distance, apart[far]])
+    return found[:count], SCORES[-1] + EMPTY_SLOPE * (distance[:count] - EMPTY_DISTANCE)
