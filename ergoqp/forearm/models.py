@@ -49,14 +49,13 @@ class ForearmModels:
 
 
 def fit_forearm_models(
-    per_score: int = 3000, empty: int = 10_000, rows: int = 6000, seed: int = 0, progress: Progress | None = None
+    per_score: int = 3000, rows: int = 3000, seed: int = 0, progress: Progress | None = None
 ) -> ForearmModels:
     """Fit all models of the forearm.
 
     Args:
         per_score: postures of each score of the base, see `forearm_data`.
-        empty: points added where no posture is near.
-        rows: most points that each machine is fitted to.
+        rows: most points of the data that each machine is fitted to, and as many empty places for the second one.
         seed: of the data.
         progress: called now and then with the share that is done.
 
@@ -66,14 +65,16 @@ def fit_forearm_models(
     progress = progress or (lambda share: None)
     kept = forearm_data(per_score, seed)
     progress(0.3)
-    filled = forearm_data(per_score, seed, empty=empty)
+    filled = forearm_data(per_score, seed, empty=2 * rows)
     progress(0.6)
     rng = np.random.default_rng(seed)
-    report_svr = _machine(kept.part(rng.permutation(len(kept))[:rows]))
-    svr = _machine(filled.part(rng.permutation(len(filled))[:rows]))
+    some = kept.part(rng.permutation(len(kept))[:rows])
+    empty = filled.part(rng.permutation(np.flatnonzero(filled.labels > kept.labels.max()))[:rows])
+    both = DataSet(np.vstack([some.points, empty.points]), np.concatenate([some.labels, empty.labels]), kept.coordinates)
+    report_svr, svr = _machine(some), _machine(both)
     progress(0.8)
-    ladder = OneClassLadder.fit(_rungs(kept, rows, rng), nu=0.02, gamma=0.5)
-    boundary = OneClass.fit(kept.points[rng.permutation(len(kept))[:rows]], kept.coordinates, nu=0.01, gamma=0.25)
+    boundary = OneClass.fit(kept.points[rng.permutation(len(kept))[: 2 * rows]], kept.coordinates, nu=0.01, gamma=0.25)
+    ladder = _ladder(kept, 2 * rows, rng)
     progress(1.0)
     return ForearmModels(svr, report_svr, ladder, boundary)
 
@@ -89,10 +90,16 @@ def _machine(data: DataSet) -> LearnedCost:
     return reduced(cost, KERNELS, data)[0] if len(model) > KERNELS else cost
 
 
-def _rungs(data: DataSet, rows: int, rng: np.random.Generator) -> DataSet:
-    """Return at most so many points in all, as many of each score where there are, without scores that have next to none."""
+def _ladder(data: DataSet, rows: int, rng: np.random.Generator) -> OneClassLadder:
+    """Fit a ladder to as many points of each score, without scores that have next to none.
+
+    The calibration is for predictions: here classes overlap so much that it would flatten the ladder. A rung that counts what
+    its score does is what a descent wants.
+    """
     scores, counts = np.unique(data.labels, return_counts=True)
     scores = scores[counts >= 50]
-    each = rows // len(scores)
-    chosen = [rng.permutation(np.flatnonzero(data.labels == score))[:each] for score in scores]
-    return data.part(np.concatenate(chosen))
+    chosen = [rng.permutation(np.flatnonzero(data.labels == score))[: rows // len(scores)] for score in scores]
+    fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.02, gamma=0.5)
+    lowest = float(scores[0])
+    terms = fitted.rungs, fitted.scores.tolist(), data.coordinates, lowest, fitted.steepness, fitted.pull
+    return OneClassLadder(*terms, reach=fitted.reach, offset=lowest, height=1.0)
