@@ -6,14 +6,18 @@ margin of class j (`ergoqp.one_class`: positive inside), the set of all classes 
 
     m_i = log sum_{j <= i} exp g_j        (a smooth maximum),
 
-and with the scores s_1 < s_2 < ... the value is
+and with the scores s_1 < s_2 < ... the rungs below are
 
-    V = offset + height sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),
-    z_i = -steepness m_i - log 9,
+    r = sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),   z_i = -steepness m_i - log 9,
 
 sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on are positive, and what is
 left are the rungs below, of which the nearest gives the slope. The second term is what leads on where the logistics are
-flat; `reach` makes it count like the first at the far data, and offset and height are fitted to the labels.
+flat; `reach` makes it count like the first at the far data. The classes of high scores are wide and far from the low ones, so r
+grows faster than the score. The value bends it back,
+
+    V = offset + height log(1 + curve r) / curve,
+
+with offset, height and curve fitted to the labels. That changes how fast the value falls, not where to.
 """
 
 from __future__ import annotations
@@ -42,6 +46,9 @@ _MOST: Final = 30
 _FAR: Final = 90.0
 """Percentile of the data that counts as far."""
 
+_CURVES: Final = (0.0, *np.geomspace(0.03, 3, 11).tolist())
+"""To choose from."""
+
 _EDGE: Final = float(np.log(9))
 """What a rung counts at its edge is a tenth."""
 
@@ -56,7 +63,8 @@ class OneClassLadder(LearnedCost):
         pull: share of the term that leads from afar.
         reach: softplus of the far data.
         offset: value where every rung is reached [points].
-        height: of a rung of one point [points].
+        height: of the lowest rung, if it is one point high [points].
+        curve: how much less the next ones count; 0 for all the same.
     """
 
     name = "one_class_ladder"
@@ -73,6 +81,7 @@ class OneClassLadder(LearnedCost):
         reach: float = 1.0,
         offset: float = 1.0,
         height: float = 1.0,
+        curve: float = 0.0,
     ) -> None:
         """Keep the rungs.
 
@@ -86,7 +95,9 @@ class OneClassLadder(LearnedCost):
         if not (0 < steepness < np.inf and 0 <= pull < 1):
             raise ModelError(f"ladder: got steepness {steepness!r} and pull {pull!r}, allowed above 0, and from 0 to below 1")
         self.steepness, self.pull = float(steepness), float(pull)
-        self.reach, self.offset, self.height = float(reach), float(offset), float(height)
+        if not 0 <= curve < np.inf:
+            raise ModelError(f"ladder: got curve {curve!r}, allowed a number of at least 0")
+        self.reach, self.offset, self.height, self.curve = float(reach), float(offset), float(height), float(curve)
 
     @classmethod
     def fit(
@@ -129,17 +140,20 @@ class OneClassLadder(LearnedCost):
         plain = cls(rungs, scores.tolist(), data.coordinates, float(scores[0]), steepness, pull)
         _, far = plain._terms(data.points)
         reach = float(np.percentile(far, _FAR))
-        counted = cls(rungs, scores.tolist(), data.coordinates, 0.0, steepness, pull, reach=reach, offset=0.0)
-        height, offset = np.polyfit(counted.predict(data.points), data.labels, 1)
-        lowest = min(float(scores[0]), float(offset))
-        fitted = {"reach": reach, "offset": offset, "height": height}
+        counted = cls(rungs, scores.tolist(), data.coordinates, 0.0, steepness, pull, reach=reach)
+        fitted = {"reach": reach, **_calibrated(counted._below(data.points), data.labels)}
+        lowest = min(float(scores[0]), fitted["offset"])
         return cls(rungs, scores.tolist(), data.coordinates, lowest, steepness, pull, **fitted)
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d)."""
+        below = self._below(points)
+        return self.offset + self.height * (np.log1p(self.curve * below) / self.curve if self.curve else below)
+
+    def _below(self, points: Array) -> Array:
+        """Return r (n,): the rungs that are still below, in points."""
         near, far = self._terms(points)
-        rungs = (1 - self.pull) * near + self.pull / self.reach * far
-        return self.offset + self.height * (rungs @ np.diff(self.scores))
+        return ((1 - self.pull) * near + self.pull / self.reach * far) @ np.diff(self.scores)
 
     def _terms(self, points: Array) -> tuple[Array, Array]:
         """Return logistic and softplus of every rung but the last (n, k)."""
@@ -164,13 +178,13 @@ class OneClassLadder(LearnedCost):
     def _weighed(self) -> ca.Function:
         """Return ``margins (k,) -> V, dV/dmargins (k,)``: a few scalars, whatever the number of kernels."""
         margins = ca.SX.sym("margins", len(self.rungs) - 1)
-        value, merged = ca.SX(self.offset), margins[0]
+        below, merged = ca.SX(0), margins[0]
         for i, height in enumerate(np.diff(self.scores)):
             if i:
                 merged = _softplus(margins[i] - merged) + merged
             z = -self.steepness * merged - _EDGE
-            rung = (1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.reach * _softplus(z)
-            value += self.height * height * rung
+            below += height * ((1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.reach * _softplus(z))
+        value = self.offset + self.height * (ca.log1p(self.curve * below) / self.curve if self.curve else below)
         return ca.Function("weighed", [margins], ca.cse([value, ca.gradient(value, margins)]))
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -179,7 +193,7 @@ class OneClassLadder(LearnedCost):
             "scores": self.scores.tolist(),
             "steepness": self.steepness,
             "pull": self.pull,
-            "fitted": {"reach": self.reach, "offset": self.offset, "height": self.height},
+            "fitted": {name: getattr(self, name) for name in ("reach", "offset", "height", "curve")},
             "gammas": [rung.gamma for rung in self.rungs],
             "log_rhos": [rung.log_rho for rung in self.rungs],
         }
@@ -200,6 +214,18 @@ class OneClassLadder(LearnedCost):
             rungs.append(OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho))))
         terms = settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"]
         return cls(rungs, *terms, **settings["fitted"])
+
+
+def _calibrated(below: Array, labels: Array) -> dict[str, float]:
+    """Return the curve, height and offset that fit the labels best, by least squares."""
+    best, least = {}, np.inf
+    for curve in _CURVES:
+        bent = np.log1p(curve * below) / curve if curve else below
+        height, offset = np.polyfit(bent, labels, 1)
+        error = float(np.mean((offset + height * bent - labels) ** 2))
+        if error < least:
+            best, least = {"curve": curve, "height": float(height), "offset": float(offset)}, error
+    return best
 
 
 def _rung(data: DataSet, nu: float, gammas: Sequence[float]) -> OneClass:
