@@ -97,7 +97,7 @@ def _ladder(data: DataSet, rows: int, rng: np.random.Generator) -> OneClassLadde
     its score does is what a descent wants.
     """
     scores, counts = np.unique(data.labels, return_counts=True)
-    scores = scores[counts >= 50]
+    scores = scores[counts >= 20]
     chosen = [rng.permutation(np.flatnonzero(data.labels == score))[: rows // len(scores)] for score in scores]
     fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.02, gamma=0.5)
     lowest = float(scores[0])
