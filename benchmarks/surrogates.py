@@ -151,7 +151,7 @@ def learning_curve(report: Report, unseen: DataSet) -> None:
 
 def measure(report: Report) -> None:
     """Fit and judge every cost."""
-    judged, simplified = report.pick((300, 150), (5000, 1000))
+    judged, simplified = report.pick((300, 150), (2000, 1000))
     data, unseen = posture_data(1000, seed=SEED), posture_data(judged, seed=UNSEEN)
     report_quality(report, "constant", np.full(len(unseen), np.median(data.labels)), unseen)
     judge(report, "smooth_reba", SmoothReba(), unseen)

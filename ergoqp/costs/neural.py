@@ -32,6 +32,7 @@ _MOST_SCORES: Final = 30
 _BATCH: Final = 512
 _LEAST_BATCH: Final = 64
 _LEAST_UPDATES: Final = 8000
+_DECAY: Final = 1000.0
 _CHUNK: Final = 4096
 """Rows that are predicted at once."""
 
@@ -79,6 +80,7 @@ class Neural(LearnedCost):
         epochs: int | None = None,
         batch: int | None = None,
         rate: float = 0.004,
+        decay: float | None = None,
         temperature: float = 1.0,
         seed: int = 0,
         progress: Callable[[float], None] | None = None,
@@ -93,6 +95,7 @@ class Neural(LearnedCost):
             epochs: passes over the data; None: 4 of them, and for few data as many as make 8000 updates.
             batch: points per update; None: the 150th part of the data, 64 to 512.
             rate: largest step of Adam.
+            decay: pull of the weights toward zero, so that few data are not learned by heart; None: 1000 by their number.
             temperature: of the result, see the class.
             seed: of start and order.
             progress: told the share that is done.
@@ -100,19 +103,23 @@ class Neural(LearnedCost):
         Raises:
             ModelError: for too little data, or labels that are not a few whole numbers.
         """
-        if batch is None:
-            batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH)
-        if epochs is None:
-            epochs = max(4, _LEAST_UPDATES // max(1, len(data) // max(1, batch)))
-        _check(steps, curves, hidden, epochs, batch)
+        batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH) if batch is None else batch
+        decay = _DECAY / max(len(data), 1) if decay is None else decay
+        _check(rate, hidden, steps=steps, curves=curves, batch=batch)
         data.require(batch, "neural")
+        per_epoch = len(data) // batch
+        epochs = max(4, _LEAST_UPDATES // per_epoch) if epochs is None else epochs
+        _check(rate, hidden, epochs=epochs)
+        if not isinstance(decay, (int, float)) or not 0 <= decay < np.inf:
+            raise ModelError(f"neural: got the decay {decay!r}, allowed 0 or more")
         scores, classes = np.unique(data.labels, return_inverse=True)
         if len(scores) > _MOST_SCORES or (scores != np.round(scores)).any():
             raise ModelError(f"neural: got {len(scores)} different labels, allowed at most {_MOST_SCORES} whole numbers")
         rng = np.random.default_rng(seed)
         begun = start(data.points, len(scores), steps, curves, hidden, rng)
-        updates = epochs * (len(data) // batch)
-        network = train(begun, shuffled(data.points.astype(np.float32), classes, batch, rng), updates, rate, progress)
+        updates = epochs * per_epoch
+        batches = shuffled(data.points.astype(np.float32), classes, batch, rng)
+        network = train(begun, batches, updates, rate, decay, progress)
         return cls(network, scores.tolist(), data.coordinates, scores[0], temperature)
 
     @classmethod
@@ -156,7 +163,9 @@ class Neural(LearnedCost):
             ModelError: for sizes that make no network.
             InputError: for an unknown joint, a score that no posture has, or scales and weights that do not fit together.
         """
-        _check(steps, curves, hidden, count // max(batch, 1), batch)
+        _check(rate, hidden, steps=steps, curves=curves, batch=batch, count=count)
+        if count < batch:
+            raise ModelError(f"neural: got a count of {count}, allowed at least a batch, {batch}")
         rng = np.random.default_rng(seed)
         per_score = max(2000, -(-batch // max(1, len(scores))))
         noise = {"taus_deg": taus_deg, "weights": weights}
@@ -165,7 +174,7 @@ class Neural(LearnedCost):
         # Noise leads to scores that no posture of the data has.
         known = np.arange(1, read_method(method).final_max + 1) if len(taus_deg) else np.unique(scores)
         begun = start(first[0], len(known), steps, curves, hidden, rng)
-        network = train(begun, _batches(chain([first], blocks), known, batch), count // batch, rate, progress)
+        network = train(begun, _batches(chain([first], blocks), known, batch), count // batch, rate, progress=progress)
         return cls(network, known.tolist(), joints, known[0])
 
     def predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -238,12 +247,24 @@ def _blocks(blocks: NDArray[np.float64]) -> ca.DM:
     return ca.sparsify(ca.DM(full.reshape(count * rows, count * columns)))
 
 
-def _check(steps: int, curves: int, hidden: Sequence[int], passes: int, batch: int) -> None:
-    if not hidden or min(steps, curves, passes, batch, *hidden) < 1:
-        raise ModelError(
-            f"neural: got {steps} steps, {curves} curves, hidden layers of {tuple(hidden)}, batches of {batch} and {passes} "
-            "passes over them, allowed 1 or more of each"
-        )
+def _check(rate: float, hidden: Sequence[int], **sizes: int) -> None:
+    """Check the sizes of a network and of its training.
+
+    Raises:
+        ModelError: naming the one that is wrong.
+    """
+    layers = hidden if isinstance(hidden, Sequence) and not isinstance(hidden, str) else ()
+    if not layers or not all(_whole(size) for size in layers):
+        raise ModelError(f"neural: got hidden {hidden!r}, allowed the sizes of one or more layers, whole numbers from 1")
+    for name, size in sizes.items():
+        if not _whole(size):
+            raise ModelError(f"neural: got {name} {size!r}, allowed a whole number from 1")
+    if not isinstance(rate, (int, float)) or not 0 < rate < np.inf:
+        raise ModelError(f"neural: got the rate {rate!r}, allowed a positive number")
+
+
+def _whole(size: Any) -> bool:
+    return isinstance(size, (int, np.integer)) and int(size) >= 1
 
 
 def _batches(blocks: Iterator[tuple[NDArray, NDArray]], scores: NDArray, batch: int) -> Batches:

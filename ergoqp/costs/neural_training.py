@@ -61,7 +61,12 @@ def shuffled(points: NDArray, classes: NDArray, batch: int, rng: np.random.Gener
 
 
 def train(
-    net: Network, batches: Batches, updates: int, rate: float, progress: Callable[[float], None] | None = None
+    net: Network,
+    batches: Batches,
+    updates: int,
+    rate: float,
+    decay: float = 0.0,
+    progress: Callable[[float], None] | None = None,
 ) -> Network:
     """Return the network with its parameters trained by cross-entropy, (float32).
 
@@ -70,6 +75,7 @@ def train(
         batches: at least as many as updates.
         updates: how many.
         rate: largest step of Adam; it grows from zero and falls to zero along half a cosine.
+        decay: pull of all weights toward zero, as a share of the rate (Loshchilov and Hutter, 2019); steps are not pulled.
         progress: told the share that is done.
     """
     # All parameters are one row of numbers, so that an update is a few operations; the names are views of it. What is
@@ -79,6 +85,7 @@ def train(
     ends = np.cumsum([values.size for values in begun.values()])
     views = {n: v.reshape(begun[n].shape) for n, v in zip(begun, np.split(row, ends[:-1]), strict=True)}
     mean, square = np.zeros_like(row), np.zeros_like(row)
+    weights = row[begun["places"].size + begun["sharpness"].size :]
     for done, (points, classes) in enumerate(islice(batches, updates), start=1):
         current = {**views, "sharpness": np.exp(views["sharpness"])}
         slopes = _slopes(current, points.astype(np.float32), classes)
@@ -88,6 +95,7 @@ def train(
         square += np.float32(1 - _SECOND) * (slope * slope - square)
         size = np.sqrt(square / np.float32(1 - _SECOND**done)) + np.float32(_TINY)
         row -= np.float32(pace / (1 - _FIRST**done)) * mean / size
+        weights *= np.float32(1 - pace * decay)
         if progress is not None and (done % 100 == 0 or done == updates):
             progress(done / updates)
     return {**views, "sharpness": np.exp(views["sharpness"])}

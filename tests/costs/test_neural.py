@@ -88,6 +88,16 @@ def test_it_finds_steps_that_nobody_told_it(stairs):
     assert abs(line[np.argmax(along > 2.5)] - 0.3) < 0.01
 
 
+def test_few_data_are_not_learned_by_heart():
+    data = posture_data(50, cache=False)
+    unseen = posture_data(100, seed=1, cache=False)
+    options = {"hidden": (48, 24), "epochs": 150}
+    free, held = (Neural.fit(data, **options, **extra) for extra in ({"decay": 0}, {}))
+    errors = [[quality_of(cost.predict(part.points), part.labels).mae for part in (data, unseen)] for cost in (free, held)]
+    assert errors[0][0] < errors[1][0]
+    assert errors[0][1] > errors[1][1]
+
+
 def test_same_seed_same_network(stairs):
     data, _ = stairs
     options = {"hidden": (8,), "steps": 4, "epochs": 1}
@@ -215,10 +225,19 @@ def test_mistakes_are_named(stairs):
         Neural.fit(DataSet(data.points[:1000], np.arange(1000), NAMES))
     with pytest.raises(ModelError, match="whole numbers"):
         Neural.fit(DataSet(data.points, data.labels + 0.5, NAMES))
-    for sizes in ({"hidden": ()}, {"hidden": (8, 0)}, {"steps": 0}, {"curves": 0}, {"epochs": 0}, {"batch": 0}):
-        with pytest.raises(ModelError, match="allowed 1 or more of each"):
-            Neural.fit(data, **sizes)
-    with pytest.raises(ModelError, match="and 0 passes"):
+    for hidden in ((), (8, 0), 8, "8", (8, 2.5)):
+        with pytest.raises(ModelError, match=r"neural: got hidden .*, allowed the sizes of one or more layers"):
+            Neural.fit(data, hidden=hidden)
+    for name in ("steps", "curves", "epochs", "batch"):
+        for size in (0, 2.5, "many"):
+            with pytest.raises(ModelError, match=f"neural: got {name} {size!r}, allowed a whole number from 1"):
+                Neural.fit(data, **{name: size})
+    for rate in (0.0, np.nan, "fast"):
+        with pytest.raises(ModelError, match=f"neural: got the rate {rate!r}, allowed a positive number"):
+            Neural.fit(data, rate=rate)
+    with pytest.raises(ModelError, match="neural: got the decay -1, allowed 0 or more"):
+        Neural.fit(data, decay=-1)
+    with pytest.raises(ModelError, match="neural: got a count of 100, allowed at least a batch, 512"):
         Neural.fit_sheet(100)
     with pytest.raises(ModelError, match=r"neural: got a network of 3 inputs .* allowed 2 coordinates"):
         Neural(cost.network, [2, 3, 4, 5], NAMES[:2], 2.0)
