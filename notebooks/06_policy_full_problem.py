@@ -48,6 +48,8 @@ wanted, answers = (unit_twists(problem, twists_of(problem, postures)) for postur
 moving = np.linalg.norm(wanted, axis=1) > 0
 taught, wanted = taught[moving], wanted[moving]
 first = unit_twists(problem, twists_of(problem, asked, periods=1))
+shaken = asked + np.radians(1) * np.random.default_rng(2).normal(size=asked.shape)
+beside = unit_twists(problem, twists_of(problem, shaken))
 print(f"{len(taught)} postures of {TAUGHT[0]} people to learn from, {len(asked)} of {ASKED[0]} others to ask")
 print(f"the QP stands still at {(np.linalg.norm(answers, axis=1) == 0).mean():.1%} of the asked postures")
 
@@ -91,6 +93,7 @@ policies = {
     "algorithm 1": training.policy(asked),
     "the best constant twist": np.tile(wanted.mean(axis=0), (len(asked), 1)),
     "the QP's own first period": first,
+    "the QP, every angle 1 deg off": beside,
 }
 rows, angles = [], {}
 for name, twists in policies.items():
@@ -103,6 +106,10 @@ rows.append(
     ["least squares, on what it was taught", float(np.median(seen)), float(np.quantile(seen, 0.9)), float((seen > 90).mean())]
 )
 studies.table(["angle to the QP's twist [deg]", "median", "90 %", "share above 90 deg"], rows)
+worst = angles["least squares"] >= np.quantile(angles["least squares"], 0.9)
+turns = angles["the QP, every angle 1 deg off"]
+medians = np.median(turns[worst]), np.median(turns[~worst])
+print(f"1 deg off turns the QP by {medians[0]:.0f} deg where least squares is worst, by {medians[1]:.0f} elsewhere (medians)")
 
 sizes = studies.size([20, 60], [300, 600, 1200, 2400, len(taught)])
 curve = []
@@ -116,7 +123,9 @@ for count in sizes:
 curve = np.array(curve)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.7))
-for (name, values), colour in zip(angles.items(), (studies.ORANGE, studies.BLUE, studies.GREY, studies.GREEN), strict=True):
+for (name, values), colour in zip(
+    angles.items(), (studies.ORANGE, studies.BLUE, studies.GREY, studies.GREEN, studies.SKY), strict=True
+):
     left.plot(np.sort(values), np.linspace(0, 1, len(values)), color=colour, label=name)
 left.set(xlabel="angle to the QP's twist [deg]", ylabel="share of postures below", xlim=(0, 180), ylim=(0, 1))
 left.set_title("Unseen people")
@@ -125,5 +134,15 @@ right.plot(sizes, curve[:, 1], "o-", color=studies.ORANGE, label="90 %")
 right.plot(sizes, curve[:, 0], "o-", color=studies.BLUE, label="median")
 right.set(xlabel="postures taught", ylabel="angle [deg]", ylim=(0, None), title="Least squares, more and more postures")
 right.set_xscale("log")
+right.set_xticks(sizes, [str(count) for count in sizes])
+right.minorticks_off()
 right.legend()
 studies.save(figure, "policy_full_problem")
+
+# %% [markdown]
+"""At postures of people whom it has never seen, the learned controller points within 19 degrees of the QP's twist in half of
+the cases and within 52 in nine of ten; algorithm 1 comes to 21 and 53. That is about as far as the QP's own first period from
+standstill is from where it goes in the end, and more postures still help a little. The long tail is where the QP turns within
+a few degrees of a joint: at band ends of the sheet and at the rows of its limits, which smooth bumps cannot follow. And no
+limit holds by itself for theta Phi(q): the twist of such a controller has to pass the same certification as any other.
+"""
