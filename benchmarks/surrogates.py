@@ -8,7 +8,8 @@ large network and the learning curve.
   score, or at most one off; ``.spearman``: rank correlation; ``.worst``: largest error [points].
 - ``<cost>.us``: median time of value and gradient through the function's buffers; ``.size``: of the saved model [kB].
 - ``<cost>_interval.*``: the same cost fitted to, and judged by, the simplified labels behind the EPFL report's data;
-  ``<cost>_interval.sheet_mae``, ``.sheet_exact``: the same fit judged by the sheet, on the postures of the first kind.
+  ``<cost>_interval.sheet_mae``, ``.sheet_exact``: the same fit judged by the sheet, on the postures of the first kind, whose
+  joints range further than those data.
 - ``svr_<n>.mae``, ``.exact``: fitted to n postures. ``.vectors``: how many it keeps.
 - ``neural``: the shipped model of 22 joints, on unseen postures of these. ``neural_<n>``: fitted to the n postures of the run.
   ``neural_full``: trained here on a stream of 20 million, with a larger network; ``.fit_s`` its training time.
