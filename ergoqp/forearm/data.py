@@ -116,7 +116,7 @@ def _make(per_score: int, seed: int, clusters: int, body: Body, empty: int, prog
     np.minimum.at(lowest, cluster, scores)
     kept = scores == lowest[cluster]
     gaps, gap_labels = _empty_points(points, empty, forearm_length(body), rng)
-    labels = np.concatenate([scores[kept], gap_labels])
+    labels = np.concatenate([scores[kept].astype(float), gap_labels])
     order = rng.permutation(len(labels))
     return np.concatenate([points[kept], gaps])[order], labels[order]
 

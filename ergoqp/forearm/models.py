@@ -24,6 +24,9 @@ Progress = Callable[[float], None]
 KERNELS = 800
 """Support vectors of the regression that are kept: enough that the descent ends where the full one does."""
 
+RUNG = 200
+"""Most points of a score that its one-class SVM is fitted to."""
+
 
 @dataclass(frozen=True)
 class ForearmModels:
@@ -74,7 +77,7 @@ def fit_forearm_models(
     report_svr, svr = _machine(some), _machine(both)
     progress(0.8)
     boundary = OneClass.fit(kept.points[rng.permutation(len(kept))[: 2 * rows]], kept.coordinates, nu=0.01, gamma=0.25)
-    ladder = _ladder(kept, 2 * rows, rng)
+    ladder = _ladder(kept, rng)
     progress(1.0)
     return ForearmModels(svr, report_svr, ladder, boundary)
 
@@ -90,16 +93,17 @@ def _machine(data: DataSet) -> LearnedCost:
     return reduced(cost, KERNELS, data)[0] if len(model) > KERNELS else cost
 
 
-def _ladder(data: DataSet, rows: int, rng: np.random.Generator) -> OneClassLadder:
+def _ladder(data: DataSet, rng: np.random.Generator) -> OneClassLadder:
     """Fit a ladder to as many points of each score, without scores that have next to none.
 
+    Each rung is the core of its class, half of it: a wider one also holds places that only its neighbours reach, or nobody.
     The calibration is for predictions: here classes overlap so much that it would flatten the ladder. A rung that counts what
     its score does is what a descent wants.
     """
     scores, counts = np.unique(data.labels, return_counts=True)
     scores = scores[counts >= 20]
-    chosen = [rng.permutation(np.flatnonzero(data.labels == score))[: rows // len(scores)] for score in scores]
-    fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.02, gamma=0.5)
+    chosen = [rng.permutation(np.flatnonzero(data.labels == score))[:RUNG] for score in scores]
+    fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.5, gamma=0.25)
     lowest = float(scores[0])
     terms = fitted.rungs, fitted.scores.tolist(), data.coordinates, lowest, fitted.steepness, fitted.pull
     return OneClassLadder(*terms, reach=fitted.reach, offset=lowest, height=1.0)
