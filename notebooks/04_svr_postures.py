@@ -171,6 +171,6 @@ studies.table(header, rows)
 # %% [markdown]
 """Two things can be read from this. The nearest sample is a poor judge in twenty dimensions: even the nearest of thousands is
 far, and its score is another posture's. And the best predictor is not the best guide: the soft steps predict twice as well, but
-between its steps their cost is flat and a descent comes to rest there, while the smooth default machine, wrong by a point on
+between its steps their cost is flat, and three descents in ten come to rest there, while the smooth default machine, wrong by a point on
 average, points the right way from everywhere. Its descent only has to be kept where its data were.
 """
