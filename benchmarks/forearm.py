@@ -1,7 +1,8 @@
 """Where a led forearm ends, judged by truth: the report's ways and the constraints. ``python -m benchmarks.forearm``.
 
-Starts are unseen points of every true cost, inside the boundary; ``true`` is the lowest sheet score of any whole-body posture
-whose elbow and wrist are there (`ergoqp.forearm.true_cost`), 0 if there is none, and such an end counts as failed and as worse.
+Starts are unseen points of every true cost that there is inside the boundary; ``true`` is the lowest sheet score of any
+whole-body posture whose elbow and wrist are there (`ergoqp.forearm.true_cost`), 0 if there is none, and such an end counts as
+failed and as worse.
 
 Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length maintained), ``svr_added`` (the
 gradient of the one-class SVM added), ``svr_report_constraints`` (the report's machine, but length and boundary as rows of the
@@ -28,9 +29,10 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
 from ergoqp.costs.data import DataSet
+from ergoqp.costs.dataset import balanced_postures
 from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.learned import LearnedCost
-from ergoqp.forearm import forearm_data, forearm_length, nearest_sample_cost, true_cost
+from ergoqp.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
 from ergoqp.forearm.descent import added, descend, slope_of, toward_class_below
 from ergoqp.forearm.models import ForearmModels, fit_forearm_models
 from ergoqp.limits import ArmLength, OneClassBoundary
@@ -48,16 +50,33 @@ LONGEST = 20.0
 """Longest run of a constrained one [s]."""
 
 
-def draw_starts(models: ForearmModels, each: int, pool: int) -> tuple[Array, NDArray[np.int64]]:
-    """Return unseen points inside the boundary, at most `each` of every true cost, and their true costs."""
+def draw_starts(models: ForearmModels, each: int, pool: int, hard: int) -> tuple[Array, NDArray[np.int64]]:
+    """Return unseen points inside the boundary, at most `each` of every true cost, and their true costs.
+
+    High true costs are rare, and the choice of each cluster's lowest label thins them out once more, so that what the data
+    set lacks is looked for among random postures of the highest label.
+
+    Args:
+        models: have the boundary.
+        each: most starts of a true cost.
+        pool: postures per score of the unseen data set.
+        hard: postures of the highest label.
+    """
     data = forearm_data(pool, seed=1)
-    points = ArmLength(forearm_length()).project(data.points)
-    points = points[models.boundary.margin(points) > 0]
-    points = points[np.random.default_rng(7).permutation(len(points))]
-    scores = true_cost(points)
-    chosen = [np.flatnonzero(scores == score)[:each] for score in range(1, int(scores.max()) + 1)]
-    rows = np.concatenate(chosen)
-    return points[rows], scores[rows]
+    postures, _ = balanced_postures(hard, np.random.default_rng(8), scores=[10])
+    points = ArmLength(forearm_length()).project(np.concatenate([data.points, forearm_points(postures)]))
+    inside = models.boundary.margin(points) > 0
+    order = np.random.default_rng(7).permutation(len(data))
+    first, second = order[inside[order]], len(data) + np.flatnonzero(inside[len(data) :])
+    rows = np.concatenate([first, second])
+    with _processes() as processes:
+        scores = np.concatenate(list(processes.map(true_cost, np.array_split(points[rows], 64))))
+    chosen = np.concatenate([np.flatnonzero(scores == score)[:each] for score in range(1, int(scores.max()) + 1)])
+    return points[rows[chosen]], scores[chosen]
+
+
+def _processes() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=get_context("fork"))
 
 
 def constrained(problem: Problem, starts: Array) -> tuple[Array, list[Array], float]:
@@ -104,10 +123,10 @@ def _constrained(name: str, starts: Array) -> tuple[Array, list[Array], float]:
 
 def measure(report: Report) -> None:
     """Fit the models, run every method, judge by truth."""
-    per_score, each, pool = report.pick((1000, 6, 100), (3000, 100, 1500))
+    per_score, each, pool, hard = report.pick((1000, 6, 100, 300), (3000, 100, 1500, 14_000))
     models = fit_forearm_models(per_score=per_score)
     data = forearm_data(1000)
-    starts, scores = draw_starts(models, each, pool)
+    starts, scores = draw_starts(models, each, pool, hard)
     report.figure("starts", len(starts), f"of true cost {', '.join(f'{s}: {(scores == s).sum()}' for s in np.unique(scores))}")
     report.figure("mean_start", scores.mean())
     for name, way in report_ways(models, data).items():
@@ -120,13 +139,13 @@ def measure(report: Report) -> None:
     }
     outside = _outside(models, report.pick(6, 60))
     _PROBLEMS.update({name: problem_with(models, cost) for name, cost in costs.items()})
-    with ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=get_context("fork")) as pool_:
+    with _processes() as processes:
         for name in costs:
-            found = list(pool_.map(_constrained, [name] * 2, np.array_split(starts, 2)))
+            found = list(processes.map(_constrained, [name] * 2, np.array_split(starts, 2)))
             ends = np.concatenate([part[0] for part in found])
             path = np.concatenate([states for part in found for states in part[1]])
             _judge(report, name, models, data, starts, scores, ends, path)
-            report.figure(f"{name}.seconds", np.mean([part[2] for part in found]))
+            report.figure(f"{name}.seconds", sum(part[2] for part in found) / len(found), "median duration")
     _back_inside(report, problem_with(models, models.svr), models, outside)
 
 
