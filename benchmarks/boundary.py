@@ -109,7 +109,7 @@ def draw_case(n: int, rng: np.random.Generator) -> Case:
     scales = np.exp(rng.uniform(np.log(0.05), np.log(1.0), n))
     centres = rng.normal(size=(3, n))
     points = (centres[rng.integers(3, size=600)] + rng.normal(size=(600, n))) * scales
-    gamma = rng.uniform(0.3, 2.0) / n
+    gamma: Any = rng.uniform(0.3, 2.0) / n  # the stub knows words only
     estimator = make_pipeline(StandardScaler(), OneClassSVM(nu=rng.uniform(0.02, 0.15), gamma=gamma)).fit(points)
     names = tuple(f"x{i}" for i in range(n))
     model = OneClass.from_estimator(estimator, names)
@@ -141,7 +141,8 @@ def attack(seed: int, n: int, steps: int, first_order: bool) -> Attack:
     found = Attack(ratios=[])
     for cost in (Outward(case.model), Waves(case.model, rng)):
         control = Control(comfort=0.0, rest_below=0.0, stall_after=1e6, effort_linear=0.1, effort_angular=0.1)
-        problem = Problem(cost=cost, response=response, limits=[limit, kind(case.model, hard=True)], control=control)
+        limits: list[Any] = [limit, kind(case.model, hard=True)]
+        problem = Problem(cost=cost, response=response, limits=limits, control=control)
         _drive(problem, case, steps // 2, rng, found)
     return found
 
@@ -149,6 +150,7 @@ def attack(seed: int, n: int, steps: int, first_order: bool) -> Attack:
 def _drive(problem: Problem, case: Case, steps: int, rng: np.random.Generator, found: Attack) -> None:
     stepper, limit = problem.stepper(), problem.twist_limit
     before, after, stops = [], [], []
+    state, previous = case.inside[0], np.zeros(6)
     for number in range(steps):
         if number % LOOP == 0:
             stepper.reset()

@@ -25,8 +25,7 @@ import numpy as np
 from benchmarks.closed_loop import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.cost import Cost
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.learned import LearnedCost, load_cost
 from ergoqp.costs.posture_data import posture_data
 from ergoqp.limits import OneClassBoundary
 from ergoqp.one_class import OneClass
@@ -75,7 +74,7 @@ def problem_with(cost: str, per_score: int) -> Problem:
     return problem.replace(cost=_fitted(cost, per_score), limits=limits)
 
 
-def _fitted(cost: str, per_score: int) -> Cost:
+def _fitted(cost: str, per_score: int) -> LearnedCost:
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import SVR

@@ -16,7 +16,7 @@ from ergoqp.costs.cost import Cost
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
-from ergoqp.responses import Response
+from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
 
@@ -200,4 +200,4 @@ class Problem:
 
 
 def _is_identity(response: Response) -> bool:
-    return bool(np.array_equal(getattr(response, "matrix", None), np.eye(6)))
+    return isinstance(response, LinearResponse) and np.array_equal(np.asarray(response.matrix), np.eye(6))

@@ -129,6 +129,7 @@ class Smooth(SmoothReba):
     """The sheet's smooth score, of the drawn joints alone."""
 
     def __init__(self):
+        """Read the joints of the data."""
         super().__init__()
         self.coordinates = default.coordinates
 
@@ -171,6 +172,6 @@ studies.table(header, rows)
 # %% [markdown]
 """Two things can be read from this. The nearest sample is a poor judge in twenty dimensions: even the nearest of thousands is
 far, and its score is another posture's. And the best predictor is not the best guide: the soft steps predict twice as well, but
-between its steps their cost is flat, and three descents in ten come to rest there, while the smooth default machine, wrong by a point on
-average, points the right way from everywhere. Its descent only has to be kept where its data were.
+between its steps their cost is flat, and three descents in ten come to rest there, while the smooth default machine, wrong by a
+point on average, points the right way from everywhere. Its descent only has to be kept where its data were.
 """

@@ -24,7 +24,7 @@ Progress = Callable[[float], None]
 KERNELS = 800
 """Support vectors of the regression that are kept: enough that the descent ends where the full one does."""
 
-RUNG = 200
+RUNG = 600
 """Most points of a score that its one-class SVM is fitted to."""
 
 
@@ -96,14 +96,15 @@ def _machine(data: DataSet) -> LearnedCost:
 def _ladder(data: DataSet, rng: np.random.Generator) -> OneClassLadder:
     """Fit a ladder to as many points of each score, without scores that have next to none.
 
-    Each rung is the core of its class, half of it: a wider one also holds places that only its neighbours reach, or nobody.
+    Each rung is the core of its class, two thirds of it: a wider one also holds places that only its neighbours reach, or
+    nobody.
     The calibration is for predictions: here classes overlap so much that it would flatten the ladder. A rung that counts what
     its score does is what a descent wants.
     """
     scores, counts = np.unique(data.labels, return_counts=True)
     scores = scores[counts >= 20]
     chosen = [rng.permutation(np.flatnonzero(data.labels == score))[:RUNG] for score in scores]
-    fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.5, gamma=0.25)
+    fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.3, gamma=0.5)
     lowest = float(scores[0])
     terms = fitted.rungs, fitted.scores.tolist(), data.coordinates, lowest, fitted.steepness, fitted.pull
     return OneClassLadder(*terms, reach=fitted.reach, offset=lowest, height=1.0)
