@@ -75,7 +75,7 @@ def test_boxes_are_the_sheet(method):
 
 @pytest.mark.parametrize("body", [Body(), Body.of_stature(1.6)], ids=["1.75", "1.60"])
 def test_witness_is_exact_and_never_above_the_posture_that_the_points_came_from(body):
-    postures = random_postures(400, 3)
+    postures = random_postures(200, 3)
     points = forearm_points(postures, body)
     witness, cost = true_posture(points, body)
     assert cost.min() >= 1
@@ -90,7 +90,7 @@ def test_witness_is_exact_and_never_above_the_posture_that_the_points_came_from(
 
 
 def test_method_counts():
-    points = forearm_points(random_postures(60, 4))
+    points = forearm_points(random_postures(40, 4))
     lenient = true_cost(points, method=reba.Method(upper_arm_low_deg=44, trunk_upright_deg=19))
     assert (lenient <= true_cost(points)).all()
     assert (lenient < true_cost(points)).any()
@@ -99,13 +99,13 @@ def test_method_counts():
 def test_random_search_never_does_better():
     rng, arm = np.random.default_rng(5), arm_of(Body())
     low, high = LOWER[ARM_INDEX], UPPER[ARM_INDEX]
-    points = forearm_points(random_postures(40, 6))
+    points = forearm_points(random_postures(20, 6))
     cost = true_cost(points)
     checked = 0
     for point, found in zip(points, cost, strict=True):
         if found == 1:
             continue
-        bend, twist, shoulder = (rng.uniform(low[i], high[i], (1, 20_000)) for i in (1, 2, 3))
+        bend, twist, shoulder = (rng.uniform(low[i], high[i], (1, 12_000)) for i in (1, 2, 3))
         # Half of the draws where trunk and shoulder cost little.
         bend[:, ::2], twist[:, ::2], shoulder[:, ::2] = bend[:, ::2] / 4, twist[:, ::2] / 4.5, shoulder[:, ::2] / 8
         for angles, missing in (
@@ -119,7 +119,7 @@ def test_random_search_never_does_better():
             checked += len(rows)
             if len(rows):
                 assert reba.assess(with_arm_of(postures)).final.min() >= found
-    assert checked > 50_000
+    assert checked > 20_000
 
 
 def test_special_points():
