@@ -6,6 +6,7 @@ Each ``NAME.py`` (percent format of jupytext) becomes ``NAME.ipynb``, and its fi
 
 from __future__ import annotations
 
+import base64
 import os
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import jupytext
 import nbformat
 from nbclient import NotebookClient
+from studies import few_colours
 
 FOLDER = Path(__file__).resolve().parent
 LARGEST = 400_000
@@ -45,6 +47,11 @@ def render(source: Path) -> Path:
     )
     for number, cell in enumerate(notebook.cells):
         cell.metadata, cell.id = nbformat.from_dict({}), f"cell-{number:02d}"
+        for output in cell.get("outputs", ()):
+            output.get("metadata", {}).clear()
+            if "image/png" in output.get("data", {}):
+                picture = few_colours(base64.b64decode(output["data"]["image/png"]))
+                output["data"]["image/png"] = base64.b64encode(picture).decode()
     text = nbformat.writes(notebook, version=4)
     for place in (str(FOLDER), str(Path.home()), sys.prefix):
         if place != "/" and place in text:
