@@ -9,10 +9,10 @@ import casadi as ca
 from ergoqp.certification import account_function, judge_function, shorten_function
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
+from ergoqp.step_data import pass_data
 from ergoqp.step_inputs import INPUTS, OUTPUTS, checked, input_sizes
-from ergoqp.step_objective import cost_function, gain_function, objective, sensitivity_pattern, with_pattern
+from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
-from ergoqp.step_rows import braking, movable_rows, on_surface, patience, row_bounds, unhurried
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -78,32 +78,15 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
 
 def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int]]:
     """One QP with a given lock set: ``(posture, observed, readings, pose, previous, dt, V, dV, locked, final) -> result``."""
-    names = ("posture", "observed", "readings", "pose", "previous", "dt", "value", "gradient", "locked", "final", "S", "E")
-    unmet, N = problem.response.sensitivity().size_out(1), len(problem.coordinates)
-    measured = (readings_size(problem), 1)
-    sizes = ((N, 1), (N, 1), measured, (4, 4), (6, 1), (1, 1), (1, 1), (N, 1), (N, 1), (1, 1), (N, 6), unmet)
-    sx = {name: ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
-    S = with_pattern(sx["S"], sensitivity_pattern(problem))
-    brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
-    situation = situation_of(problem, sx, S, brake)
-    brake = on_surface(brake, situation)
-    brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"]))
-    movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
-    bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
-    H, g = objective(problem, sx, S)
-    parts = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, brake.low, brake.high]
-    prepare = ca.Function("prepare", list(sx.values()), ca.cse([ca.densify(part) for part in parts]))
-
-    mx = {name: ca.MX.sym(name, *size) for name, size in zip(names[:-2], sizes[:-2], strict=True)}
-    S_value, E_value = problem.response.sensitivity()(mx["posture"], mx["locked"])
-    data = prepare(*mx.values(), S_value, E_value)
-    xi, slack, multipliers, residual = build_qp(solver, len(movable))(*data)
+    data, movable = pass_data(problem)
+    mx = {data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())}
+    *qp, S, E = data(*mx.values())
+    xi, slack, multipliers, residual = build_qp(solver, len(movable))(*qp)
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
-    xi = ca.fmin(ca.fmax(xi, data[7]), data[8])
-    newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S_value, xi, residual)
+    xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
+    newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
     locked = ca.fmax(mx["locked"], newly)
-    again = ca.mmax(newly)
-    parts = [xi, ca.densify(S_value), ca.densify(E_value), slack, multipliers, residual, locked, again]
+    parts = [xi, S, E, slack, multipliers, residual, locked, ca.mmax(newly)]
     return ca.Function("one_pass", list(mx.values()), parts), movable
 
 
