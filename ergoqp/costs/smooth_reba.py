@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -22,7 +22,7 @@ from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.description import Segment, Sheet
 from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
-from ergoqp.sheets.task import Task, read_task
+from ergoqp.sheets.task import Task, TaskOptions, read_task
 
 
 class SmoothReba:
@@ -77,9 +77,7 @@ class SmoothReba:
         self.taus_deg, self.weights = _mixture(taus_deg, weights)
         self.method = read_method(method)
         sheet = sheet_of(self.method)
-        task = read_task(
-            sheet,
-            None,
+        self._task = TaskOptions(
             load_kg=load_kg,
             shock=shock,
             coupling=coupling,
@@ -90,11 +88,15 @@ class SmoothReba:
             shoulder_raised=shoulder_raised,
         )
         q = ca.SX.sym("q", len(JOINTS))
-        reading = _Reading(sheet, self.method, task)
+        reading = _Reading(sheet, self.method, read_task(sheet, None, **self._task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
         self._q, self._value = q, sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0))
         self.minimum = reading.lowest()
         self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
+
+    def __reduce__(self) -> tuple:
+        """Go to another process as the arguments: expressions cannot be sent, and are built again there."""
+        return partial(SmoothReba, self.taus_deg, self.weights, self.method, **self._task), ()
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:

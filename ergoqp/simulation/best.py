@@ -67,10 +67,8 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
 def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
     comfort = person.response.comfort
     soles, grasp = person.stand(comfort), person.grasp(comfort)
-    home = person.contact(comfort)[0]
     poses = workspace_poses(problem, spacing)
-    order = np.argsort([_distance(pose, home) for pose in poses], kind="stable")
-    poses = poses[order]
+    poses = poses[outward(person, poses)]
     postures, scores = np.zeros((len(poses), len(comfort))), np.zeros(len(poses), dtype=int)
     reached = np.zeros(len(poses), dtype=bool)
     features = np.array([_features(pose) for pose in poses])
@@ -85,13 +83,24 @@ def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
     return Map(poses, postures, scores)
 
 
-def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
-    """Return poses (n, 4, 4) over the workspace of a problem, over the axes that its object can move."""
+def outward(person: Follower, poses: np.ndarray) -> np.ndarray:
+    """Return the order (n,) in which a map settles poses (n, 4, 4): from where the person's comfort holds the object."""
+    home = person.contact(person.response.comfort)[0]
+    return np.argsort([_distance(pose, home) for pose in poses], kind="stable")
+
+
+def workspace_lines(problem: Problem, spacing: float) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the places of a map along x, y and z [m] and its tilts (k, 3, 3); every combination is a pose."""
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-    lines = [np.linspace(a, b, max(1, round((b - a) / spacing) + 1)) for a, b in zip(lower, upper, strict=True)]
+    ends = zip(box.lower, box.upper, strict=True)
+    lines = [np.linspace(a, b, max(1, round((b - a) / spacing) + 1)) for a, b in ends]
+    return lines, tilted_frames(cone, problem.twist_limit.axes)
+
+
+def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
+    """Return poses (n, 4, 4) over the workspace of a problem: x slowest, then y, then z, tilts fastest."""
+    lines, rotations = workspace_lines(problem, spacing)
     places = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
-    rotations = tilted_frames(cone, problem.twist_limit.axes)
     poses = np.tile(np.eye(4), (len(places), len(rotations), 1, 1))
     poses[..., :3, 3] = places[:, None]
     poses[..., :3, :3] = rotations

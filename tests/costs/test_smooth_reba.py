@@ -1,5 +1,7 @@
 """The smooth score is the exact one's expectation: by sampling, in the limit, for every option; its gradient is true."""
 
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -203,3 +205,9 @@ def test_a_band_end_is_half_way():
 def test_bad_arguments_are_named(arguments, named):
     with pytest.raises(InputError, match=f"{named}.*got .*allowed: "):
         SmoothReba(**arguments)
+
+
+def test_goes_to_another_process_as_its_arguments():
+    cost = SmoothReba((2.0, 9.0), (0.7, 0.3), load_kg=7.0, arm_supported=(True, False))
+    posture = np.radians(np.random.default_rng(0).uniform(-20, 60, (5, 32)))
+    assert np.array_equal(pickle.loads(pickle.dumps(cost))(posture), cost(posture))

@@ -1,0 +1,83 @@
+"""The same task for other people: other statures, the other hand or both, other loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Final
+
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.problem import Problem
+from ergoqp.responses.ik import IkResponse
+from ergoqp.sheets.task import TaskOptions
+
+STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
+"""Statures from a small woman's to a tall man's [m]."""
+
+HANDS: Final[Mapping[str, tuple[str, ...]]] = {"right": ("right",), "left": ("left",), "both": ("right", "left")}
+"""Which hands work, by the word for it."""
+
+
+def population(
+    problem: Problem,
+    statures: Sequence[float] = STATURES,
+    hands: Sequence[str] | None = None,
+    loads_kg: Sequence[float] | None = None,
+) -> Iterator[tuple[str, Problem]]:
+    """Yield (label, problem) for every combination, statures fastest; the label says what was varied.
+
+    Args:
+        problem: the task; its response must be an `IkResponse`.
+        statures: of the people [m].
+        hands: keys of `HANDS`; None: as the problem has it.
+        loads_kg: mass of the tool [kg]; None: as the problem has it.
+
+    Raises:
+        InputError: for an empty sequence, or a value that `variant` does not take.
+    """
+    for name, values in (("statures", statures), ("hands", hands), ("loads_kg", loads_kg)):
+        if values is not None and not len(values):
+            raise InputError(f"{name}: got nothing, allowed at least one")
+    for load, hand, stature in product(loads_kg or (None,), hands or (None,), statures):
+        words = [f"{stature:.2f} m"]
+        words += [f"{hand} hand{'s' if hand == 'both' else ''}"] if hand is not None else []
+        words += [f"{load:g} kg"] if load is not None else []
+        yield ", ".join(words), variant(problem, stature=stature, hands=hand, load_kg=load)
+
+
+def variant(
+    problem: Problem, *, stature: float | None = None, hands: str | None = None, load_kg: float | None = None
+) -> Problem:
+    """Return the problem for another person; whatever is None stays as it is. Workspace and comfort stay too.
+
+    Args:
+        problem: the task; its response must be an `IkResponse`.
+        stature: of the person [m], with average proportions.
+        hands: a key of `HANDS`.
+        load_kg: mass of the tool [kg], in the exact score and in the cost.
+
+    Raises:
+        InputError: for a value that is not allowed, a response of another kind, or a load where the cost was learned without.
+    """
+    response = problem.response
+    if not isinstance(response, IkResponse):
+        raise InputError(f"problem {problem.name}: got a response of type {type(response).__name__}, allowed IkResponse")
+    if stature is not None:
+        response = replace(response, body=Body.of_stature(stature))
+    if hands is not None:
+        if hands not in HANDS:
+            raise InputError(f"hands: got {hands!r}, allowed {', '.join(HANDS)}")
+        response = replace(response, hands=HANDS[hands])
+    changed = problem.replace(response=response)
+    return changed if load_kg is None else _with_load(changed, load_kg)
+
+
+def _with_load(problem: Problem, load_kg: float) -> Problem:
+    if not isinstance(problem.cost, SmoothReba):
+        raise InputError(f"load_kg: got {load_kg:g}, but the cost {problem.cost.name!r} was learned without; allowed None")
+    task = TaskOptions(**{**problem.task, "load_kg": float(load_kg)})
+    cost = SmoothReba(problem.cost.taus_deg, problem.cost.weights, method=problem.cost.method, **task)
+    return problem.replace(cost=cost, task=task)

@@ -1,0 +1,77 @@
+"""The same task for other people."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from ergoqp.errors import InputError
+from ergoqp.joints import INDEX
+from ergoqp.optimise.population import STATURES, population, variant
+from ergoqp.problem_file import load_problem
+
+
+@pytest.fixture(scope="module")
+def screwing():
+    return load_problem("screwing")
+
+
+def test_every_combination_once_with_its_label(screwing):
+    found = dict(population(screwing, (1.5, 1.9), ("right", "both"), (0.5, 6.0)))
+    assert list(found) == [
+        "1.50 m, right hand, 0.5 kg", "1.90 m, right hand, 0.5 kg", "1.50 m, both hands, 0.5 kg", "1.90 m, both hands, 0.5 kg",
+        "1.50 m, right hand, 6 kg", "1.90 m, right hand, 6 kg", "1.50 m, both hands, 6 kg", "1.90 m, both hands, 6 kg",
+    ]  # fmt: skip
+    problem = found["1.90 m, both hands, 6 kg"]
+    assert problem.response.body.stature == 1.9
+    assert problem.response.hands == ("right", "left")
+    assert problem.task["load_kg"] == 6.0
+
+
+def test_only_statures_by_default(screwing):
+    found = list(population(screwing))
+    assert [problem.response.body.stature for _, problem in found] == list(STATURES)
+    assert all(problem.cost is screwing.cost and problem.task == screwing.task for _, problem in found)
+
+
+def test_the_load_is_in_the_score_and_in_the_cost(screwing):
+    heavy = variant(screwing, load_kg=12.0)
+    postures = np.zeros((1, 32))
+    postures[0, INDEX["trunk_flexion"]] = np.radians(40)
+    assert heavy.assess(postures).final[0] > screwing.assess(postures).final[0]
+    assert heavy.cost(postures)[0] > screwing.cost(postures)[0] + 0.5
+
+
+def test_the_other_hand_moves(screwing):
+    assert "left_elbow_flexion" in variant(screwing, hands="left").joints
+    assert "right_elbow_flexion" not in variant(screwing, hands="left").joints
+
+
+def test_a_problem_goes_to_another_process(screwing):
+    sent = pickle.loads(pickle.dumps(variant(screwing, stature=1.6, load_kg=7.0)))
+    postures = np.radians(np.random.default_rng(1).uniform(-10, 50, (3, 32)))
+    assert np.array_equal(sent.cost(postures), variant(screwing, load_kg=7.0).cost(postures))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"statures": ()}, "statures: got nothing"),
+        ({"statures": (3.0,)}, "stature: got 3.0 m"),
+        ({"hands": ("three",)}, "hands: got 'three', allowed right, left, both"),
+        ({"loads_kg": (-1.0,)}, "load"),
+    ],
+)
+def test_mistakes_are_named(screwing, arguments, words):
+    with pytest.raises(InputError, match=words):
+        list(population(screwing, **arguments))
+
+
+def test_a_learned_cost_knows_no_load():
+    with pytest.raises(InputError, match="was learned without"):
+        variant(load_problem("screwing_learned"), load_kg=3.0)
+
+
+def test_only_people_have_statures():
+    with pytest.raises(InputError, match="allowed IkResponse"):
+        variant(load_problem("forearm"), stature=1.6)
