@@ -1,0 +1,40 @@
+"""A person as plain values: for files, for keys of what was computed before, and for other processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS
+from ergoqp.responses.ik import IkResponse
+
+_TERMS = ("hands", "stance", "seat_height", "tool", "free_about_tool", "balance", "relaxation_time", "damping")
+
+
+def response_as_dict(response: IkResponse) -> dict[str, Any]:
+    """Return a response as plain numbers, texts and lists; `response_from_dict` makes an equal one of them."""
+    body = response.body
+    return {
+        "stature_m": float(body.stature),
+        "mass_kg": float(body.mass),
+        "lengths_m": {name: float(length) for name, length in body.lengths.items()},
+        "weights": dict(zip(JOINTS, response.weight_vector.tolist(), strict=True)),
+        "comfort_deg": {name: float(degrees) for name, degrees in response.comfort_deg.items()},
+        **{name: _plain(getattr(response, name)) for name in _TERMS},
+    }
+
+
+def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
+    """Return the response that `response_as_dict` described.
+
+    Raises:
+        KeyError, TypeError, InputError: if the values are not those of one.
+    """
+    body = Body(values["stature_m"], values["lengths_m"], values["mass_kg"])
+    terms = {name: values[name] for name in _TERMS}
+    return IkResponse(body=body, weights=values["weights"], comfort_deg=values["comfort_deg"], **terms)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

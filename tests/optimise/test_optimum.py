@@ -1,0 +1,60 @@
+"""What was found, as a file and back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ergoqp import JOINTS, load_problem
+from ergoqp.errors import InputError
+from ergoqp.optimise import Optimum, Trial
+from ergoqp.simulation.people import sample_person
+
+
+@pytest.fixture
+def optimum():
+    person = sample_person(load_problem("dentist"), 3).response
+    pose, posture = np.eye(4), person.comfort + 1 / 3
+    pose[:3, 3] = 0.1, 0.2, 0.3
+    trial = Trial(0, pose, posture, 3, 2.5, 1e-9, 1e-5, 0.01)
+    return Optimum(
+        "dentist", "treats", "stackelberg", "ipopt", 4, person, pose, posture, 7, 3, 1e-9, 6.5, 2.5, 0.5, pose, posture,
+        (trial, Trial(1, pose, posture, 0, 2.5, 1e-9, 1e-5, 0.01, "out of reach")), ("Said.",),
+    )  # fmt: skip
+
+
+def test_saved_and_loaded(optimum, tmp_path):
+    path = optimum.save(tmp_path / "new" / "folder")
+    assert path.name == "optimum.json"
+    again = Optimum.load(path.parent)
+    assert again.as_dict() == optimum.as_dict()
+    np.testing.assert_array_equal(again.response.weight_vector, optimum.response.weight_vector)
+    np.testing.assert_array_equal(again.posture, optimum.posture)
+    assert again.trials[1].note == "out of reach"
+    assert json.loads(path.read_text(encoding="utf-8"))["joints"] == list(JOINTS)
+
+
+def test_says_what_it_found(optimum):
+    assert "REBA 7 -> 3 with the object at (0.10, 0.20, 0.30) m" in repr(optimum)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"problem": 3}'])
+def test_no_optimum(text, tmp_path):
+    path = tmp_path / "optimum.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="is no optimum"):
+        Optimum.load(path)
+
+
+def test_not_there(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        Optimum.load(tmp_path / "none.json")
+
+
+def test_wrong_shape(optimum, tmp_path):
+    path = optimum.save(tmp_path / "a.json")
+    values = json.loads(path.read_text(encoding="utf-8"))
+    values["posture"] = values["posture"][:31]
+    path.write_text(json.dumps(values), encoding="utf-8")
+    with pytest.raises(InputError, match="is no optimum"):
+        Optimum.load(path)
