@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.costs.cost import Cost
-from ergoqp.errors import ProblemError
+from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
 from ergoqp.responses import LinearResponse, Response
@@ -179,18 +179,34 @@ class Problem:
             raise ProblemError(f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}")
         return replace(self, **terms)
 
-    def step_function(self, solver: str = "daqp") -> ca.Function:
-        """Return the whole control step as one pure CasADi function; see `ergoqp.step_function.build_step`."""
+    def step_function(self, solver: str = "daqp", compiled: bool = False) -> ca.Function:
+        """Return the whole control step as one pure CasADi function; see `ergoqp.step_function.build_step`.
+
+        Args:
+            solver: name of the QP solver, see `ergoqp.solvers`.
+            compiled: through the C compiler into the user's cache; the solver is then DAQP.
+
+        Raises:
+            InputError: if the solver is unknown, or not the one that is compiled.
+            CompilerError: if there is no C compiler.
+        """
         from ergoqp.solvers import solver_named
         from ergoqp.step_function import build_step
 
-        return build_step(self, solver_named(solver))
+        chosen = solver_named(solver)
+        if not compiled:
+            return build_step(self, chosen)
+        from ergoqp.native.compiled import compiled_step
 
-    def stepper(self, solver: str = "daqp", dt: float | None = None, log: Any = None) -> Stepper:
+        if chosen.name != "daqp":
+            raise InputError(f"compiled: got the solver {solver!r}, allowed only 'daqp'")
+        return compiled_step(self)
+
+    def stepper(self, solver: str = "daqp", compiled: bool = False, dt: float | None = None, log: Any = None) -> Stepper:
         """Return a control loop's own stepper; one per loop. See `ergoqp.step.Stepper`."""
         from ergoqp.step import Stepper
 
-        return Stepper(self, solver=solver, dt=dt, log=log)
+        return Stepper(self, solver=solver, compiled=compiled, dt=dt, log=log)
 
     def simulate(self, posture: ArrayLike, duration: float = 20.0, seed: int = 0, **options: Any) -> Run:
         """Close the loop with a simulated person who starts in `posture`; see `ergoqp.simulation.simulate.simulate`."""

@@ -1,0 +1,92 @@
+"""The C compiler of this machine: found, named when missing, and asked for shared libraries only."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+from ergoqp.errors import ErgoqpError
+from ergoqp.paths import cache_folder
+
+FLAGS: Final = (
+    *("-O2", "-fPIC", "-shared", "-w"),
+    # No errno and no signals from arithmetic, and small functions inlined although they could be replaced at load time: a third
+    # of the time. No contraction to fused operations: the answers stay those of the interpreted step, to the last bit.
+    *("-fno-math-errno", "-fno-trapping-math", "-fno-semantic-interposition", "-ffp-contract=off"),
+)
+
+
+class CompilerError(ErgoqpError):
+    """There is no C compiler, or it did not like what it was given."""
+
+
+@lru_cache(maxsize=1)
+def compiler() -> tuple[str, ...]:
+    """Return the command of the C compiler: the environment variable CC, else the first of cc, gcc and clang.
+
+    Raises:
+        CompilerError: if there is none.
+    """
+    chosen = os.environ.get("CC")
+    for command in [chosen] if chosen else ["cc", "gcc", "clang"]:
+        words = shlex.split(command)
+        if words and shutil.which(words[0]):
+            return tuple(words)
+    got = f"CC={chosen!r}, which is not a program here" if chosen else "none of cc, gcc, clang"
+    raise CompilerError(f"C compiler: got {got}; install one (for example gcc), name it in CC, or use compiled=False")
+
+
+def shared_library(name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]) -> Path:
+    """Return the shared library of some C sources, compiled once and kept in the user's cache, keyed by all that goes in.
+
+    Args:
+        name: of the library, a word.
+        sources: text by file name; those that end in ``.c`` are compiled, the others can be included.
+        archives: static libraries to link.
+        includes: folders of headers.
+
+    Raises:
+        CompilerError: if there is no compiler, or it fails; with its first error.
+    """
+    command = compiler()
+    parts = [*command, _version(command), *FLAGS, *(text for pair in sorted(sources.items()) for text in pair)]
+    key = hashlib.sha256("\0".join(parts).encode())
+    for archive in archives:
+        key.update(archive.read_bytes())
+    path = cache_folder() / "compiled" / key.hexdigest()[:32] / f"{name}.so"
+    if path.is_file():
+        return path
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CompilerError(f"compiled step: cannot write to the cache {str(path.parent)!r}: {error.strerror}") from None
+    with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
+        for file, text in sources.items():
+            (Path(scratch) / file).write_text(text, encoding="utf-8")
+        units = [file for file in sources if file.endswith(".c")]
+        folders = [f"-I{folder}" for folder in (scratch, *includes)]
+        _run([*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"], scratch)
+        # Renaming is atomic: another process finds the whole library or none.
+        (Path(scratch) / "out.so").replace(path)
+    return path
+
+
+@lru_cache(maxsize=4)
+def _version(command: tuple[str, ...]) -> str:
+    shown = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+    return shown.stdout.splitlines()[0] if shown.stdout else "unknown"
+
+
+def _run(command: list[str], folder: str) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
+        raise CompilerError(f"C compiler {command[0]!r} failed: {lines[0].strip() if lines else 'without a word'}")
