@@ -96,6 +96,14 @@ Examples:
   ergoqp fit boundary --joints scored                where there were data, for [limits.one_class_boundary]
 """
 
+_ABOUT_EXPORT = """Write the control step of a problem as C99: sources, header, CMake file, the QP solver's library, examples.
+
+\b
+Examples:
+  ergoqp export screwing --out step
+  cmake -S step -B step/build && cmake --build step/build && step/build/main
+"""
+
 _Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
 _Unit = Annotated[
     float | None, typer.Option("--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found].")
@@ -233,6 +241,17 @@ def _fit(
     from ergoqp.commands.fit import fit
 
     fit(cost, data, joints.value, per_score, seed, folds, settings or [], out)
+
+
+@app.command("export", help=_ABOUT_EXPORT, short_help="Write the control step of a problem as C99.")
+def _export(
+    problem: Annotated[str, typer.Argument(metavar="PROBLEM", help="Name or problem file.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the sources.", show_default=False)],
+    dt: Annotated[float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")] = None,
+) -> None:
+    from ergoqp.commands.export import export
+
+    export(problem, out, dt)
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

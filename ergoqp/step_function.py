@@ -22,7 +22,7 @@ PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
 
 
-def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
+def build_step(problem: Problem, solver: QpSolver, name: str = "step") -> ca.Function:
     """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
 
     Inputs that may be absent come with a flag (``has_pose``, ``started``, ``frame``, ``enable``: 0 or 1). ``rest`` is the
@@ -30,9 +30,14 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
 
     ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow [m/s, rad/s in one
     norm] and the share of the way from braking to the QP's answer that was accepted.
+
+    Args:
+        problem: the task.
+        solver: of the QP.
+        name: of the function.
     """
-    raw = {name: ca.MX.sym(name, *size) for name, size in input_sizes(problem).items()}
-    posture, pose, previous, dt, usable, causes = checked(problem)(*(raw[name] for name in INPUTS))
+    raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem).items()}
+    posture, pose, previous, dt, usable, causes = checked(problem)(*(raw[key] for key in INPUTS))
     value, total, gradient = cost_function(problem)(posture, raw["observed"])
     one_pass, movable = _one_pass(problem, solver)
     readings = readings_function(problem)(posture)
@@ -57,7 +62,7 @@ def build_step(problem: Problem, solver: QpSolver) -> ca.Function:
         *known, wanted, brake, now, solved, outside, rest, share
     )
     outputs = [twist, pose, moved, rate, rest, status, causes, value, gain, now, slack, multipliers, locked, outside, residuals]
-    return ca.Function("step", list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
+    return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
 
 
 def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:

@@ -58,7 +58,7 @@ def daqp_archive() -> Path:
     """
     path = _casadi() / "libdaqpstat.a"
     if not path.is_file():
-        raise CompilerError("DAQP as C: got a CasADi without libdaqpstat.a, allowed one that ships it (the wheels for Linux do)")
+        raise CompilerError("DAQP as C: got a CasADi without libdaqpstat.a, allowed one with it, as the wheels for Linux")
     return path
 
 

@@ -1,0 +1,135 @@
+"""The whole step as a folder of C99 that builds without ergoqp, without Python and without allocating memory."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ergoqp import __version__
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS, SIDES
+from ergoqp.native.compiled import generated
+from ergoqp.native.compiler import compiler
+from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, daqp_licence, sizes_source
+from ergoqp.native.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
+from ergoqp.step_function import build_step
+from ergoqp.step_inputs import stand_in
+
+if TYPE_CHECKING:
+    from ergoqp.problem import Problem
+
+CORE: Final = "ergoqp_core"
+"""Name of the generated function."""
+
+
+_RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
+
+
+def export_step(problem: Problem, folder: Path) -> list[Path]:
+    """Write the step of a problem as C99 with a header, a CMake file, the solver's library and licence, and examples.
+
+    Args:
+        problem: the task; its control period becomes the default one.
+        folder: where to; it must not exist or be empty, or hold an earlier export.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: if the folder holds something else.
+        CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP library.
+    """
+    compiler()
+    if folder.exists() and (
+        not folder.is_dir() or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
+    ):
+        raise InputError(f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier export")
+    solver = NativeDaqp()
+    core = generated(build_step(problem, solver, name=CORE), CORE)
+    memory = memory_header(problem, core[f"{CORE}.h"])
+    texts = {
+        "include/ergoqp_step.h": header(problem),
+        "include/ergoqp_memory.h": memory,
+        f"src/{CORE}.c": '#include "inline.h"\n' + core[f"{CORE}.c"],
+        f"src/{CORE}.h": core[f"{CORE}.h"],
+        "src/inline.h": c_text("inline.h"),
+        "src/ergoqp_step.c": c_text("ergoqp_step.c"),
+        "src/ergoqp_names.c": names_source(problem),
+        "src/qp.c": sizes_source(solver.sizes),
+        "src/qp_daqp.h": c_text("qp_daqp.h"),
+        "example/main.c": c_text("main.c"),
+        "example/replay.c": c_text("replay.c"),
+        "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory),
+        "CMakeLists.txt": c_text("CMakeLists.txt"),
+        "README.md": _filled("README.md", problem, memory),
+        "daqp/LICENSE": daqp_licence(),
+    }
+    if licence := _own_licence():
+        texts["LICENSE"] = licence
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    return [*(folder / name for name in texts), *_daqp_files(folder)]
+
+
+def _daqp_files(folder: Path) -> list[Path]:
+    library = folder / "daqp/lib" / daqp_archive().name
+    headers = folder / "daqp/include/daqp"
+    for parent in (library.parent, headers):
+        parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(daqp_archive(), library)
+    written = [library]
+    for source in sorted((daqp_include() / "daqp").glob("*.h")):
+        written.append(headers / source.name)
+        shutil.copyfile(source, written[-1])
+    return written
+
+
+def _filled(name: str, problem: Problem, memory: str) -> str:
+    """Return a text that comes with the package, its @WORDS@ replaced."""
+    size = stepper_bytes(problem, memory)
+    words = {
+        "PROBLEM": problem.name,
+        "VERSION": __version__,
+        "DT": f"{problem.dt:g}",
+        "COORDINATES": str(len(problem.coordinates)),
+        "KILOBYTES": f"{size / 1000:.0f}",
+        "MACHINE": f"{platform.system()} {platform.machine()}",
+        "EXAMPLE": _awkward(problem),
+        "INPUT_FIELDS": python_fields(input_fields(problem)),
+        "OUTPUT_FIELDS": python_fields(output_fields(problem)),
+        "STEPPER_BYTES": str(size),
+    }
+    text = c_text(name)
+    for word, value in words.items():
+        text = text.replace(f"@{word}@", value)
+    return text
+
+
+def stepper_bytes(problem: Problem, memory: str) -> int:
+    """Return at least the size of an ``ergoqp_stepper`` [bytes], from the text of its memory header."""
+    found = {words[1]: int(words[2]) for words in map(str.split, memory.splitlines()) if len(words) == 3 and words[2].isdigit()}
+    kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "REST", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
+    return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 6 + 16 + 1 + 2)
+
+
+def _awkward(problem: Problem) -> str:
+    """Return a start for the example: the working arms raised, the rest comfortable; points where the response has them."""
+    start = dict(zip(problem.coordinates, stand_in(problem).tolist(), strict=True))
+    if problem.coordinates == JOINTS:
+        sides = getattr(problem.response, "hands", SIDES)
+        start |= {f"{side}_{joint}": np.radians(value) for side in sides for joint, value in _RAISED.items()}
+    return " ".join(f"{name}={value:.3f}" for name, value in start.items() if value)
+
+
+def _own_licence() -> str:
+    try:
+        found = [file for file in distribution("ergoqp").files or [] if file.name == "LICENSE"]
+    except PackageNotFoundError:
+        return ""
+    return found[0].read_text(encoding="utf-8") if found else ""

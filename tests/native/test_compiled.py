@@ -1,0 +1,90 @@
+"""The compiled step gives what the interpreted one gives, and says what is missing when it cannot be made."""
+
+import shutil
+
+import numpy as np
+import pytest
+from step_calls import wandering_calls
+
+import ergoqp
+from ergoqp.errors import InputError
+from ergoqp.native import compiler as native_compiler
+from ergoqp.native.compiler import CompilerError, shared_library
+from ergoqp.native.daqp import NativeDaqp
+from ergoqp.qp import TOLERANCE
+from ergoqp.solvers import solver_named
+
+pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler")
+
+
+@pytest.fixture
+def no_compiler(monkeypatch):
+    native_compiler.compiler.cache_clear()
+    monkeypatch.setenv("CC", "no-such-compiler")
+    yield
+    native_compiler.compiler.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["screwing", "forearm"])
+def test_compiled_answers_are_those_of_the_interpreted_step_bit_for_bit(name):
+    problem = ergoqp.load_problem(name)
+    plain, fast = problem.stepper(), problem.stepper(compiled=True)
+    statuses = set()
+    for call in wandering_calls(problem, 400, seed=3):
+        one, other = plain.step(**call), fast.step(**call)
+        statuses.add(one.status)
+        for output in ("twist", "posture_rate", "margins", "causes", "next_rest"):
+            np.testing.assert_array_equal(other.account(output), one.account(output))
+        if one.residuals["qp"] < TOLERANCE:  # what a solver leaves behind when it gives up is its own
+            for output in ("slack", "multipliers", "residuals"):
+                np.testing.assert_array_equal(other.account(output), one.account(output))
+    assert len(statuses) > 2
+
+
+def test_a_second_stepper_finds_the_library_again(monkeypatch):
+    problem = ergoqp.load_problem("screwing")
+    problem.stepper(compiled=True)
+    monkeypatch.setattr(native_compiler, "_run", lambda *_: pytest.fail("compiled again"))
+    problem.stepper(compiled=True)
+
+
+def test_only_daqp_is_compiled():
+    with pytest.raises(InputError, match="compiled: got the solver 'osqp', allowed only 'daqp'"):
+        ergoqp.load_problem("screwing").stepper(solver="osqp", compiled=True)
+
+
+def test_no_compiler_is_one_sentence(no_compiler):
+    with pytest.raises(CompilerError, match=r"C compiler: got CC='no-such-compiler'.*compiled=False"):
+        ergoqp.load_problem("screwing").stepper(compiled=True)
+
+
+def test_a_compiler_that_fails_is_quoted(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(CompilerError, match=r"failed: broken\.c:1.*error"):
+        shared_library("broken", {"broken.c": "this is not C"}, [], [])
+    assert not list(tmp_path.rglob("*.so"))
+
+
+@pytest.mark.parametrize("case", ["solvable", "infeasible", "indefinite", "not a number"])
+def test_the_solver_in_c_agrees_with_the_plugin(case):
+    rng = np.random.default_rng(1)
+    native, plugin = NativeDaqp().function(6, 9), solver_named("daqp").function(6, 9)
+    for _ in range(50):
+        root, A = rng.normal(size=(6, 6)), rng.normal(size=(9, 6))
+        H, g = root @ root.T + 0.1 * np.eye(6), rng.normal(size=6)
+        lower, upper = -rng.random(9), rng.random(9)
+        if case == "infeasible":
+            A[1], lower[0], upper[1] = A[0], 1.0, -1.0
+            upper[0], lower[1] = 2.0, -2.0
+        if case == "indefinite":
+            H = -H
+        if case == "not a number":
+            g[0] = np.nan
+        box = np.full(6, 2.0)
+        x, rows, bounds = (np.array(part).ravel() for part in native(H, g, A, lower, upper, -box, box))
+        if case == "solvable":
+            expected = [np.array(part).ravel() for part in plugin(H, g, A, lower, upper, -box, box)]
+            for have, want in zip((x, rows, bounds), expected, strict=True):
+                np.testing.assert_array_equal(have, want)
+        else:
+            assert np.isnan(x).any()

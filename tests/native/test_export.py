@@ -1,0 +1,177 @@
+"""The exported step: built by its own CMake file, run without ergoqp, and equal to the step in Python."""
+
+import ctypes
+import importlib.util
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from step_calls import wandering_calls
+
+import ergoqp
+from ergoqp.cli import execute
+from ergoqp.errors import InputError
+from ergoqp.native.export import export_step
+from ergoqp.step_inputs import Status
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+
+SOURCES = ("src/ergoqp_core.c", "src/ergoqp_step.c", "src/ergoqp_names.c", "src/qp.c")
+COUNTED = """
+#include <stdlib.h>
+static long taken;
+void* __real_malloc(size_t n);
+void* __real_calloc(size_t n, size_t m);
+void* __real_realloc(void* p, size_t n);
+void* __wrap_malloc(size_t n) { ++taken; return __real_malloc(n); }
+void* __wrap_calloc(size_t n, size_t m) { ++taken; return __real_calloc(n, m); }
+void* __wrap_realloc(void* p, size_t n) { ++taken; return __real_realloc(p, n); }
+#include "ergoqp_step.h"
+static ergoqp_stepper stepper;
+int main(void) {
+    ergoqp_input input;
+    ergoqp_output output;
+    int i;
+    ergoqp_init(&stepper);
+    ergoqp_input_defaults(&input);
+    for (i = 0; i < 500; ++i) ergoqp_step(&stepper, &input, &output);
+    return (int)taken;
+}
+"""
+CPLUSPLUS = """
+#include "ergoqp_step.h"
+static ergoqp_stepper stepper;
+int main() {
+    ergoqp_input input;
+    ergoqp_output output;
+    ergoqp_init(&stepper);
+    ergoqp_input_defaults(&input);
+    return ergoqp_step(&stepper, &input, &output) > ERGOQP_RECOVERING;
+}
+"""
+
+
+@pytest.fixture(scope="module", params=["screwing", "forearm"])
+def exported(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("export") / "step"
+    problem = ergoqp.load_problem(request.param)
+    export_step(problem, folder)
+    library = folder / "libergoqp_step.so"
+    flags = ["-std=c99", "-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Iinclude", "-Isrc", "-Idaqp/include"]
+    command = ["gcc", *flags, *SOURCES, "daqp/lib/libdaqpstat.a", "-lm", "-o", str(library)]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return problem, folder, library
+
+
+def load_wrapper(folder):
+    spec = importlib.util.spec_from_file_location("exported_step", folder / "python/ergoqp_step.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def c_call(call):
+    """Keyword arguments of `Stepper.step` as the wrapper of the exported step takes them."""
+    given = {name: value for name, value in call.items() if name != "posture"}
+    if "pose" in given:
+        given["pose"] = np.ravel(given["pose"]).tolist()
+    if "enable" in given:
+        given["enable"] = int(given["enable"])
+    return call["posture"], given
+
+
+def test_the_exported_step_gives_what_python_gives(exported):
+    problem, folder, library = exported
+    stepper, other = problem.stepper(), load_wrapper(folder).Stepper(str(library))
+    seen = set()
+    for call in wandering_calls(problem, 300, seed=5):
+        step = stepper.step(**call)
+        posture, given = c_call(call)
+        answer = other.step(posture, **given)
+        seen.add(step.status)
+        assert Status(answer.status).name == step.status
+        np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)
+        np.testing.assert_allclose(answer.posture_rate[:], step.posture_rate, atol=1e-12, rtol=0)
+        np.testing.assert_allclose(answer.pose[:], step.pose.ravel(), atol=1e-12, rtol=0)
+        np.testing.assert_allclose(answer.margins[:], list(step.margins.values()), atol=1e-12, rtol=0)
+    assert {"braking", "invalid"} < seen
+
+
+def test_reset_starts_again_from_standstill(exported):
+    problem, folder, library = exported
+    stepper = load_wrapper(folder).Stepper(str(library))
+    posture = next(wandering_calls(problem, 1, seed=1))["posture"]
+    first = [stepper.step(posture).twist[:] for _ in range(5)]
+    stepper.reset()
+    assert [stepper.step(posture).twist[:] for _ in range(5)] == first
+    assert first[0] != first[1]
+
+
+def test_the_wrapper_reserves_enough_memory(exported, tmp_path):
+    _, folder, _ = exported
+    (tmp_path / "size.c").write_text(
+        '#include <stdio.h>\n#include "ergoqp_step.h"\n'
+        'int main(void) { printf("%zu %zu %zu",'
+        " sizeof(ergoqp_stepper), sizeof(ergoqp_input), sizeof(ergoqp_output)); return 0; }"
+    )
+    subprocess.run(["gcc", f"-I{folder}/include", "size.c", "-o", "size"], cwd=tmp_path, check=True)
+    sizes = [int(word) for word in subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True).stdout.split()]
+    wrapper = load_wrapper(folder)
+    reserved = int(re.search(r"create_string_buffer\((\d+)\)", (folder / "python/ergoqp_step.py").read_text()).group(1))
+    assert sizes == [min(reserved, sizes[0]), ctypes.sizeof(wrapper.Input), ctypes.sizeof(wrapper.Output)]
+
+
+def test_no_memory_is_allocated(exported, tmp_path):
+    _, folder, _ = exported
+    (tmp_path / "counted.c").write_text(COUNTED)
+    wrapped = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc")]
+    sources = [str(folder / source) for source in SOURCES]
+    folders = [f"-I{folder}/{name}" for name in ("include", "src", "daqp/include")]
+    library = str(folder / "daqp/lib/libdaqpstat.a")
+    subprocess.run(
+        ["gcc", *folders, "counted.c", *sources, library, "-lm", *wrapped, "-o", "counted"], cwd=tmp_path, check=True
+    )
+    assert subprocess.run(["./counted"], cwd=tmp_path, check=False).returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
+def test_the_header_is_for_cplusplus_too(exported, tmp_path):
+    _, folder, library = exported
+    (tmp_path / "main.cpp").write_text(CPLUSPLUS)
+    command = ["g++", "-Wall", "-Werror", f"-I{folder}/include", "main.cpp", str(library), f"-Wl,-rpath,{library.parent}"]
+    subprocess.run([*command, "-o", "main"], cwd=tmp_path, check=True)
+    assert subprocess.run(["./main"], cwd=tmp_path, check=False).returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake")
+def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
+    folder = tmp_path / "step"
+    assert execute(["export", "screwing", "--out", str(folder), "--dt", "0.005"]) == 0
+    assert "ergoqp_step.h" in capsys.readouterr().out
+    for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    example = re.search(r"^build/main (.*)$", (folder / "README.md").read_text(), re.MULTILINE).group(1)
+    shown = subprocess.run(["build/main", *example.split()], cwd=folder, check=True, capture_output=True, text=True).stdout
+    assert re.search(r"^ +0\.0 s +\w+ +cost", shown)
+    costs = [float(value) for value in re.findall(r"cost +([\d.]+)", shown)]
+    assert len(costs) == 11
+    assert costs[-1] < costs[0] - 0.5
+    assert shown.endswith("without a frame: braking\n")
+    assert "@" not in (folder / "README.md").read_text()
+
+    (folder / "inputs").write_bytes(b"\0" * 10)
+    assert subprocess.run(["build/replay", "inputs", "outputs"], cwd=folder, capture_output=True, check=False).returncode == 2
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "mine.txt").write_text("keep")
+    with pytest.raises(InputError, match="holds something else"):
+        export_step(ergoqp.load_problem("screwing"), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_period_out_of_range_is_one_sentence(tmp_path, capsys):
+    assert execute(["export", "screwing", "--out", str(tmp_path / "step"), "--dt", "1"]) == 2
+    assert "--dt: got 1 s, allowed 0.0001 to 0.1 s" in capsys.readouterr().err
