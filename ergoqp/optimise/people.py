@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numbers import Real
 
 from ergoqp.errors import InputError
-from ergoqp.optimise.population import variant
+from ergoqp.optimise.population import person_of, variant
 from ergoqp.problem import Problem
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import Follower
@@ -60,17 +60,19 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, .
 
 
 def _person(problem: Problem, person: float | Follower | Person) -> Person:
-    if isinstance(person, Real):
-        response = variant(problem, stature=float(person)).response
-        return Person(f"{float(person):.2f} m", Follower(response))  # pyright: ignore[reportArgumentType] (variant checks it)
-    found = person if isinstance(person, Person) else Person(f"{person.response.body.stature:.2f} m", person)
-    model, own = variant(problem).response, found.follower.response
+    if isinstance(person, Follower):
+        person = Person(f"{person.response.body.stature:.2f} m", person)
+    if not isinstance(person, Person):
+        if isinstance(person, bool) or not isinstance(person, Real):
+            raise InputError(f"group: got a {type(person).__name__}, allowed statures in metres or simulated people")
+        return Person(f"{float(person):.2f} m", Follower(person_of(variant(problem, stature=float(person)))))
+    model, own = person_of(problem), person.follower.response
     for term in ("hands", "stance", "seat_height", "tool"):
         if getattr(own, term) != getattr(model, term):
             raise InputError(
-                f"group: {found.label} has {term} {getattr(own, term)!r}, allowed that of the problem, {getattr(model, term)!r}"
+                f"group: {person.label} has {term} {getattr(own, term)!r}, allowed the problem's {getattr(model, term)!r}"
             )
-    return found
+    return person
 
 
 def _unique(people: list[Person]) -> tuple[Person, ...]:

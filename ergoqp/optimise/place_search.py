@@ -136,7 +136,8 @@ class PlaceSearch:
 
     def __init__(self, problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective) -> None:
         """Prepare what every placement needs."""
-        self.problem, self.objective, self.grid = problem, objective, grid
+        self.problem, self.grid = problem, grid
+        self.objective: Objective = objective
         self.placing = Placing.of(problem)
         self.placements = 0
         self._features = _features(grid.poses)
@@ -149,7 +150,9 @@ class PlaceSearch:
         found = keys(self.grid.scores, self.grid.costs, self.objective)
         order = np.lexsort(found.T[::-1])
         poses, chosen = self.grid.poses, []
-        apart = 1.01 * max((float(line[1] - line[0]) for line in (self.grid.x, self.grid.y, self.grid.z) if len(line) > 1), default=0)
+        apart = 1.01 * max(
+            (float(line[1] - line[0]) for line in (self.grid.x, self.grid.y, self.grid.z) if len(line) > 1), default=0
+        )
         for i in order[found[order, 0] == found[order[0], 0]]:
             if all(np.linalg.norm(poses[i, :3, 3] - poses[j, :3, 3]) > apart for j in chosen):
                 chosen.append(i)
@@ -209,7 +212,9 @@ class PlaceSearch:
                 point = here.point.copy()
                 number = abs(step) - 1
                 point[number] = np.clip(
-                    point[number] + np.sign(step) * scale * lengths[number], self.placing.lower[number], self.placing.upper[number]
+                    point[number] + np.sign(step) * scale * lengths[number],
+                    self.placing.lower[number],
+                    self.placing.upper[number],
                 )
                 if self.placements >= end:
                     return [best, first]

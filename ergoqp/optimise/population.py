@@ -62,9 +62,7 @@ def variant(
     Raises:
         InputError: for a value that is not allowed, a response of another kind, or a load where the cost was learned without.
     """
-    response = problem.response
-    if not isinstance(response, IkResponse):
-        raise InputError(f"problem {problem.name}: got a response of type {type(response).__name__}, allowed IkResponse")
+    response = person_of(problem)
     if stature is not None:
         response = replace(response, body=Body.of_stature(stature))
     if hands is not None:
@@ -73,6 +71,18 @@ def variant(
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
     return changed if load_kg is None else _with_load(changed, load_kg)
+
+
+def person_of(problem: Problem) -> IkResponse:
+    """Return the person that a problem reckons with.
+
+    Raises:
+        InputError: if its response is of another kind.
+    """
+    response = problem.response
+    if not isinstance(response, IkResponse):
+        raise InputError(f"problem {problem.name}: got a response of type {type(response).__name__}, allowed IkResponse")
+    return response
 
 
 def _with_load(problem: Problem, load_kg: float) -> Problem:

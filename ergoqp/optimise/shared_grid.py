@@ -57,7 +57,7 @@ class SharedGrid:
     @property
     def reached_by_all(self) -> np.ndarray:
         """Whether everybody reaches a pose (n,)."""
-        return (self.scores > 0).all(axis=0)
+        return np.all(self.scores > 0, axis=0)
 
     def of(self, number: int) -> SharedGrid:
         """Return the grid of one person."""
@@ -100,9 +100,7 @@ def shared_grid(
         raise InputError(f"problem {problem.name}: has no limits.{missing}, so nothing says where the object may be")
     if not 0.01 <= spacing <= 1.0:
         raise InputError(f"spacing: got {spacing!r} m, allowed 0.01 to 1 m")
-    # Fresh responses: what they have computed on the way cannot be sent to another process, and need not be.
-    plain = problem.replace(response=replace(problem.response))
-    calls = [(plain, Follower(replace(person.follower.response)), spacing, cache) for person in people]
+    calls = [(problem, person.follower, spacing, cache) for person in people]
     parts = []
     for part in in_order(_of_person, calls, jobs):
         parts.append(part)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import casadi as ca
 import numpy as np
@@ -105,6 +105,10 @@ class IkResponse:
         if outside.any():
             raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
         per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Go to another process as the fields: expressions cannot be sent, and are built again there."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     coordinates = JOINTS
     largest = float(np.pi)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -31,6 +32,10 @@ class Follower:
     """
 
     response: IkResponse
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Go to another process as the fields: expressions cannot be sent, and are built again there."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @cached_property
     def _step(self) -> ca.Function:

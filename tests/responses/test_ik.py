@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from functools import cache
 
 import mujoco
@@ -327,3 +328,11 @@ def test_the_model_of_mujoco_is_the_one_asked_for() -> None:
     posture = postures(1)[0]
     S, _ = (np.array(part) for part in response.sensitivity()(posture, NOBODY))
     np.testing.assert_allclose(S, sensitivity(response, posture, NOBODY)[0], atol=1e-6)
+
+
+def test_goes_to_another_process_after_use():
+    response = IkResponse()
+    pose = np.array(response.contact()(response.comfort)[0])
+    sent = pickle.loads(pickle.dumps(response))
+    assert sent == response
+    assert np.array_equal(np.array(sent.contact()(sent.comfort)[0]), pose)

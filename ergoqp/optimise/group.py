@@ -1,0 +1,309 @@
+"""The best ONE fixed place of the object for a group of people: what a workplace designer asks for.
+
+Everybody is put to rest at the same places: a grid over the workspace first, then a pattern search from the best of it
+(`ergoqp.optimise.place_search`). What counts is the exact score of each one's rest posture; a place that somebody cannot reach
+is not a place for the group. What the group pays is told as well: for each one against their own best place, and against a
+place that could be adjusted along one axis.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.optimise.parallel import in_order
+from ergoqp.optimise.people import Person, read_people
+from ergoqp.optimise.place_search import Objective, PlaceSearch, Stay
+from ergoqp.optimise.population import person_of
+from ergoqp.optimise.shared_grid import AXES, SharedGrid, shared_grid
+from ergoqp.problem import Problem
+from ergoqp.simulation.person import Follower
+
+SPACING = 0.15
+"""Distance of the grid's places [m]; the search goes on between them."""
+STARTS = 4
+"""Places of the grid from which the search goes on."""
+OWN_STARTS = 2
+"""The same for the best place of one person."""
+
+Progress = Callable[[str, float], None]
+"""Told what is being done and the share of it that is done, 0 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One of the group, at the group's place and at the best place that was found for them alone.
+
+    Attributes:
+        label: how the person is called.
+        body: of the person.
+        reba: exact score at the group's place.
+        cost: smooth cost there [points].
+        posture: rest posture there (32,) [rad].
+        base_pose: pelvis in the world there (4, 4).
+        segments: score of every segment there.
+        reasons: the score in sentences.
+        own_reba: exact score at the own best place.
+        own_pose: of the object there (4, 4).
+        reach: share of the grid's poses that the person reaches.
+    """
+
+    label: str
+    body: Body
+    reba: int
+    cost: float
+    posture: np.ndarray
+    base_pose: np.ndarray
+    segments: dict[str, int]
+    reasons: list[str]
+    own_reba: int
+    own_pose: np.ndarray
+    reach: float
+
+    @property
+    def pays(self) -> int:
+        """Points above the own best place."""
+        return self.reba - self.own_reba
+
+
+@dataclass(frozen=True, eq=False)
+class GroupOptimum:
+    """The best fixed place for a group.
+
+    Attributes:
+        problem: name of the problem.
+        title: the problem in a few words, for people.
+        objective: ``"minimax"`` or ``"mean"``.
+        pose: of the object's contact frame (4, 4), the same for everybody.
+        members: the people, in the order given.
+        grid: scores of everybody over the grid, in the same order.
+        spacing: of the grid [m].
+        grid_pose: best pose of the grid (4, 4).
+        grid_reba: exact scores of the people there (people,).
+        free: highest and mean exact score on the grid if everybody could choose their own place along one axis, by its name
+            (``"none"`` first: everything fixed); without those axes that have one place only, or leave somebody out of reach.
+        placements: how often the whole group was put to rest beyond the grid.
+        seconds: time that it took, without what came from the cache.
+        seated: whether the people sit.
+        assumptions: sentences on what was taken as given.
+    """
+
+    problem: str
+    title: str
+    objective: Objective
+    pose: np.ndarray
+    members: tuple[Member, ...]
+    grid: SharedGrid
+    spacing: float
+    grid_pose: np.ndarray
+    grid_reba: np.ndarray
+    free: dict[str, tuple[int, float]]
+    placements: int
+    seconds: float
+    seated: bool
+    assumptions: tuple[str, ...]
+
+    @property
+    def maximum(self) -> int:
+        """Highest exact score of the group at its place."""
+        return max(member.reba for member in self.members)
+
+    @property
+    def mean(self) -> float:
+        """Mean exact score of the group at its place."""
+        return float(np.mean([member.reba for member in self.members]))
+
+    @property
+    def own_mean(self) -> float:
+        """Mean exact score if each had their own best place."""
+        return float(np.mean([member.own_reba for member in self.members]))
+
+    def __repr__(self) -> str:
+        """Say in one line what was found where."""
+        x, y, z = self.pose[:3, 3]
+        return (
+            f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest {self.maximum}, mean "
+            f"{self.mean:.2f} with the object at ({x:.2f}, {y:.2f}, {z:.2f}) m)"
+        )
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``group.json`` and ``group.npz`` and return the path of the first; see `ergoqp.optimise.group_file`.
+
+        Raises:
+            OSError: if the files cannot be written.
+        """
+        from ergoqp.optimise.group_file import write_group
+
+        return write_group(self, Path(folder))
+
+
+def best_for_group(
+    problem: Problem,
+    people: Sequence[float | Follower | Person],
+    objective: Objective = "minimax",
+    *,
+    spacing: float = SPACING,
+    starts: int = STARTS,
+    jobs: int = 1,
+    cache: bool = True,
+    progress: Progress | None = None,
+) -> GroupOptimum:
+    """Find the best fixed place of the object for a group.
+
+    Args:
+        problem: the task, with a workspace and a tool axis.
+        people: statures [m], simulated people, or what `ergoqp.optimise.people.drawn_people` draws.
+        objective: ``"minimax"``: the highest exact score, then the mean; ``"mean"``: the mean, then the highest. Ties go to the
+            smooth cost.
+        spacing: of the grid [m].
+        starts: number of the grid's places from which the search goes on.
+        jobs: number of processes; the result does not depend on it.
+        cache: keep every person's grid, and use what was kept, so that a study which was stopped goes on.
+        progress: told what is being done.
+
+    Raises:
+        InputError: if an argument is not usable, or no place is reached by everybody, naming who is left out.
+        MissingExtraError: if joblib is not installed and more than one process is wanted.
+    """
+    if objective not in get_args(Objective):
+        raise InputError(f"objective: got {objective!r}, allowed {', '.join(get_args(Objective))}")
+    if not 1 <= starts <= 100:
+        raise InputError(f"starts: got {starts}, allowed 1 to 100")
+    begin = time.perf_counter()
+    crew = read_people(problem, people)
+    tell = progress or (lambda words, share: None)
+    count = len(crew)
+    grid = shared_grid(
+        problem,
+        crew,
+        spacing,
+        jobs=jobs,
+        cache=cache,
+        done=lambda n: tell(f"everybody over the workspace, {n}/{count}", n / count),
+    )
+    _refuse_unreached(crew, grid)
+    search = PlaceSearch(problem, crew, grid, objective)
+    points = search.starts(starts)
+    calls = [(problem, crew, grid, objective, point) for point in points]
+    found, placements = [], 0
+    for n, (stays, used) in enumerate(in_order(_from_start, calls, jobs), start=1):
+        found += stays
+        placements += used
+        tell(f"between the places, start {n}/{len(points)}", n / len(points))
+    best = min(found, key=lambda stay: stay.key(objective))
+    own = []
+    for n, stay in enumerate(in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs), start=1):
+        own.append(stay)
+        tell(f"everybody's own best place, {n}/{count}", n / count)
+    # The first start is the grid's best place itself, and every search gives its start back.
+    on_grid = min(found[1::2], key=lambda stay: stay.key(objective))
+    return GroupOptimum(
+        problem=problem.name,
+        title=problem.title or problem.name,
+        objective=objective,
+        pose=search.placing.pose(best.point),
+        members=_members(problem, crew, grid, best, own, search),
+        grid=grid,
+        spacing=spacing,
+        grid_pose=search.placing.pose(on_grid.point),
+        grid_reba=on_grid.scores,
+        free=_free(grid, objective),
+        placements=placements,
+        seconds=time.perf_counter() - begin,
+        seated=bool(problem.task.get("seated", False)),
+        assumptions=_assumptions(problem),
+    )
+
+
+def _from_start(
+    problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective, point: np.ndarray
+) -> tuple[list[Stay], int]:
+    """Return what a search from one point found and the start itself, both judged whichever way people come, and its length."""
+    search = PlaceSearch(problem, people, grid, objective)
+    return [search.coming(stay) for stay in search.descend(point)], search.placements
+
+
+def _own_best(problem: Problem, people: Sequence[Person], grid: SharedGrid, number: int, group_point: np.ndarray) -> Stay:
+    """Return one person's best place; the group's place is one of the candidates."""
+    search = PlaceSearch(problem, people[number : number + 1], grid.of(number), "mean")
+    found = [search.at(group_point)]
+    for point in search.starts(OWN_STARTS):
+        found += search.descend(point)
+    return min((search.coming(stay) for stay in found), key=lambda stay: stay.key("mean"))
+
+
+def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
+    """Raise if the group has no place.
+
+    Raises:
+        InputError: saying who is left out where most can reach.
+    """
+    if grid.reached_by_all.any():
+        return
+    nowhere = [person.label for person, scores in zip(people, grid.scores, strict=True) if not scores.any()]
+    if nowhere:
+        raise InputError(f"group: {', '.join(nowhere)} cannot reach any place of the workspace; move it, or leave them out")
+    there = int(np.argmax((grid.scores > 0).sum(axis=0)))
+    left = [person.label for person, score in zip(people, grid.scores[:, there], strict=True) if not score]
+    raise InputError(
+        f"group: no place is reached by all; where most can reach, {', '.join(left)} cannot; enlarge the workspace"
+    )
+
+
+def _members(
+    problem: Problem, people: Sequence[Person], grid: SharedGrid, stay: Stay, own: Sequence[Stay], search: PlaceSearch
+) -> tuple[Member, ...]:
+    assessment = problem.assess(stay.postures)
+    members = []
+    for i, (person, alone) in enumerate(zip(people, own, strict=True)):
+        members.append(
+            Member(
+                label=person.label,
+                body=person.follower.response.body,
+                reba=int(stay.scores[i]),
+                cost=float(stay.costs[i]),
+                posture=stay.postures[i],
+                base_pose=person.follower.contact(stay.postures[i])[1],
+                segments={name: int(scores[i]) for name, scores in assessment.segments.items()},
+                reasons=assessment.reasons(i),
+                own_reba=int(alone.scores[0]),
+                own_pose=search.placing.pose(alone.point),
+                reach=float((grid.scores[i] > 0).mean()),
+            )
+        )
+    return tuple(members)
+
+
+def _free(grid: SharedGrid, objective: Objective) -> dict[str, tuple[int, float]]:
+    choices = {"none": grid.scores} | {
+        axis: grid.with_free(axis) for axis, places in zip(AXES, grid.shape, strict=True) if places > 1
+    }
+    found = {}
+    for axis, scores in choices.items():
+        reached = scores[:, (scores > 0).all(axis=0)]
+        if reached.size:
+            two = np.stack([reached.max(axis=0), reached.mean(axis=0)])
+            order = np.lexsort(two[::-1] if objective == "minimax" else two)
+            found[axis] = (int(two[0, order[0]]), float(two[1, order[0]]))
+    return found
+
+
+def _assumptions(problem: Problem) -> tuple[str, ...]:
+    where = (
+        "stands on the same spot"
+        if person_of(problem).stance == "standing"
+        else "sits on the same spot, as high as the problem says"
+    )
+    return (
+        f"Everybody {where}, facing the same way; the axes are those of the problem, from there.",
+        "Everybody holds the object as the problem says, in its comfort posture, and comes to rest where contact, ranges and "
+        "comfort leave them; the joint weights are the problem's for people given by stature.",
+        "The object is level: it is tilted about its y and z, and not turned about the tool's axis.",
+    )
