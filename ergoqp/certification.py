@@ -10,6 +10,7 @@ from ergoqp.linear import largest, smallest
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation
+from ergoqp.step_guide import TRIAL, trial_update
 from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
@@ -34,14 +35,31 @@ def _symbols(problem: Problem, names: tuple[str, ...]) -> dict[str, ca.SX]:
     n, rows = len(problem.coordinates), len(problem.row_names)
     sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "S": (n, 6)}
     sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "rest": (STATES, 1)}
-    sizes |= {"now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
+    sizes |= {"trial": (TRIAL, 1), "now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
     return {name: ca.SX.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
 
-def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
-    """What the object should do by this answer, and whether all of it can be certified as it is."""
-    names = ("posture", "observed", "readings", "pose", "previous", "dt", "gain", "value", "xi", "S")
-    sx = _symbols(problem, (*names, "residual", "usable", "rest"))
+def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca.Function:
+    """What the object should do by this answer, and whether all of it can be certified as it is.
+
+    Guided, what is known of the trial of the given place is judged too, see `ergoqp.step_guide`.
+    """
+    names = (
+        "posture",
+        "observed",
+        "readings",
+        "pose",
+        "previous",
+        "dt",
+        "gain",
+        "value",
+        "xi",
+        "S",
+        "residual",
+        "usable",
+        "rest",
+    )
+    sx = _symbols(problem, (*names, "promise", "trial", "distance", "on") if guided else names)
     limits, dt = problem.row_limits, sx["dt"]
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     brake = on_surface(braking(problem.twist_limit, sx["previous"], dt), situation)
@@ -51,6 +69,11 @@ def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     must_move = largest(outside)
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], must_move, dt, counts)
+    trial = []
+    if guided:
+        known = (sx["pose"], sx["distance"], sx["on"], sx["promise"])
+        next_trial, rest = trial_update(problem.control, sx["trial"], rest, *known, dt, counts)
+        trial = [next_trial]
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
     in_time = patience(limits, situation, sx["previous"], dt) > 0
@@ -58,7 +81,7 @@ def judge_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
     through = _margins(problem, situation, wanted, dt)
     whole = smallest(through - _floor(problem, now)) >= 0
-    outputs = [wanted, slowest, now, solved, outside, rest, whole]
+    outputs = [wanted, slowest, now, solved, outside, rest, whole, *trial]
     return ca.Function("judge", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
 
 

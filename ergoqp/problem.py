@@ -46,6 +46,8 @@ class Control:
         stall_after: without an improvement for this long the object comes to rest all the same [s].
         rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
         max_age: oldest posture that still counts [s].
+        guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
+        guide_gain: how much better than where descent comes to rest the given place must promise to be [points].
     """
 
     look_ahead: float = 0.5
@@ -63,6 +65,8 @@ class Control:
     stall_after: float = 2.0
     rest_filter: float = 0.5
     max_age: float = 0.10
+    guide_weight: float = 20.0
+    guide_gain: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -179,12 +183,13 @@ class Problem:
             raise ProblemError(f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}")
         return replace(self, **terms)
 
-    def step_function(self, solver: str = "daqp", compiled: bool = False) -> ca.Function:
+    def step_function(self, solver: str = "daqp", compiled: bool = False, *, guided: bool = False) -> ca.Function:
         """Return the whole control step as one pure CasADi function; see `ergoqp.step_function.build_step`.
 
         Args:
             solver: name of the QP solver, see `ergoqp.solvers`.
             compiled: through the C compiler into the user's cache; the solver is then DAQP.
+            guided: with the inputs of a step that can be drawn toward a given place, see `ergoqp.step_guide`.
 
         Raises:
             InputError: if the solver is unknown, or not the one that is compiled.
@@ -195,18 +200,20 @@ class Problem:
 
         chosen = solver_named(solver)
         if not compiled:
-            return build_step(self, chosen)
+            return build_step(self, chosen, guided=guided)
         from ergoqp.native.compiled import compiled_step
 
         if chosen.name != "daqp":
             raise InputError(f"compiled: got the solver {solver!r}, allowed only 'daqp'")
-        return compiled_step(self)
+        return compiled_step(self, guided)
 
-    def stepper(self, solver: str = "daqp", compiled: bool = False, dt: float | None = None, log: Any = None) -> Stepper:
+    def stepper(
+        self, solver: str = "daqp", compiled: bool = False, dt: float | None = None, log: Any = None, guide: Any = None
+    ) -> Stepper:
         """Return a control loop's own stepper; one per loop. See `ergoqp.step.Stepper`."""
         from ergoqp.step import Stepper
 
-        return Stepper(self, solver=solver, compiled=compiled, dt=dt, log=log)
+        return Stepper(self, solver=solver, compiled=compiled, dt=dt, log=log, guide=guide)
 
     def simulate(self, posture: ArrayLike, duration: float = 20.0, seed: int = 0, **options: Any) -> Run:
         """Close the loop with a simulated person who starts in `posture`; see `ergoqp.simulation.simulate.simulate`."""

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
+from ergoqp.step_guide import BACK, THERE
 from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_rows import limit_values
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
     from ergoqp.step import Step
+
+
+_DRAWN: Final = {
+    THERE: "drawn toward the given place",
+    BACK: "drawn back to where it was better than at the given place",
+}
 
 
 def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]) -> str:
@@ -39,6 +46,10 @@ def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age:
     if status == Status.relaxed:
         used = [names[i] for i in np.flatnonzero(step.account("slack") > 1e-6)]
         parts.append("braking alone would pass these limits, so they give way: " + ", ".join(map(spoken, used)))
+    if step.drawn:
+        parts.append(_DRAWN[step.drawn])
+    if "guide" in notes:
+        parts.append(notes["guide"])
     if status == Status.settled:
         parts.append("at rest: moving would gain too little")
     tolerance = limit_values(problem.row_limits, "tolerance")

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.guide import Guide, read_guide
 from ergoqp.reasons import reason_of
-from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status
+from ergoqp.step_inputs import Cause, Status
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -84,6 +85,11 @@ class Step:
         qp, contact, accepted = self.account("residuals").tolist()
         return {"qp": qp, "contact": contact, "accepted": accepted}
 
+    @property
+    def drawn(self) -> int:
+        """1 on the way to the guide, 3 on the way back from it, 0 otherwise; see `ergoqp.step_guide`."""
+        return int(self.account("drawn")[0]) if "drawn" in self._parts else 0
+
     @cached_property
     def reason(self) -> str:
         """One sentence that names the cause; empty for a plain optimal step."""
@@ -127,9 +133,11 @@ class Stepper:
         dt: control period [s]; None: the problem's.
         log: called after every step with a dict of everything that went in (``ergoqp.replay`` gives the same answers again);
             an exception in it is the logger's and is not passed on, the loop goes on.
+        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum of ``problem.optimise``,
+            or a pose (4, 4), see `ergoqp.guide.read_guide`. Limits are what they are without.
 
     Raises:
-        InputError: if the solver is unknown or `dt` is not a period.
+        InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
         CompilerError: if there is no C compiler for ``compiled=True``.
     """
 
@@ -140,6 +148,7 @@ class Stepper:
         compiled: bool = False,
         dt: float | None = None,
         log: LogSink | None = None,
+        guide: Any = None,
     ) -> None:
         """Build the step function once; this takes some tenths of a second, compiled the first time some ten seconds."""
         if dt is not None and not 1e-4 <= dt <= 0.1:
@@ -148,25 +157,62 @@ class Stepper:
         self.dt = self.problem.dt
         self._state = (len(self.problem.coordinates),)
         self._log = log
-        self._function = self.problem.step_function(solver, compiled)
+        place = None if guide is None else read_guide(self.problem, guide)
+        self._guided = place is not None
+        self._function = self.problem.step_function(solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
-        self._inputs = {name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(INPUTS)}
+        names_in, names_out = self._function.name_in(), self._function.name_out()
+        self._inputs = {name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(names_in)}
         # One array for all outputs: a step is one copy of it, and everything in the step a view of that copy.
-        sizes = [self._function.numel_out(i) for i in range(len(OUTPUTS))]
+        sizes = [self._function.numel_out(i) for i in range(len(names_out))]
         ends = np.cumsum(sizes).tolist()
-        self._slices = {name: slice(end - size, end) for name, size, end in zip(OUTPUTS, sizes, ends, strict=True)}
+        self._slices = {name: slice(end - size, end) for name, size, end in zip(names_out, sizes, ends, strict=True)}
         self._out = np.zeros(ends[-1])
-        for i, name in enumerate(INPUTS):
+        for i, name in enumerate(names_in):
             self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
-        for i, name in enumerate(OUTPUTS):
+        for i, name in enumerate(names_out):
             self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore[reportCallIssue]
+        self._notes: dict[str, str] = {}
+        if place is not None:
+            self._lead(place)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last twist, the last pose and the rest state: the loop starts again from standstill."""
-        for name in ("stored_pose", "started", "sent", "rest"):
+        """Forget the last twist, the last pose and the rest state: the loop starts again from standstill.
+
+        The guide stays; what was learned about it is forgotten.
+        """
+        for name in ("stored_pose", "started", "sent", "rest", *(("trial",) if self._guided else ())):
             self._inputs[name][:] = 0.0
         self._inputs["posture"][:] = 0.0
+
+    def guide(self, guide: Any) -> None:
+        """Be drawn to another place from now on, or to none.
+
+        Never raises while the loop runs: a place that cannot be used is none, and the reason of the next steps says why.
+
+        Args:
+            guide: as at construction; None: descent alone.
+
+        Raises:
+            InputError: if the stepper was made without a guide; it then cannot be drawn anywhere.
+        """
+        if not self._guided:
+            raise InputError("guide: the stepper was made without one, allowed only where stepper(guide=...) had a place")
+        self._notes.clear()
+        self._inputs["guided"][0], self._inputs["trial"][:] = 0.0, 0.0
+        if guide is None:
+            return
+        try:
+            self._lead(read_guide(self.problem, guide))
+        except InputError as error:
+            self._notes["guide"] = str(error)
+        except Exception as error:  # whatever a user's object does when it is read, the loop goes on
+            self._notes["guide"] = f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
+
+    def _lead(self, place: Guide) -> None:
+        self._inputs["guide"][:], self._inputs["guided"][0] = place.pose.T.ravel(), 1.0
+        self._inputs["promise"][0] = place.expected
 
     def step(
         self,
@@ -196,7 +242,7 @@ class Stepper:
                 unseen joint's entry in `posture` says is not used.
         """
         start = time.perf_counter()
-        into, notes = self._inputs, {}
+        into, notes = self._inputs, {**self._notes}
         into["frame"][0] = posture is not None
         if posture is not None:
             _put(into["posture"], posture, self._state, "posture", notes)
@@ -229,6 +275,8 @@ class Stepper:
         into["sent"][:] = twist
         into["stored_pose"][:] = account[part["next_pose"]]
         into["rest"][:] = account[part["next_rest"]]
+        if self._guided:
+            into["trial"][:] = account[part["next_trial"]]
         # The pose starts from a posture or a pose that could be used; nothing else anchors it.
         causes = int(account[part["causes"]][0])
         if (into["frame"][0] and not causes & _BAD_POSTURE) or (into["has_pose"][0] and not causes & _BAD_POSE):
@@ -285,11 +333,12 @@ def replay(problem: Problem, log: list[dict[str, Any]], solver: str = "daqp") ->
         log: the dicts that the log sink received, in order.
         solver: the solver of the logged loop.
     """
-    stepper = Stepper(problem, solver=solver)
+    guided = any("guide" in entry for entry in log)
+    stepper = Stepper(problem, solver=solver, guide=Guide(np.eye(4)) if guided else None)
     steps = []
     for entry in log:
-        for name in INPUTS:
-            stepper._inputs[name][:] = entry[name]
+        for name, values in stepper._inputs.items():
+            values[:] = entry[name]
         stepper._call()
         steps.append(stepper._answer(entry["notes"], time.perf_counter()))
     return steps

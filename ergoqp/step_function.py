@@ -10,6 +10,7 @@ from ergoqp.certification import account_function, judge_function, shorten_funct
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
 from ergoqp.step_data import pass_data
+from ergoqp.step_guide import GUIDE_INPUTS, GUIDE_OUTPUTS, guide_sizes, pull_function
 from ergoqp.step_inputs import INPUTS, OUTPUTS, checked, input_sizes
 from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
@@ -22,7 +23,7 @@ PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
 
 
-def build_step(problem: Problem, solver: QpSolver, name: str = "step") -> ca.Function:
+def build_step(problem: Problem, solver: QpSolver, name: str = "step", guided: bool = False) -> ca.Function:
     """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
 
     Inputs that may be absent come with a flag (``has_pose``, ``started``, ``frame``, ``enable``: 0 or 1). ``rest`` is the
@@ -35,23 +36,30 @@ def build_step(problem: Problem, solver: QpSolver, name: str = "step") -> ca.Fun
         problem: the task.
         solver: of the QP.
         name: of the function.
+        guided: whether the step can be drawn toward a given place: it then has `GUIDE_INPUTS` and `GUIDE_OUTPUTS` too, and is
+            the same step to the last bit where ``guided`` is 0. See `ergoqp.step_guide`.
     """
     raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem).items()}
+    lead = {key: ca.MX.sym(key, *size) for key, size in guide_sizes().items()} if guided else {}
     posture, pose, previous, dt, usable, causes = checked(problem)(*(raw[key] for key in INPUTS))
     value, total, gradient = cost_function(problem)(posture, raw["observed"])
-    one_pass, movable = _one_pass(problem, solver)
+    one_pass, movable = _one_pass(problem, solver, guided)
     readings = readings_function(problem)(posture)
 
     fixed = [posture, raw["observed"], readings, pose, previous, dt, total, gradient]
+    trial, drawn = [], None
+    if guided:
+        *pull, distance, on, drawn = pull_function(problem)(pose, lead["guide"], lead["guided"], lead["trial"])
+        fixed, trial = [*fixed, *pull], [lead["promise"], lead["trial"], distance, on]
     result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
     xi, S, E, slack, multipliers, residual, locked, _ = result
     pattern = sensitivity_pattern(problem)
-    judge, shorten = judge_function(problem, pattern), shorten_function(problem, pattern)
+    judge, shorten = judge_function(problem, pattern, guided), shorten_function(problem, pattern)
     account = account_function(problem, pattern, movable)
     seen = raw["observed"]
     gain = gain_function(problem)(posture, total, xi, S)
-    wanted, brake, now, solved, outside, rest, whole = judge(
-        posture, seen, readings, pose, previous, dt, gain, total, xi, S, residual, usable, raw["rest"]
+    wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(
+        posture, seen, readings, pose, previous, dt, gain, total, xi, S, residual, usable, raw["rest"], *trial
     )
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
@@ -62,7 +70,10 @@ def build_step(problem: Problem, solver: QpSolver, name: str = "step") -> ca.Fun
         *known, wanted, brake, now, solved, outside, rest, share
     )
     outputs = [twist, pose, moved, rate, rest, status, causes, value, gain, now, slack, multipliers, locked, outside, residuals]
-    return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
+    if drawn is None:
+        return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
+    outputs += [*next_trial, drawn]
+    return ca.Function(name, [*raw.values(), *lead.values()], outputs, [*INPUTS, *GUIDE_INPUTS], [*OUTPUTS, *GUIDE_OUTPUTS])
 
 
 def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
@@ -81,18 +92,26 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
     return ca.Function("further_passes", [*inputs, *result], list(choose(result[7], *inputs, *result)))
 
 
-def _one_pass(problem: Problem, solver: QpSolver) -> tuple[ca.Function, list[int]]:
-    """One QP with a given lock set: ``(posture, observed, readings, pose, previous, dt, V, dV, locked, final) -> result``."""
+def _one_pass(problem: Problem, solver: QpSolver, guided: bool) -> tuple[ca.Function, list[int]]:
+    """One QP with a given lock set: ``(posture, observed, readings, pose, previous, dt, V, dV, locked, final) -> result``.
+
+    Guided, ``(..., dV, H, g, locked, final)``: the last two of these are added to the objective.
+    """
     data, movable = pass_data(problem)
     mx = {data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())}
     *qp, S, E = data(*mx.values())
+    inputs = list(mx.values())
+    if guided:
+        pull = [ca.MX.sym("pull_H", 6, 6), ca.MX.sym("pull_g", 6)]
+        qp[:2] = [qp[0] + pull[0], qp[1] + pull[1]]
+        inputs[-2:-2] = pull
     xi, slack, multipliers, residual = build_qp(solver, len(movable))(*qp)
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
     xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
     newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
     locked = ca.fmax(mx["locked"], newly)
     parts = [xi, S, E, slack, multipliers, residual, locked, ca.mmax(newly)]
-    return ca.Function("one_pass", list(mx.values()), parts), movable
+    return ca.Function("one_pass", inputs, parts), movable
 
 
 def _newly_locked(problem: Problem) -> ca.Function:

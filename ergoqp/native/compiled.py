@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
 
-def compiled_step(problem: Problem) -> ca.Function:
+def compiled_step(problem: Problem, guided: bool = False) -> ca.Function:
     """Return the step function of a problem as machine code: same inputs, same outputs, same answers, a ninth of the time.
 
     The first time this takes some ten seconds of the compiler; afterwards the library is found again by the content of its
@@ -27,7 +27,7 @@ def compiled_step(problem: Problem) -> ca.Function:
     """
     compiler()
     solver = NativeDaqp()
-    function = build_step(problem, solver)
+    function = build_step(problem, solver, guided=guided)
     sources = {
         "step.c": '#include "inline.h"\n' + generated(function, "step")["step.c"],
         "qp.c": sizes_source(solver.sizes),

@@ -22,6 +22,7 @@ _UNITS: Final[dict[str, str]] = {
     "rate_deg": "deg/s",
     "rest_below": "points",
     "move_above": "points",
+    "guide_gain": "points",
     "effort_linear": "points/(m/s)²",
     "effort_angular": "points/(rad/s)²",
     "contact": "points/(m/s)²",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ergoqp.guide import Guide
 from ergoqp.human import Body
 from ergoqp.sheets.reba import Assessment
 
@@ -47,6 +48,7 @@ class Run:
         reba_standing_still: exact score at which the person would come to rest had the object stayed where it was: what the
             robot is to be compared with.
         settle: when the object came to rest for good [s], None if it was still moving at the end.
+        guide: the place that the control step was given to be drawn to, None without one.
     """
 
     problem: str
@@ -79,6 +81,7 @@ class Run:
     unobserved: tuple[str, ...] = ()
     reba_standing_still: int = 0
     settle: float | None = None
+    guide: Guide | None = None
 
     def save(self, folder: str | Path) -> Path:
         """Write ``run.json``, what the run comes down to, and ``run.npz``, every array of it; see ``docs/run_json.md``.

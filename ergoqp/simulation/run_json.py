@@ -8,9 +8,11 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ergoqp import __version__
+from ergoqp.guide import Guide
 from ergoqp.joints import JOINTS
 from ergoqp.simulation.run import Run
 
@@ -61,6 +63,7 @@ def summary_of_run(run: Run) -> dict[str, Any]:
             "max": float(microseconds.max()),
         },
         "settle_s": _seconds(run.settle),
+        "guide": _place(run.guide),
         "let_go_s": _seconds(run.let_go),
         "violations": dict(run.violations),
         "max_violation": {name: _finite(value) for name, value in run.max_violation.items()},
@@ -94,6 +97,18 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
         "active": np.array([[name in active for name in names] for active in run.active], dtype=bool),
         "active_names": np.array(names, dtype=np.str_),
         "joints": np.array(JOINTS, dtype=np.str_),
+    }
+
+
+def _place(guide: Guide | None) -> dict[str, Any] | None:
+    if guide is None:
+        return None
+    wxyz = np.zeros(4)
+    mujoco.mju_mat2Quat(wxyz, guide.pose[:3, :3].ravel())
+    return {
+        "position_m": guide.pose[:3, 3].tolist(),
+        "quaternion_xyzw": np.roll(wxyz, -1).tolist(),
+        "promise": guide.promise,
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.errors import InputError
+from ergoqp.guide import Guide, read_guide
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.problem import Problem
@@ -44,6 +45,7 @@ def simulate(
     start_time: float | None = None,
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
+    guide: Any = None,
 ) -> Run:
     """Close the loop of a problem with a simulated person who is built otherwise than the controller's model.
 
@@ -58,6 +60,8 @@ def simulate(
         start_time: when it was taken there [s].
         assumptions: sentences on what was taken as given before, for the report.
         progress: called now and then with the share that is done.
+        guide: a place that the control step is drawn to where descent alone comes to rest at a worse one: the optimum of
+            ``problem.optimise`` or a pose (4, 4), see `ergoqp.guide.read_guide`; None: descent alone.
 
     Returns:
         Everything that happened, judged by the independent checker.
@@ -74,7 +78,8 @@ def simulate(
     follower = person if isinstance(person, Follower) else sample_person(problem, seed, person)
     start = start_at(follower, start_posture)
     checker = _Watched(problem, progress, round(duration / problem.dt))
-    stepper = problem.stepper(solver=_SOLVER)
+    place = None if guide is None else read_guide(problem, guide)
+    stepper = problem.stepper(solver=_SOLVER, guide=place)
     trace = run_loop(problem, follower, start, duration=duration, seed=seed, stepper=stepper, observed=seen, checker=checker)
     postures = np.array(trace.postures)
     scores = problem.assess(postures).final
@@ -105,12 +110,13 @@ def simulate(
         person_outside=outside_of_range(postures),
         let_go=trace.let_go,
         options=options_of(problem, _SOLVER),
-        assumptions=[*assumptions, *beyond, *_assumptions(model, follower, unobserved)],
+        assumptions=[*assumptions, *beyond, *_assumptions(model, follower, unobserved, place)],
         recording=recording,
         start_time=start_time,
         unobserved=unobserved,
         reba_standing_still=_standing_still(problem, follower, start),
         settle=settled if math.isfinite(settled) else None,
+        guide=place,
     )
 
 
@@ -177,7 +183,7 @@ def _read_observed(observed: ArrayLike | None) -> np.ndarray | None:
     return seen
 
 
-def _assumptions(model: IkResponse, person: Follower, unobserved: tuple[str, ...]) -> list[str]:
+def _assumptions(model: IkResponse, person: Follower, unobserved: tuple[str, ...], place: Guide | None) -> list[str]:
     senses, own = Senses(), person.response.body
     sentences = [
         f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay ({1e3 * senses.delay:.0f} ms) and "
@@ -187,6 +193,12 @@ def _assumptions(model: IkResponse, person: Follower, unobserved: tuple[str, ...
         "The hand holds the object at the start as the posture has it, and keeps hold of it; "
         + ("the soles stay where they stand." if model.stance == "standing" else "the pelvis stays on its seat."),
     ]
+    if place is not None:
+        x, y, z = place.pose[:3, 3]
+        sentences.append(
+            f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there where descent alone comes "
+            "to rest at a worse one."
+        )
     if unobserved:
         sentences.append(
             f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated person starts with "

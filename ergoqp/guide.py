@@ -1,0 +1,98 @@
+"""A place to be drawn to, as users give it: an optimum, or a pose; read and checked against the problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.step_guide import UNKNOWN
+
+if TYPE_CHECKING:
+    from ergoqp.problem import Problem
+
+_ROUNDING: Final = 1e-4
+"""A place this far beyond the workspace is on its edge [m, rad]."""
+
+
+@dataclass(frozen=True)
+class Guide:
+    """A place for the object.
+
+    Attributes:
+        pose: of the contact frame in the world (4, 4) [m]; what counts of it is its position and its x, the tool's axis.
+        promise: cost that the model person has there [points]; None: nobody knows, and the place is tried to see.
+    """
+
+    pose: np.ndarray
+    promise: float | None = None
+
+    @property
+    def expected(self) -> float:
+        """The promise as the step takes it."""
+        return UNKNOWN if self.promise is None else self.promise
+
+
+def read_guide(problem: Problem, guide: Any) -> Guide:
+    """Return the place that a user gives.
+
+    Args:
+        problem: whose object is drawn there.
+        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of ``problem.optimise``; if it has a ``.posture``
+            too, the cost of that posture is what the place promises.
+
+    Raises:
+        InputError: if it is not a rigid pose, is outside the problem's workspace or cone, or the problem does not move a pose.
+    """
+    if isinstance(guide, Guide):
+        return guide
+    if tuple(problem.coordinates) != JOINTS:
+        raise InputError(f"guide: problem {problem.name} moves {', '.join(problem.coordinates)}, allowed problems of a person")
+    pose = _pose(getattr(guide, "pose", guide))
+    _check_place(problem, pose)
+    posture = getattr(guide, "posture", None)
+    if posture is None:
+        return Guide(pose)
+    promise = float(np.ravel(problem.cost(np.asarray(posture, dtype=float)))[0])
+    if not np.isfinite(promise):
+        raise InputError("guide: got a posture whose cost is not finite, allowed joint angles (32,) in radians")
+    return Guide(pose, promise)
+
+
+def _check_place(problem: Problem, pose: np.ndarray) -> None:
+    box, cone, place = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), pose[:3, 3]
+    if box is not None:
+        lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+        if not np.all((place >= lower - _ROUNDING) & (place <= upper + _ROUNDING)):
+            raise InputError(
+                f"guide: got the place {_short(place)} m, allowed the workspace {_short(lower)} to {_short(upper)} m"
+            )
+    if cone is not None:
+        angle = np.degrees(np.arccos(np.clip(pose[:3, 0] @ np.asarray(cone.direction), -1, 1)))
+        if angle > cone.half_angle_deg + np.degrees(_ROUNDING):
+            allowed = f"at most {cone.half_angle_deg:g} deg"
+            raise InputError(f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed {allowed}")
+
+
+def _pose(value: Any) -> np.ndarray:
+    try:
+        pose = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"guide: got {type(value).__name__}, allowed a pose (4, 4) or something with one as .pose") from None
+    if pose.shape != (4, 4):
+        raise InputError(f"guide: got shape {pose.shape}, allowed a pose (4, 4) or something with one as .pose")
+    rotation = pose[:3, :3]
+    rigid = np.isfinite(pose).all() and np.abs(rotation.T @ rotation - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0
+    if not (rigid and np.allclose(pose[3], [0, 0, 0, 1], atol=1e-6)):
+        raise InputError(
+            "guide: got a pose that is not finite or not a rigid motion, allowed a rotation and a position in metres"
+        )
+    return pose
+
+
+def _short(point: Any) -> str:
+    return "(" + ", ".join(f"{number:.3g}" for number in point) + ")"

@@ -1,0 +1,166 @@
+"""The step drawn toward a given place: where descent alone came to rest, and the place promises to be clearly better.
+
+Descent knows only what lies downhill. So the step goes by descent first; where that would come to rest, and the given place is
+promised to be clearly better than here, the object travels there, and descent takes over again: the place is the optimum of a
+model, and the person is another. What the place turned out to be worth is remembered, so that it is not tried again for
+nothing, and where descent had come to rest before is remembered too: was it better, the object goes back.
+
+Travelling changes the objective of the QP and nothing else, so that rows, certification and braking are those of every step.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.rigid import rotation_error
+
+if TYPE_CHECKING:
+    from ergoqp.problem import Control, Problem
+
+
+GUIDE_INPUTS: Final = ("guide", "guided", "promise", "trial")
+"""The given place (4, 4), whether there is one (0 or 1), the cost that it promises [points], and the state of the trial."""
+
+GUIDE_OUTPUTS: Final = ("next_trial", "drawn")
+"""The state for the next step, and which `Phase` drew this one's twist, 0 for none."""
+
+TRIAL: Final = 12
+"""Size of the trial's state: phase; whether the place was tried; cost of where descent came to rest from there; cost where the
+journey began; smallest distance to go so far [s]; seconds since it got smaller; position and tool axis where the journey
+began (6,). All zero at the start."""
+
+DESCENT, THERE, AFTER, BACK = range(4)
+"""Phases: descent; travelling to the place; descent from the place; travelling back."""
+
+UNKNOWN: Final = -1e9
+"""Promise of a place of which nothing is known: it is worth a trial."""
+
+_APPROACH: Final = 0.3
+"""Time constant of the last of the way [s]."""
+
+_GENTLE: Final = 0.5
+"""Share of the acceleration that the approach counts on."""
+
+_ARRIVED: Final = 0.05
+"""Distance that counts as none, in seconds at full speed."""
+
+_CLOSER: Final = 0.02
+"""Progress that counts as one, in seconds at full speed."""
+
+_STUCK: Final = 1.5
+"""A journey without progress for this long is over [s]."""
+
+_SAME: Final = 0.1
+"""Costs that differ by less are taken to be the same [points]."""
+
+
+def guide_sizes() -> dict[str, tuple[int, int]]:
+    """Return the shape of every input of `GUIDE_INPUTS`."""
+    return {"guide": (4, 4), "guided": (1, 1), "promise": (1, 1), "trial": (TRIAL, 1)}
+
+
+def pull_function(problem: Problem) -> ca.Function:
+    """``(pose, guide, guided, trial) -> (H (6, 6), g (6,), distance [s], on, drawn)``: what is added to the objective.
+
+    On a journey 1/2 |xi - v|^2 in the norm of effort, times `Control.guide_weight`, where the velocity v leads to the place
+    along a straight line: all axes arrive together, none is faster than its speed, and all slow down in time. Only position and
+    the tool's axis are led; turning about the axis is nobody's business. H is positive semidefinite.
+
+    `distance` is the time to the present goal at full speed, of the slowest axis; `on` is 1 if there is a place to be drawn to,
+    and `drawn` the phase if that is a journey, else 0.
+    """
+    control, limit = problem.control, problem.twist_limit
+    pose, guide, guided = ca.SX.sym("pose", 4, 4), ca.SX.sym("guide", 4, 4), ca.SX.sym("guided")
+    trial = ca.SX.sym("trial", TRIAL)
+    on = ca.logic_and(guided > 0.5, ca.logic_and(rotation_error(guide[:3, :3]) < 1e-3, ca.sumsqr(guide[:3, 3]) < 1e4))
+    # What cannot be used goes no further, or NaN would pass through a product with zero.
+    goal = ca.if_else(on, ca.vertcat(guide[:3, 3], guide[:3, 0]), place_of(pose))
+    goal = ca.if_else(trial[0] == BACK, trial[6:], goal)
+    free = (limit.speed > 0).astype(float)
+    speed, gentle = ca.DM(np.where(free > 0, limit.speed, 1.0)), ca.DM(_GENTLE * limit.acceleration)
+    way = ca.DM(free) * _way(pose, goal)
+    far = ca.fabs(way)
+    distance = ca.mmax(far / speed)
+    slowing = ca.sqrt(ca.mmax(far / (2 * gentle)))
+    velocity = way / ca.fmax(_APPROACH, ca.fmax(distance, slowing))
+    axis = pose[:3, 0]
+    turning = control.effort_angular * (ca.SX.eye(3) - axis @ axis.T)
+    weight = control.guide_weight * ca.diagcat(control.effort_linear * ca.SX.eye(3), turning)
+    travels = ca.logic_and(on, _travels(trial[0]))
+    outputs = [travels * weight, -(travels * (weight @ velocity)), distance, on, travels * trial[0]]
+    return ca.Function("pull", [pose, guide, guided, trial], ca.cse([ca.densify(part) for part in outputs]))
+
+
+def place_of(pose: ca.SX) -> ca.SX:
+    """Return position and tool axis (6,) of a pose (4, 4): all that a place is."""
+    return ca.vertcat(pose[:3, 3], pose[:3, 0])
+
+
+def _way(pose: ca.SX, goal: ca.SX) -> ca.SX:
+    """Displacement (6,) from a pose to a place: straight, and turning the tool's axis the short way."""
+    axis, wanted = pose[:3, 0], goal[3:]
+    normal = ca.cross(axis, wanted)
+    sine = ca.sqrt(ca.sumsqr(normal) + 1e-18)
+    return ca.vertcat(goal[:3] - pose[:3, 3], normal / sine * ca.atan2(sine, ca.dot(axis, wanted)))
+
+
+def _travels(phase: ca.SX) -> ca.SX:
+    return ca.logic_or(phase == THERE, phase == BACK)
+
+
+def trial_update(
+    control: Control,
+    trial: ca.SX,
+    rest: ca.SX,
+    pose: ca.SX,
+    distance: ca.SX,
+    on: ca.SX,
+    promise: ca.SX,
+    dt: ca.SX,
+    counts: ca.SX,
+) -> tuple[ca.SX, ca.SX]:
+    """Return the next (trial (12,), rest (6,)).
+
+    Args:
+        control: thresholds and times.
+        trial: state, see `TRIAL`.
+        rest: next rest state as descent alone has it, see `ergoqp.rest.STATES`.
+        pose: contact frame (4, 4).
+        distance: to the present goal [s].
+        on: 1 if there is a place to be drawn to; without one the trial is forgotten.
+        promise: cost at the place [points].
+        dt: period [s].
+        counts: 0 when this step judges nothing; the state then stays.
+    """
+    phase, tried, worth, before, closest, waited = (trial[i] for i in range(6))
+    still, cost = rest[0] > 0.5, rest[3]
+    expected = ca.if_else(tried > 0.5, worth, promise)
+    # A limit that asks to come back allows no rest, but descent may be stuck there all the same.
+    ended = ca.logic_or(still, rest[5] >= control.stall_after)
+    leaves = ca.logic_and(ca.logic_and(phase == DESCENT, ended), cost > expected + control.guide_gain)
+
+    travels = _travels(phase)
+    closer = distance < closest - _CLOSER
+    waited = ca.if_else(closer, 0, waited + dt)
+    arrives = ca.logic_and(travels, ca.logic_or(distance < _ARRIVED, waited > _STUCK))
+
+    judged = ca.logic_and(phase == AFTER, ended)
+    returns = ca.logic_and(judged, cost > before + _SAME)
+
+    after = ca.if_else(leaves, THERE, phase)
+    after = ca.if_else(arrives, ca.if_else(phase == THERE, AFTER, DESCENT), after)
+    after = ca.if_else(judged, ca.if_else(returns, BACK, DESCENT), after)
+    sets_out = ca.logic_or(leaves, returns)
+    following = ca.vertcat(
+        *(after, ca.logic_or(tried, judged), ca.if_else(judged, cost, worth), ca.if_else(leaves, cost, before)),
+        *(ca.if_else(sets_out, 1e9, ca.fmin(distance, closest)), ca.if_else(sets_out, 0, waited)),
+        ca.if_else(leaves, place_of(pose), trial[6:]),
+    )
+    # On a journey there is no rest, and what comes after it is judged by itself.
+    afresh = ca.vertcat(0, 0, rest[2], cost, cost, 0)
+    moving = ca.logic_or(sets_out, travels)
+    following = ca.if_else(on, ca.if_else(counts, following, trial), ca.SX(TRIAL, 1))
+    return following, ca.if_else(ca.logic_and(on, ca.logic_and(counts, moving)), afresh, rest)
