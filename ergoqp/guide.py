@@ -57,10 +57,10 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     posture = getattr(guide, "posture", None)
     if posture is None:
         return Guide(pose)
-    promise = float(np.ravel(problem.cost(np.asarray(posture, dtype=float)))[0])
-    if not np.isfinite(promise):
-        raise InputError("guide: got a posture whose cost is not finite, allowed joint angles (32,) in radians")
-    return Guide(pose, promise)
+    angles = np.asarray(posture, dtype=float)
+    if angles.shape != (len(JOINTS),) or not np.isfinite(angles).all():
+        raise InputError(f"guide: got a posture of shape {angles.shape}, allowed {len(JOINTS)} finite angles in radians")
+    return Guide(pose, float(problem.cost(angles)[0]))
 
 
 def _check_place(problem: Problem, pose: np.ndarray) -> None:

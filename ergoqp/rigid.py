@@ -21,6 +21,13 @@ def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
 
 
 def rotation_error(rotation: ca.SX) -> ca.SX:
-    """Return how far a 3 x 3 matrix is from a rotation: the largest entry of R'R - I, or 2 for a mirror; NaN stays NaN."""
+    """Return how far a 3 x 3 matrix is from a rotation: the largest entry of R'R - I, or 2 for a mirror and for NaN."""
     apart = ca.mmax(ca.fabs(ca.reshape(rotation.T @ rotation - ca.SX.eye(3), 9, 1)))
-    return ca.if_else(ca.det(rotation) < 0, 2.0, apart)
+    # mmax drops NaN; a determinant keeps it, and NaN is not above zero either.
+    return ca.if_else(ca.det(rotation) > 0, apart, 2.0)
+
+
+def is_rigid(pose: ca.SX) -> ca.SX:
+    """Return whether a matrix (4, 4) is a rigid motion, finite and within 100 m."""
+    bottom = ca.sumsqr(pose[3, :] - ca.DM([[0, 0, 0, 1]])) < 1e-6
+    return ca.logic_and(ca.logic_and(rotation_error(pose[:3, :3]) < 1e-3, bottom), ca.sumsqr(pose[:3, 3]) < 1e4)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.rigid import rotation_error
+from ergoqp.rigid import is_rigid
 
 if TYPE_CHECKING:
     from ergoqp.problem import Control, Problem
@@ -29,7 +29,7 @@ GUIDE_OUTPUTS: Final = ("next_trial", "drawn")
 
 TRIAL: Final = 12
 """Size of the trial's state: phase; whether the place was tried; cost of where descent came to rest from there; cost where the
-journey began; smallest distance to go so far [s]; seconds since it got smaller; position and tool axis where the journey
+journey began; distance to go when it last clearly shrank [s]; seconds since then; position and tool axis where the journey
 began (6,). All zero at the start."""
 
 DESCENT, THERE, AFTER, BACK = range(4)
@@ -75,7 +75,7 @@ def pull_function(problem: Problem) -> ca.Function:
     control, limit = problem.control, problem.twist_limit
     pose, guide, guided = ca.SX.sym("pose", 4, 4), ca.SX.sym("guide", 4, 4), ca.SX.sym("guided")
     trial = ca.SX.sym("trial", TRIAL)
-    on = ca.logic_and(guided > 0.5, ca.logic_and(rotation_error(guide[:3, :3]) < 1e-3, ca.sumsqr(guide[:3, 3]) < 1e4))
+    on = ca.logic_and(guided > 0.5, is_rigid(guide))
     # What cannot be used goes no further, or NaN would pass through a product with zero.
     goal = ca.if_else(on, ca.vertcat(guide[:3, 3], guide[:3, 0]), place_of(pose))
     goal = ca.if_else(trial[0] == BACK, trial[6:], goal)
@@ -156,7 +156,7 @@ def trial_update(
     sets_out = ca.logic_or(leaves, returns)
     following = ca.vertcat(
         *(after, ca.logic_or(tried, judged), ca.if_else(judged, cost, worth), ca.if_else(leaves, cost, before)),
-        *(ca.if_else(sets_out, 1e9, ca.fmin(distance, closest)), ca.if_else(sets_out, 0, waited)),
+        *(ca.if_else(sets_out, 1e9, ca.if_else(closer, distance, closest)), ca.if_else(sets_out, 0, waited)),
         ca.if_else(leaves, place_of(pose), trial[6:]),
     )
     # On a journey there is no rest, and what comes after it is judged by itself.

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.rest import STATES
-from ergoqp.rigid import rotation_error
+from ergoqp.rigid import is_rigid
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -65,9 +65,7 @@ def checked(problem: Problem) -> ca.Function:
     seen = raw["observed"] > 0.5
     plausible = ca.fabs(raw["posture"]) <= problem.response.largest
     posture_ok = ca.sum1(ca.if_else(seen, plausible, 1)) >= len(problem.coordinates) - 0.5
-    rotation = raw["pose"][:3, :3]
-    bottom = ca.sumsqr(raw["pose"][3, :] - ca.DM([[0, 0, 0, 1]])) < 1e-6
-    pose_ok = ca.logic_and(ca.logic_and(rotation_error(rotation) < 1e-3, bottom), ca.sumsqr(raw["pose"][:3, 3]) < 1e4)
+    pose_ok = is_rigid(raw["pose"])
     twist_ok = ca.sumsqr(raw["executed"]) < 1e4
     dt_ok = ca.logic_and(raw["dt"] >= 1e-5, raw["dt"] <= 0.5)
     age_ok = raw["age"] >= 0

@@ -114,6 +114,12 @@ def bad(value: Any, where: int = 3) -> np.ndarray:
     return q
 
 
+def hole(where: int) -> np.ndarray:
+    pose = held_pose("screwing")
+    pose.flat[where] = np.nan
+    return pose
+
+
 class Unreadable:
     """Refuses to become an array."""
 
@@ -143,6 +149,7 @@ UNUSABLE: list[tuple[dict[str, Any], str]] = [
     ({"observed": "all"}, r"observed has shape \(\), allowed \(32,\)"),
     ({"observed": np.full(32, np.nan)}, "observed is not a mask of zeros and ones"),
     ({"pose": np.full((4, 4), np.nan)}, "pose is not finite, far away or not a rigid motion"),
+    *(({"pose": hole(i)}, "pose is not finite, far away or not a rigid motion") for i in range(16)),
     ({"pose": np.diag([1.0, 1, -1, 1])}, "pose is not finite, far away or not a rigid motion"),
     ({"pose": np.diag([2.0, 1, 1, 1])}, "pose is not finite, far away or not a rigid motion"),
     ({"pose": np.eye(3)}, r"pose has shape \(3, 3\), allowed \(4, 4\)"),

@@ -23,8 +23,8 @@ from ergoqp.simulation.starts import awkward_start
 KEYS = {
     "version", "problem", "title", "recording", "start_time_s", "seed", "dt", "steps", "duration_s", "reba_before",
     "reba_after", "reba_best", "reba_standing_still", "segments_before", "segments_after", "status_counts", "step_time_us",
-    "settle_s", "let_go_s", "violations", "max_violation", "units", "person_outside", "person", "unobserved", "options",
-    "assumptions",
+    "settle_s", "guide", "let_go_s", "violations", "max_violation", "units", "person_outside", "person", "unobserved",
+    "options", "assumptions",
 }  # fmt: skip
 
 

@@ -1,0 +1,259 @@
+"""The step drawn toward a given place: never at the price of a limit, and to the last bit the same where there is none."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from step_samples import NAMES, comfort_of, held_pose, near_comfort, problem_of
+
+import ergoqp.step
+from ergoqp.errors import InputError
+from ergoqp.guide import Guide, read_guide
+from ergoqp.joints import LOWER, UPPER
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import moved
+from ergoqp.step import Step, Stepper
+from ergoqp.step_guide import AFTER, BACK, THERE
+
+STEPPERS: dict[str, Stepper] = {}
+
+
+def guided_stepper(name: str) -> Stepper:
+    """A stepper as new that can be drawn somewhere; there is one per problem."""
+    if name not in STEPPERS:
+        STEPPERS[name] = problem_of(name).stepper(guide=held_pose(name))
+    stepper = STEPPERS[name]
+    stepper.guide(held_pose(name))
+    stepper.reset()
+    return stepper
+
+
+def set_out(stepper: Stepper, phase: int = THERE) -> None:
+    """Put the stepper on a journey at once."""
+    stepper._inputs["trial"][:6] = phase, 0.0, 0.0, 5.0, 1e9, 0.0
+
+
+def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]:
+    """A loop with noise, lost frames and odd periods."""
+    rng = np.random.default_rng(seed)
+    q, found = near_comfort(name, rng, 15), []
+    for number in range(steps):
+        dt = float(rng.uniform(0.001, 0.05)) if number % 3 == 0 else None
+        step = stepper.step(q + 0.01 * rng.normal(size=32) if number % 11 else None, dt=dt, enable=number % 19 != 11)
+        q = np.clip(q + step.posture_rate * 0.01, LOWER, UPPER)
+        found.append(step)
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_a_place_it_is_the_same_step_to_the_last_bit(name: str) -> None:
+    stepper = guided_stepper(name)
+    stepper.guide(None)
+    for plain, led in zip(walk(problem_of(name).stepper(), name, 0), walk(stepper, name, 0), strict=True):
+        assert plain._all.tobytes() == led._all[: len(plain._all)].tobytes()
+        assert (plain.status, plain.reason) == (led.status, led.reason)
+
+
+@pytest.mark.parametrize("name", ["dentist", "low_bin", "overhead", "screwing"])
+def test_a_journey_arrives_and_only_then_descends(name: str) -> None:
+    stepper, q = guided_stepper(name), comfort_of(name)
+    box = problem_of(name).limit_of(WorkspaceBox)
+    pose = held_pose(name)
+    pose[:3, 3] = np.asarray(box.lower) + 0.2 * (np.asarray(box.upper) - np.asarray(box.lower))
+    pose = moved(pose, np.array([0, 0, 0, 0.0, 0.1, 0.15]))
+    set_out(stepper)
+    steps = [stepper.step(q, pose)]
+    while steps[-1].drawn and len(steps) < 1000:
+        steps.append(stepper.step(q))
+    goal, end = held_pose(name), steps[-1].pose
+    assert 20 < len(steps) < 1000
+    np.testing.assert_allclose(end[:3, 3], goal[:3, 3], atol=0.02)
+    assert end[:3, 0] @ goal[:3, 0] > np.cos(0.05)
+    assert steps[-2].reason == "drawn toward the given place"
+    assert steps[-1].account("next_trial")[0] == AFTER
+    # As straight as the cost lets it be, and never beyond.
+    left = np.array([np.linalg.norm(step.pose[:3, 3] - goal[:3, 3]) for step in steps])
+    assert np.all(np.diff(left) < 1e-3)
+
+
+def test_turning_about_the_tool_is_nobodys_business() -> None:
+    """Only where the tool points is led: the same place turned about its axis gives the same twist."""
+    q, stepper, answers = near_comfort("screwing", np.random.default_rng(1)), guided_stepper("screwing"), []
+    for turn in (0.0, 1.0, -2.5):
+        goal = held_pose("screwing")
+        stepper.guide(moved(goal, np.concatenate([np.zeros(3), turn * goal[:3, 0]])))
+        stepper.reset()
+        set_out(stepper)
+        answers.append(stepper.step(q, moved(goal, np.array([0.1, 0, 0, 0, 0.1, 0.1]))).twist)
+    np.testing.assert_allclose(answers[1], answers[0], atol=1e-9)
+    np.testing.assert_allclose(answers[2], answers[0], atol=1e-9)
+
+
+PLACES = ("wall", "corner", "edge of the cone", "outside", "opposite", "far", "jumps")
+
+
+def place_of_kind(name: str, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Where nobody should be led, or only just."""
+    problem, pose = problem_of(name), held_pose(name)
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    if kind in ("wall", "corner"):
+        pose[:3, 3] = np.where(rng.random(3) < (0.5 if kind == "wall" else 1.0), box.upper, pose[:3, 3])
+    elif kind == "edge of the cone":
+        pose = moved(pose, np.array([0, 0, 0, 0, np.radians(cone.half_angle_deg), 0]))
+    elif kind == "outside":
+        pose[:3, 3] = np.asarray(box.upper) + rng.uniform(0, 0.5, 3)
+    elif kind == "opposite":
+        pose = moved(pose, np.array([0, 0, 0, 0, 0, 3.1]))
+    elif kind == "far":
+        pose[:3, 3] = rng.normal(size=3) * 50
+    return pose
+
+
+def put(stepper: Stepper, pose: np.ndarray) -> None:
+    """Lead the step somewhere without asking whether that is allowed: the limits must not depend on it."""
+    stepper._lead(Guide(pose))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(PLACES), phase=st.sampled_from([THERE, BACK]))
+@settings(deadline=None, max_examples=12)
+def test_no_place_is_worth_a_limit(name: str, seed: int, kind: str, phase: int) -> None:
+    rng, stepper, checker = np.random.default_rng(seed), guided_stepper(name), Checker(problem_of(name))
+    pose, previous = held_pose(name), np.zeros(6)
+    q = near_comfort(name, rng, 15)
+    put(stepper, place_of_kind(name, kind, rng))
+    for number in range(60):
+        if kind == "jumps":
+            put(stepper, place_of_kind(name, str(rng.choice(PLACES[:-1])), rng))
+        if number % 20 == 0:
+            set_out(stepper, phase)
+            stepper._inputs["trial"][6:] = rng.normal(size=6)
+        dt = float(rng.uniform(0.001, 0.05))
+        step = stepper.step(q, pose if number == 0 else None, dt=dt)
+        broken = checker.check(step.twist, previous, pose, q, step.posture_rate, dt, None, step.slack)
+        assert broken == [], (broken, checker.max_violation)
+        assert np.isfinite(step.twist).all()
+        pose, previous = moved(pose, step.twist * dt), step.twist
+        q = np.clip(q + step.posture_rate * dt, LOWER, UPPER)
+
+
+@given(data=st.data())
+@settings(deadline=None, max_examples=30)
+def test_numbers_that_are_none_lead_nowhere(data: st.DataObject) -> None:
+    """The function itself is safe from what is given to it: whoever calls it from C has no other guard."""
+    stepper = guided_stepper("screwing")
+    bad = data.draw(st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
+    where = data.draw(st.sampled_from(["guide", "guided"]))
+    stepper._inputs[where][data.draw(st.integers(0, stepper._inputs[where].size - 1))] = bad
+    led = where == "guided" and bad > 0
+    set_out(stepper)
+    step = stepper.step(near_comfort("screwing", np.random.default_rng(0)), held_pose("screwing"))
+    assert np.isfinite(step.twist).all()
+    assert step.status == "optimal"
+    assert bool(step.drawn) == led
+
+
+# --- what is refused -----------------------------------------------------------------------------------------------------
+
+
+class Unreadable:
+    """Raises when it is looked at."""
+
+    @property
+    def pose(self) -> Any:
+        raise ValueError("broken")
+
+
+def wrong_places() -> list[tuple[Any, str]]:
+    away, tilted, nan = (
+        held_pose("screwing"),
+        moved(held_pose("screwing"), np.array([0, 0, 0, 0, 0, 1.0])),
+        held_pose("screwing"),
+    )
+    away[0, 3], nan[1, 1] = 3.0, np.nan
+    return [
+        (away, r"guide: got the place \(3, .*\) m, allowed the workspace \(.*\) to \(.*\) m"),
+        (tilted, r"guide: got a tool axis 57.3 deg from the middle of its cone, allowed at most 35 deg"),
+        (nan, "guide: got a pose that is not finite or not a rigid motion"),
+        (2 * np.eye(4), "guide: got a pose that is not finite or not a rigid motion"),
+        (np.zeros(6), r"guide: got shape \(6,\), allowed a pose \(4, 4\)"),
+        ("home", "guide: got str, allowed a pose"),
+        (SimpleNamespace(pose=held_pose("screwing"), posture=np.full(32, np.nan)), "guide: got a posture"),
+        (SimpleNamespace(pose=held_pose("screwing"), posture=np.zeros(3)), "guide: got a posture"),
+    ]
+
+
+@pytest.mark.parametrize(("place", "sentence"), wrong_places())
+def test_a_place_that_cannot_be_used_is_refused_at_construction_and_none_in_the_loop(place: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        problem_of("screwing").stepper(guide=place)
+    stepper = guided_stepper("screwing")
+    stepper.guide(place)
+    step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
+    assert step.status == "optimal"
+    assert re.search(sentence, step.reason)
+    assert stepper._inputs["guided"][0] == 0
+    stepper.guide(held_pose("screwing"))
+    assert stepper.step(comfort_of("screwing")).reason == ""
+
+
+def test_whatever_a_place_does_when_it_is_read_the_loop_goes_on() -> None:
+    stepper = guided_stepper("screwing")
+    stepper.guide(Unreadable())
+    step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
+    assert (step.status, step.reason) == ("optimal", "guide: cannot be read (ValueError), allowed a pose (4, 4)")
+
+
+def test_a_problem_without_a_person_has_no_place_for_an_object() -> None:
+    with pytest.raises(InputError, match=r"guide: problem forearm moves elbow_x, .*, allowed problems of a person"):
+        problem_of("forearm").stepper(guide=np.eye(4))
+
+
+def test_a_stepper_without_a_guide_says_that_it_has_none() -> None:
+    with pytest.raises(InputError, match="guide: the stepper was made without one"):
+        problem_of("screwing").stepper().guide(held_pose("screwing"))
+
+
+def test_what_a_place_promises_is_the_cost_of_its_posture() -> None:
+    problem, q = problem_of("screwing"), comfort_of("screwing")
+    known = read_guide(problem, SimpleNamespace(pose=held_pose("screwing"), posture=q))
+    assert known.promise == pytest.approx(float(problem.cost(q)[0]))
+    assert read_guide(problem, held_pose("screwing")).promise is None
+    assert read_guide(problem, known) is known
+
+
+# --- state ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_guided_log_replays_bit_for_bit() -> None:
+    import json
+
+    log: list[dict[str, Any]] = []
+    problem = problem_of("screwing")
+    stepper = problem.stepper(log=log.append, guide=held_pose("screwing"))
+    set_out(stepper)
+    steps = walk(stepper, "screwing", 3, 60)
+    stepper.guide(np.full((4, 4), np.nan))
+    steps += walk(stepper, "screwing", 4, 20)
+    replayed = ergoqp.step.replay(problem, json.loads(json.dumps(log)))
+    assert any(step.drawn for step in steps)
+    for one, other in zip(steps, replayed, strict=True):
+        assert one._all.tobytes() == other._all.tobytes()
+        assert (one.status, one.reason) == (other.status, other.reason)
+
+
+def test_reset_keeps_the_place_and_forgets_the_trial() -> None:
+    stepper, q = guided_stepper("screwing"), near_comfort("screwing", np.random.default_rng(5))
+    first = [stepper.step(q) for _ in range(5)][-1]
+    set_out(stepper)
+    stepper.step(q)
+    stepper.reset()
+    assert stepper._inputs["guided"][0] == 1
+    assert [stepper.step(q) for _ in range(5)][-1].twist.tobytes() == first.twist.tobytes()
