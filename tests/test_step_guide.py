@@ -257,3 +257,20 @@ def test_reset_keeps_the_place_and_forgets_the_trial() -> None:
     stepper.reset()
     assert stepper._inputs["guided"][0] == 1
     assert [stepper.step(q) for _ in range(5)][-1].twist.tobytes() == first.twist.tobytes()
+
+
+def test_compiled_it_is_led_alike() -> None:
+    from ergoqp.native.compiler import CompilerError, compiler
+
+    try:
+        compiler()
+    except CompilerError as absent:
+        pytest.skip(str(absent))
+    compiled, plain = problem_of("dentist").stepper(compiled=True, guide=held_pose("dentist")), guided_stepper("dentist")
+    set_out(compiled)
+    set_out(plain)
+    answers = [walk(stepper, "dentist", 6, 60) for stepper in (compiled, plain)]
+    assert any(step.drawn for step in answers[0])
+    for one, other in zip(*answers, strict=True):
+        assert (one.status, one.reason) == (other.status, other.reason)
+        np.testing.assert_allclose(one.twist, other.twist, atol=1e-9)
