@@ -35,13 +35,3 @@ def spd_inverse(matrix: ca.SX) -> ca.SX:
         for i in range(j + 1, n):
             inverse[i, j] = -(root[i, j:i] @ inverse[j:i, j]) / root[i, i]
     return inverse.T @ inverse
-
-
-def gram(tall: ca.SX) -> ca.SX:
-    """Return A' A (n, n) of a matrix (m, n): the lower half is computed, the upper is its mirror."""
-    n = tall.shape[1]
-    product = ca.SX(n, n)
-    for i in range(n):
-        for j in range(i + 1):
-            product[i, j] = product[j, i] = ca.dot(tall[:, i], tall[:, j])
-    return product

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 
+from ergoqp.limits import Rows
 from ergoqp.step_objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
-from ergoqp.step_rows import braking, movable_rows, on_surface, patience, row_bounds, unhurried
+from ergoqp.step_rows import Braking, braking, movable_rows, on_surface, patience, row_bounds, unhurried
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -43,28 +44,65 @@ def movable_names(problem: Problem) -> tuple[str, ...]:
 
 
 def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
-    """Return the QP of one locking pass and the rows in it.
+    """Return the QP of one locking pass and the numbers of the rows in it.
 
     The function is ``(posture, observed, readings, pose, previous, dt, value, gradient, locked, final) -> (*QP_DATA, S, E)``.
+    What is geometry is scalars; what is the same for every row is vectors, which an interpreter runs many times faster.
     """
-    names = ("posture", "observed", "readings", "pose", "previous", "dt", "value", "gradient", "locked", "final", "S", "E")
-    unmet, N = problem.response.sensitivity().size_out(1), len(problem.coordinates)
-    measured = (readings_size(problem), 1)
-    sizes = ((N, 1), (N, 1), measured, (4, 4), (6, 1), (1, 1), (1, 1), (N, 1), (N, 1), (1, 1), (N, 6), unmet)
-    sx = {name: ca.SX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
+    names = ("posture", "observed", "readings", "pose", "previous", "dt", "value", "gradient", "locked", "final")
+    n = len(problem.coordinates)
+    sizes = ((n, 1), (n, 1), (readings_size(problem), 1), (4, 4), (6, 1), (1, 1), (1, 1), (n, 1), (n, 1), (1, 1))
+    mx = {name: ca.MX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
+    S, E = problem.response.sensitivity()(mx["posture"], mx["locked"])
+    terms, kept, follows = _terms(problem)
+    known = [mx[name] for name in ("posture", "observed", "readings", "pose", "previous", "dt")]
+    own, below, above, rate, reserve, twist, low, high, reach = terms(*known, S)
+    brake = Braking(twist, low, high, reach, ca.DM(problem.twist_limit.acceleration), mx["dt"])
+    rows = Rows(_gathered(S, own, follows), below, above, rate, reserve)
+    bounds = row_bounds(problem.twist_limit, problem.row_limits, rows, kept, brake, mx["final"])
+    H, g = objective(problem, mx, S, E)
+    data = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, low, high, S, E]
+    outputs = [ca.densify(part) for part in data]
+    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), [*QP_DATA, "S", "E"]), kept
+
+
+def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
+    """Return what the rows and braking are made of, which rows some twist can move, and which of them are rows of S.
+
+    The function is ``(posture, observed, readings, pose, previous, dt, S) -> (own, below, above, rate, reserve, twist, low,
+    high, reach)``: of the movable rows, and of this period's braking. `own` (k, 6) are the rows that are not rows of S.
+    """
+    n = len(problem.coordinates)
+    sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "previous": (6, 1)}
+    sx = {name: ca.SX.sym(name, *size) for name, size in (sizes | {"dt": (1, 1), "S": (n, 6)}).items()}
     S = with_pattern(sx["S"], sensitivity_pattern(problem))
     brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
     situation = situation_of(problem, sx, S, brake)
     brake = on_surface(brake, situation)
     brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"]))
-    movable = movable_rows(problem.twist_limit, problem.row_limits, situation)
-    bounds = row_bounds(problem.twist_limit, problem.row_limits, situation, brake, sx["final"], movable)
-    H, g = objective(problem, sx, S)
-    parts = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, brake.low, brake.high]
-    prepare = ca.Function("prepare", list(sx.values()), ca.cse([ca.densify(part) for part in parts]))
+    kept = movable_rows(problem.twist_limit, problem.row_limits, situation)
+    rows = [limit.rows(situation) for limit in problem.row_limits]
+    numbered = [(each, i) for each in rows for i in range(each.matrix.shape[0])]
+    follows = [i if each.matrix is situation.sensitivity else None for each, i in (numbered[k] for k in kept)]
+    own = [numbered[k] for k, of_S in zip(kept, follows, strict=True) if of_S is None]
+    matrix = ca.vertcat(ca.SX(0, 6), *(each.matrix[i, :] for each, i in own))
+    ends = [_stacked([getattr(each, part)[i] for each, i in (numbered[k] for k in kept)]) for part in _VECTORS]
+    parts = [matrix, *ends, brake.twist, brake.low, brake.high, brake.reach]
+    return ca.Function("terms", list(sx.values()), ca.cse([ca.densify(part) for part in parts])), kept, follows
 
-    mx = {name: ca.MX.sym(name, *size) for name, size in zip(names[:-2], sizes[:-2], strict=True)}
-    S_value, E_value = problem.response.sensitivity()(mx["posture"], mx["locked"])
-    data = prepare(*mx.values(), S_value, E_value)
-    outputs = [*data, ca.densify(S_value), ca.densify(E_value)]
-    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), [*QP_DATA, "S", "E"]), movable
+
+_VECTORS: Final = ("below", "above", "rate", "reserve")
+
+
+def _stacked(entries: list[ca.SX]) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *entries)
+
+
+def _gathered(S: ca.MX, own: ca.MX, follows: list[int | None]) -> ca.MX:
+    """Return the rows of the QP: those of S, and the others in their places, by copying numbers once."""
+    n, k = S.shape[0], own.shape[0]
+    others = iter(range(k))
+    starts = [(row, n) if row is not None else (S.numel() + next(others), k) for row in follows]
+    places = [start + column * stride for column in range(6) for start, stride in starts]
+    everything = ca.vertcat(ca.vec(S), ca.vec(own)) if k else ca.vec(S)
+    return ca.reshape(everything[places], len(follows), 6) if places else ca.MX(0, 6)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.linear import gram
 from ergoqp.step_inputs import stand_in
 
 if TYPE_CHECKING:
@@ -83,19 +82,30 @@ def _comfort(problem: Problem) -> ca.DM:
     return ca.DM(problem.control.comfort * moved * problem.response.weight_vector)
 
 
-def objective(problem: Problem, sx: dict[str, ca.SX], S: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Gauss-Newton on V - V_min over the look-ahead, effort, smoothing, and the contact that the person could not keep."""
-    control = problem.control
+def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Gauss-Newton on V - V_min over the look-ahead, effort, smoothing, and the contact that the person could not keep.
+
+    Args:
+        problem: the task.
+        known: ``value``, ``gradient``, ``previous`` and ``dt`` of this step.
+        S: sensitivity (n, 6).
+        E: contact motion that the posture cannot follow (k, 6).
+
+    Returns:
+        (H, g) of the QP.
+    """
+    control, pattern = problem.control, sensitivity_pattern(problem)
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
-    smoothing = control.smoothing / sx["dt"]
+    smoothing = control.smoothing / known["dt"]
     ahead = control.look_ahead
-    slope = S.T @ sx["gradient"]
-    excess = ca.fmax(sx["value"] - problem.cost.minimum, 0) + _CAUTION_EPS
-    scaled = ca.diag(ca.DM(np.sqrt(control.caution * problem.response.weight_vector))) @ S
-    # One tall matrix, so that its Gram matrix is all there is to compute, and one half of that.
-    tall = ca.vertcat(ahead * slope.T / ca.sqrt(2 * excess), ahead * scaled, np.sqrt(control.contact) * sx["E"])
-    H = gram(tall) + ca.diag(effort * (1 + smoothing))
-    return H, ahead * slope - smoothing * effort * sx["previous"]
+    moved = [row for row in range(pattern.shape[0]) if with_pattern(pattern, pattern)[row, :].nnz()]
+    S = S[moved, :]
+    slope = S.T @ known["gradient"][moved]
+    excess = ca.fmax(known["value"] - problem.cost.minimum, 0) + _CAUTION_EPS
+    weighted = S * ca.repmat(ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6)
+    # Products of a matrix with its own transpose: symmetric to the last bit.
+    H = weighted.T @ weighted + control.contact * (E.T @ E) + (ahead**2 / 2 / excess) * (slope @ slope.T)
+    return H + ca.diag(effort * (1 + smoothing)), ahead * slope - smoothing * effort * known["previous"]
 
 
 def gain_function(problem: Problem) -> ca.Function:

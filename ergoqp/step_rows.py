@@ -17,8 +17,10 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import Limit, Rows, Situation, TwistLimit
+from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
 from ergoqp.qp import FREE
+
+Expression = ca.SX | ca.MX
 
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""
@@ -43,15 +45,15 @@ class Braking:
         dt: period [s].
     """
 
-    twist: ca.SX
-    low: ca.SX
-    high: ca.SX
-    reach: ca.SX
+    twist: Expression
+    low: Expression
+    high: Expression
+    reach: Expression
     acceleration: ca.DM
-    dt: ca.SX
+    dt: Expression
 
     @property
-    def change(self) -> ca.SX:
+    def change(self) -> Expression:
         """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
         return self.acceleration * self.dt * self.reach
 
@@ -91,11 +93,11 @@ def stop_displacement(limit: TwistLimit, twist: ca.SX, dt: ca.SX) -> ca.SX:
 class RowBounds:
     """Rows over the twist, as the QP takes them (`ergoqp.qp.build_qp`), only those that some twist can move."""
 
-    matrix: ca.SX
-    lower: ca.SX
-    upper: ca.SX
-    side: ca.SX
-    cap: ca.SX
+    matrix: Expression
+    lower: Expression
+    upper: Expression
+    side: Expression
+    cap: Expression
 
 
 def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
@@ -140,75 +142,81 @@ def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situatio
 
 
 def row_bounds(
-    twist: TwistLimit, limits: Sequence[Limit], situation: Situation, brake: Braking, final: ca.SX, movable: Sequence[int]
+    twist: TwistLimit, limits: Sequence[Limit], rows: Rows, kept: Sequence[int], brake: Braking, final: Expression
 ) -> RowBounds:
-    """Return the bounds of the movable rows.
+    """Return the bounds of the movable rows; both ends of all rows at once, as vectors.
 
     Args:
         twist: which axes the object can move.
         limits: the row limits of the problem.
-        situation: where things are.
+        rows: the movable rows of all limits, one below the other.
+        kept: their numbers among all rows, see `movable_rows`.
         brake: of this period.
         final: 1 in the last pass, in which joints near their end do not yield any more.
-        movable: which rows to keep, see `movable_rows`.
     """
-    blocks = [_bounds(twist, limit, situation, brake, final) for limit in limits]
-    if not blocks:
-        return RowBounds(ca.SX(0, 6), *(ca.SX(0, 1) for _ in range(4)))
-    matrix, lower, upper, side, cap = (ca.vertcat(*parts) for parts in zip(*blocks, strict=True))
-    return RowBounds(*(ca.densify(part[movable, :]) for part in (matrix, lower, upper, side, cap)))
-
-
-def _bounds(twist: TwistLimit, limit: Limit, situation: Situation, brake: Braking, final: ca.SX) -> tuple[ca.SX, ...]:
-    rows = limit.rows(situation)
-    if situation.surface is limit:
-        # An equality, and braking keeps it (`on_surface`).
-        along = rows.matrix @ brake.twist
-        return rows.matrix, along, along, ca.SX(1), ca.SX(0)
+    m, kept = len(kept), list(kept)
+    if not m:
+        return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
     # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
     at_braking = rows.matrix @ brake.twist
-    # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
-    slowing = ca.fabs(ca.densify(driven(twist, rows.matrix))) @ brake.acceleration
-    moves = slowing > 1e-6
-    upper, cap_up = _one_end(limit, rows.above, rows, at_braking, moves, slowing, brake, final)
-    lower, cap_down = _one_end(limit, rows.below, rows, -at_braking, moves, slowing, brake, final)
-    upper = ca.fmin(upper, FREE)
+    slowing = ca.fabs(rows.matrix) @ (brake.acceleration * ca.DM(twist.speed > 0))
+    upward, cap = _ends(limits, rows, kept, at_braking, slowing, brake, final)
+    upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
     # An inward target never asks for more than the other end allows; the slack covers only one side.
-    lower = ca.fmin(ca.fmax(-lower, -FREE), upper)
-    relaxes_up = ca.logic_and(cap_up > 0, at_braking >= lower)
-    return rows.matrix, lower, upper, ca.if_else(relaxes_up, 1.0, -1.0), ca.if_else(relaxes_up, cap_up, cap_down)
+    lower = ca.fmin(ca.fmax(lower, -FREE), upper)
+    relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
+    side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
+    equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[kept]
+    if equal.nnz() and ca.sum1(equal):
+        # A surface is an equality, and braking keeps it (`on_surface`).
+        upper, lower, cap = (ca.if_else(equal, own, other) for own, other in ((at_braking, upper), (at_braking, lower), (0, cap)))
+    return RowBounds(rows.matrix, lower, upper, side, cap)
 
 
-def _one_end(
-    limit: Limit,
-    distance: ca.SX,
+def _ends(
+    limits: Sequence[Limit],
     rows: Rows,
-    at_braking: ca.SX,
-    moves: ca.SX,
-    slowing: ca.SX,
+    kept: list[int],
+    at_braking: Expression,
+    slowing: Expression,
     brake: Braking,
-    final: ca.SX,
-) -> tuple[ca.SX, ca.SX]:
-    """Return (largest rate toward this end, by how much it may be exceeded) for each row."""
-    inside = distance >= -limit.tolerance
+    final: Expression,
+) -> tuple[Expression, Expression]:
+    """Return (largest rate toward each end, by how much it may be exceeded): first the upper ends, then the lower ones."""
+
+    def constant(pick: str) -> ca.DM:
+        return ca.DM(np.tile(limit_values(limits, pick)[kept], 2))
+
+    def twice(values: Expression) -> Expression:
+        return ca.vertcat(values, values)
+
+    distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
+    inside, outside = distance >= -constant("tolerance"), distance < -constant("tolerance")
+    rate, toward = twice(rows.rate), ca.vertcat(at_braking, -at_braking)
+    # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
+    moves = slowing > 1e-6
+    knee = slowing * brake.reach**2
+    left = distance - twice(rows.reserve + CLEARANCE)
+    # d / h up to the knee, from there on its tangent parabola.
+    line = ca.fmin(left - twice(knee), 0) / brake.reach
+    allowed = ca.sqrt(twice(2 * slowing) * ca.fmax(left, twice(knee)) - twice(slowing * knee)) + line
+    allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
+    # In the zone the first passes let the joint go where the QP wants it: outward, it is locked and the object goes on.
+    zone = constant("yield_zone")
+    if zone.nnz():
+        yields = ca.logic_and(ca.logic_and(inside, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
+        allowed = ca.if_else(yields, rate, allowed)
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
-    pace = ca.fmin(ca.fmax(-distance / limit.recovery_time, STEADY_RETURN), -distance / brake.dt)
+    pace = ca.fmin(ca.fmax(distance * (-1 / constant("recovery_time")), STEADY_RETURN), distance * (-1 / brake.dt))
     # Outside, the row's own curvature must not carry it further out.
-    curving = (rows.reserve + CLEARANCE) / brake.reach
-    wanted_back = ca.if_else(moves, ca.fmin(rows.rate, ca.fmax(pace, curving)), 0.0)
-    left, knee = ca.fmin(distance - CLEARANCE - rows.reserve, FREE), slowing * brake.reach**2
-    parabola = ca.sqrt(ca.fmax(2 * slowing * left - slowing * knee, 0))
-    allowed = ca.if_else(left <= knee, left / brake.reach, parabola)
-    allowed = ca.if_else(moves, ca.fmin(rows.rate, allowed), rows.rate)
-    bound = ca.if_else(inside, allowed, -wanted_back)
-    least = ca.if_else(inside, allowed, ca.if_else(moves, -curving, 0.0))
-    if limit.yield_zone:
-        # In the zone the first passes let the joint go where the QP wants it: outward, it is locked and the object goes on.
-        near = ca.logic_and(distance < limit.yield_zone, distance >= -limit.tolerance)
-        yields = ca.logic_and(near, ca.logic_not(final))
-        bound, least = ca.if_else(yields, rows.rate, bound), ca.if_else(yields, rows.rate, least)
-    needed = ca.fmax(least, at_braking) - bound
-    return bound, ca.if_else(ca.logic_or(needed > 0, at_braking > bound - ELBOW), needed + ELBOW, 0)
+    curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / brake.reach, 0))
+    back = ca.fmin(rate, ca.fmax(pace, curving)) * twice(moves)
+    allowed = ca.if_else(inside, allowed, 0)
+    bound = allowed - ca.if_else(outside, back, 0)
+    least = allowed - ca.if_else(outside, curving, 0)
+    beyond = toward - bound
+    needed = ca.fmax(least - bound, beyond)
+    return bound, ca.if_else(ca.fmax(needed, beyond + ELBOW) > 0, needed + ELBOW, 0)
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:

@@ -12,11 +12,18 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.sheets.description import Step
+
+_TURN: Final = 2 * math.pi
+"""No angle is larger; beyond, nothing changes any more [rad]."""
+
+_LARGEST_EXPONENT: Final = 700.0
+_LEAST: Final = 1e-17
 
 Distribution = dict[int, ca.SX]
 """Probability of each possible score, ascending; the probabilities add up to one."""
@@ -26,9 +33,15 @@ def past(x: ca.SX, edge: float, tau: float) -> ca.SX:
     """Return P(x + tau eta > edge) for a logistic eta with P(eta < z) = (1 + tanh z) / 2.
 
     Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the noise (the scale parameter
-    of the same logistic law is tau / 2). The tanh form cannot overflow.
+    of the same logistic law is tau / 2).
     """
-    return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
+    if 2 * (_TURN + abs(edge)) / tau > _LARGEST_EXPONENT:
+        # The tanh form cannot overflow.
+        return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
+    # All edges of a joint share one exponential, which is found to be the same when the whole expression is simplified. The
+    # least chance keeps products of unlikely things from becoming numbers that processors are slow at.
+    within = ca.fmin(ca.fmax(x, -_TURN), _TURN)
+    return _LEAST + 1 / (1 + math.exp(2 * edge / tau) * ca.exp(within * (-2 / tau)))
 
 
 def of_step(step: Step, x: ca.SX, tau: float) -> Distribution:

@@ -64,11 +64,11 @@ class Rows:
         reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for straight ones.
     """
 
-    matrix: ca.SX
-    below: ca.SX
-    above: ca.SX
-    rate: ca.SX
-    reserve: ca.SX
+    matrix: ca.SX | ca.MX
+    below: ca.SX | ca.MX
+    above: ca.SX | ca.MX
+    rate: ca.SX | ca.MX
+    reserve: ca.SX | ca.MX
 
 
 class Limit(Protocol):
