@@ -75,12 +75,12 @@ def _residual(n: int, m: int) -> ca.Function:
     """
     names = ("H", "g", "A", "lba", "uba", "lbx", "ubx", "x", "rows", "box")
     shapes = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1), (n, 1), (m, 1), (n, 1))
-    inputs = [ca.SX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
+    inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
     H, g, A, lba, uba, lbx, ubx, x, rows, box = inputs
     value = A @ x
     below, above = ca.vertcat(value - lba, x - lbx), ca.vertcat(uba - value, ubx - x)
     primal = -ca.fmin(ca.mmin(below), ca.mmin(above))
-    stationary = H @ x + g + A.T @ rows + box
+    stationary = H @ x + g + (rows.T @ A).T + box
     dual = ca.mmax(ca.fabs(stationary))
     multiplier = ca.vertcat(rows, box)
     up, down = ca.fmax(multiplier, 0), ca.fmax(-multiplier, 0)
@@ -90,4 +90,4 @@ def _residual(n: int, m: int) -> ca.Function:
     # fmax and mmax drop NaN; a sum of squares keeps it, and NaN is not below infinity either.
     everything = ca.sumsqr(stationary) + ca.sumsqr(below) + ca.sumsqr(above)
     sound = ca.logic_and(ca.sumsqr(x) < FREE, everything <= ca.inf)
-    return ca.Function("residual", inputs, ca.cse([ca.if_else(sound, residual, FREE)]))
+    return ca.Function("residual", inputs, [ca.if_else(sound, residual, FREE)])

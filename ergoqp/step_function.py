@@ -117,11 +117,11 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool) -> tuple[ca.Func
 def _newly_locked(problem: Problem) -> ca.Function:
     """Joints that are at their end, not yet locked, and would move outward."""
     N = len(problem.coordinates)
-    q, observed, locked = ca.SX.sym("posture", N), ca.SX.sym("observed", N), ca.SX.sym("locked", N)
-    S, xi, residual = ca.SX.sym("S", N, 6), ca.SX.sym("xi", 6), ca.SX.sym("residual")
-    readings = ca.SX.sym("readings", readings_size(problem))
+    q, observed, locked = ca.MX.sym("posture", N), ca.MX.sym("observed", N), ca.MX.sym("locked", N)
+    S, xi, residual = ca.MX.sym("S", N, 6), ca.MX.sym("xi", 6), ca.MX.sym("residual")
+    readings = ca.MX.sym("readings", readings_size(problem))
     situation = situation_of(problem, {"posture": q, "observed": observed, "readings": readings}, S)
-    outward = ca.SX(N, 1)
+    outward = ca.MX(ca.DM.zeros(N))
     for limit in problem.row_limits:
         if not limit.yield_zone:
             continue
@@ -129,10 +129,10 @@ def _newly_locked(problem: Problem) -> ca.Function:
         rate = rows.matrix @ xi
         up = ca.logic_and(_near(rows.above, limit.yield_zone, limit.tolerance), rate > 1e-6)
         down = ca.logic_and(_near(rows.below, limit.yield_zone, limit.tolerance), rate < -1e-6)
-        outward = ca.fmax(outward, ca.logic_or(up, down))
+        outward = ca.logic_or(outward, ca.logic_or(up, down))
     newly = ca.logic_and(ca.logic_and(outward, locked < 0.5), residual < TOLERANCE)
     return ca.Function("newly_locked", [q, observed, readings, locked, S, xi, residual], [ca.densify(newly)])
 
 
-def _near(distance: ca.SX, zone: float, tolerance: float) -> ca.SX:
+def _near(distance: ca.MX, zone: float, tolerance: float) -> ca.MX:
     return ca.logic_and(distance < zone, distance >= -tolerance)

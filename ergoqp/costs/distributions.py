@@ -19,11 +19,11 @@ import numpy as np
 
 from ergoqp.sheets.description import Step
 
-_TURN: Final = 2 * math.pi
-"""No angle is larger; beyond, nothing changes any more [rad]."""
+_WIDEST: Final = 9.0
+"""Up to this angle the exponential form has a gradient [rad]; angles beyond a third of it are refused."""
 
 _LARGEST_EXPONENT: Final = 700.0
-_LEAST: Final = 1e-17
+"""Of a number in double precision, of e."""
 
 Distribution = dict[int, ca.SX]
 """Probability of each possible score, ascending; the probabilities add up to one."""
@@ -35,13 +35,12 @@ def past(x: ca.SX, edge: float, tau: float) -> ca.SX:
     Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the noise (the scale parameter
     of the same logistic law is tau / 2).
     """
-    if 2 * (_TURN + abs(edge)) / tau > _LARGEST_EXPONENT:
+    if 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
         # The tanh form cannot overflow.
         return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
-    # All edges of a joint share one exponential, which is found to be the same when the whole expression is simplified. The
-    # least chance keeps products of unlikely things from becoming numbers that processors are slow at.
-    within = ca.fmin(ca.fmax(x, -_TURN), _TURN)
-    return _LEAST + 1 / (1 + math.exp(2 * edge / tau) * ca.exp(within * (-2 / tau)))
+    # All edges of a joint share one exponential, which is found to be the same when the whole expression is simplified.
+    scale = math.exp(-2 * edge / tau)
+    return scale / (scale + ca.exp(x * (-2 / tau)))
 
 
 def of_step(step: Step, x: ca.SX, tau: float) -> Distribution:

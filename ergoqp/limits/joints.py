@@ -78,8 +78,8 @@ class JointLimit:
         q, seen = situation.posture, situation.observed
         below = ca.if_else(seen, q - ca.DM(lower), ca.inf)
         above = ca.if_else(seen, ca.DM(upper) - q, ca.inf)
-        rate = ca.SX(ca.DM([np.radians(self.rate_deg)] * len(JOINTS)))
-        return Rows(situation.sensitivity, below, above, rate, ca.SX(len(JOINTS), 1))
+        rate = ca.DM([np.radians(self.rate_deg)] * len(JOINTS))
+        return Rows(situation.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way, by the linear model of the person."""
