@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 
@@ -12,9 +12,10 @@ from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation
 from ergoqp.step_guide import TRIAL, trial_update
 from ergoqp.step_inputs import Cause, Status
+from ergoqp.step_margins import StepRows
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
-from ergoqp.step_rows import braking, driven, limit_values, on_surface, patience, stop_displacement
+from ergoqp.step_rows import braking, limit_values, on_surface, patience, stop_displacement
 
 if TYPE_CHECKING:
     from ergoqp.limits import Situation
@@ -30,13 +31,13 @@ GIVES_WAY: Final = 1e-3
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
 
-def _symbols(problem: Problem, names: tuple[str, ...]) -> dict[str, ca.SX]:
+def _symbols(problem: Problem, names: tuple[str, ...], kind: type = ca.SX) -> dict[str, Any]:
     """Inputs of the functions of this file, by name; what has no size here is one number."""
     n, rows = len(problem.coordinates), len(problem.row_names)
     sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "S": (n, 6)}
     sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "rest": (STATES, 1)}
     sizes |= {"trial": (TRIAL, 1), "now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
-    return {name: ca.SX.sym(name, *sizes.get(name, (1, 1))) for name in names}
+    return {name: kind.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
 
 def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca.Function:
@@ -59,30 +60,61 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
         "usable",
         "rest",
     )
-    sx = _symbols(problem, (*names, "promise", "trial", "distance", "on") if guided else names)
+    known = _symbols(problem, (*names, "promise", "trial", "distance", "on") if guided else names, ca.MX)
+    rows = StepRows(problem, known, known["S"])
+    now = rows.margins(ca.DM.zeros(6))
+    outside = ca.logic_and(now < -ca.DM(limit_values(problem.row_limits, "tolerance")), _moves(problem, rows))
+    decide = _decide_function(problem, pattern, guided)
+    given = known | {"must_move": largest(outside)}
+    wanted, slowest, displacement, solved, rest, *trial = decide(*(given[decide.name_in(i)] for i in range(decide.n_in())))
+    whole = smallest(rows.margins(displacement) - _floor(problem, now)) >= 0
+    outputs = [wanted, slowest, now, solved, outside, rest, whole, *trial]
+    return ca.Function("judge", list(known.values()), [ca.densify(part) for part in outputs])
+
+
+def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Function:
+    """The twist that this answer asks for and the braking one, as they can be sent; the stop after the first; rest and trial."""
+    names = (
+        "posture",
+        "observed",
+        "readings",
+        "pose",
+        "previous",
+        "dt",
+        "gain",
+        "value",
+        "xi",
+        "S",
+        "residual",
+        "usable",
+        "rest",
+    )
+    names = (*names, "must_move", *(("promise", "trial", "distance", "on") if guided else ()))
+    sx = _symbols(problem, names)
     limits, dt = problem.row_limits, sx["dt"]
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     brake = on_surface(braking(problem.twist_limit, sx["previous"], dt), situation)
-    now = _margins(problem, situation, ca.SX(6, 1), dt)
     solved = sx["residual"] < TOLERANCE
-    outside = ca.logic_and(now < -ca.DM(limit_values(limits, "tolerance")), _moves(problem, situation))
-    must_move = largest(outside)
     counts = ca.logic_and(sx["usable"], solved)
-    rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], must_move, dt, counts)
+    rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], sx["must_move"], dt, counts)
     trial = []
     if guided:
-        known = (sx["pose"], sx["distance"], sx["on"], sx["promise"])
-        next_trial, rest = trial_update(problem.control, sx["trial"], rest, *known, dt, counts)
+        journey = (sx["pose"], sx["distance"], sx["on"], sx["promise"])
+        next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
         trial = [next_trial]
-    wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
+    wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(sx["must_move"])), brake.twist, sx["xi"])
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
     in_time = patience(limits, situation, sx["previous"], dt) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
-    through = _margins(problem, situation, wanted, dt)
-    whole = smallest(through - _floor(problem, now)) >= 0
-    outputs = [wanted, slowest, now, solved, outside, rest, whole, *trial]
-    return ca.Function("judge", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
+    outputs = [wanted, slowest, stop_displacement(problem.twist_limit, wanted, dt), solved, rest, *trial]
+    return ca.Function(
+        "decide",
+        list(sx.values()),
+        ca.cse([ca.densify(part) for part in outputs]),
+        list(names),
+        [f"o{i}" for i in range(len(outputs))],
+    )
 
 
 def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
@@ -104,38 +136,61 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
 
 def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Function:
     """The twist that is sent, and the account of it."""
-    m, rows_in_all = len(movable), len(problem.row_names)
-    sx = _symbols(problem, ("posture", "observed", "readings", "pose", "dt", "S", "residual", "usable", "E"))
-    sx |= {name: ca.SX.sym(name, m) for name in ("slack", "multipliers")}
-    sx |= _symbols(problem, ("causes", "wanted", "brake", "now", "solved", "outside", "rest", "share"))
-    limits, dt, share = problem.row_limits, sx["dt"], sx["share"]
-    situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
+    m = len(movable)
+    known = _symbols(problem, ("posture", "observed", "readings", "pose", "dt", "S", "residual", "usable", "E"), ca.MX)
+    known |= {name: ca.MX.sym(name, m) for name in ("slack", "multipliers")}
+    known |= _symbols(problem, ("causes", "wanted", "brake", "now", "solved", "outside", "rest", "share"), ca.MX)
+    limits, now = problem.row_limits, known["now"]
+    rows = StepRows(problem, known, known["S"])
+    tolerance, soft = ca.DM(limit_values(limits, "tolerance")), ca.DM(1 - limit_values(limits, "hard"))
+    # Slack of a row on the object side only says that the QP asked for more than needed: the certificate is exact there.
+    held = now[movable] >= -tolerance[movable] if m else now
+    used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
+    close = _close_function(problem)
+    given = known | {"used": used, "any_outside": largest(known["outside"])}
+    twist, moved, status, causes, residuals = close(*(given[close.name_in(i)] for i in range(close.n_in())))
+    rate = _model_rate(limits, situation_of(problem, known, known["S"]), known["S"] @ twist, known["dt"])
+    slack, multipliers = (_spread(known[name], movable, len(problem.row_names)) for name in ("slack", "multipliers"))
+    # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way as well, and is named.
+    slack = ca.fmax(slack, _rate_excess(rows, twist)) if len(limits) else slack
+    outputs = [twist, moved, rate, status, causes, slack, multipliers, residuals]
+    return ca.Function("account", list(known.values()), [ca.densify(part) for part in outputs])
+
+
+def _close_function(problem: Problem) -> ca.Function:
+    """The twist that is sent, where it leads, and what to call the step."""
+    names = ("posture", "pose", "dt", "residual", "usable", "E", "causes", "wanted", "brake", "solved", "rest", "share")
+    sx = _symbols(problem, (*names, "used", "any_outside"))
+    share = sx["share"]
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
     twist = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
-    twist = _kept(problem, situation, twist, dt)
-    rate = _model_rate(limits, situation, situation.sensitivity @ twist, dt)
+    if problem.surface is not None:
+        twist = problem.surface.retract(sx["posture"], twist, sx["dt"], ca.DM(problem.twist_limit.acceleration))
     failed = ca.if_else(sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
-
-    tolerance = ca.DM(limit_values(limits, "tolerance"))
-    # Slack of a row on the object side only says that the QP asked for more than needed: the certificate is exact there.
-    soft = ca.DM(1 - limit_values(limits, "hard"))[movable]
-    used = largest(soft * sx["slack"] * (sx["now"][movable] >= -tolerance[movable])) > 10 * TOLERANCE
     status = ca.if_else(sx["rest"][0] > 0.5, int(Status.settled), int(Status.optimal))
-    status = ca.if_else(used, int(Status.relaxed), status)
-    status = ca.if_else(largest(sx["outside"]), int(Status.recovering), status)
+    status = ca.if_else(sx["used"], int(Status.relaxed), status)
+    status = ca.if_else(sx["any_outside"], int(Status.recovering), status)
     status = ca.if_else(accepted, status, int(Status.braking))
     wrong = ca.fmod(causes, 2.0 ** (Cause.age + 1)) > 0.5
     status = ca.if_else(wrong, int(Status.invalid), status)
-
-    full_slack, full_multipliers = ca.SX(rows_in_all, 1), ca.SX(rows_in_all, 1)
-    full_slack[movable], full_multipliers[movable] = sx["slack"], sx["multipliers"]
-    # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way as well, and is named.
-    full_slack = ca.fmax(full_slack, _rate_excess(limits, situation, twist))
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ twist))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
-    outputs = [twist, exp_rotation(sx["pose"], twist * dt), rate, status, causes, full_slack, full_multipliers, residuals]
-    return ca.Function("account", list(sx.values()), ca.cse([ca.densify(part) for part in outputs]))
+    outputs = [twist, exp_rotation(sx["pose"], twist * sx["dt"]), status, causes, residuals]
+    given = list(sx)
+    return ca.Function(
+        "close",
+        list(sx.values()),
+        ca.cse([ca.densify(part) for part in outputs]),
+        given,
+        ["twist_sent", "moved", "status", "all_causes", "residuals"],
+    )
+
+
+def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
+    """Values of the movable rows in their places among all rows; zero elsewhere."""
+    places = [movable.index(row) if row in movable else len(movable) for row in range(count)]
+    return ca.vertcat(values, 0)[places] if count else ca.MX(0, 1)
 
 
 def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
@@ -167,23 +222,20 @@ def _floor(problem: Problem, now: ca.SX, at_braking: ca.SX | None = None) -> ca.
     return ca.if_else(hard, hard_floor, soft_floor)
 
 
-def _moves(problem: Problem, situation: Situation) -> ca.SX:
+def _moves(problem: Problem, rows: StepRows) -> ca.MX:
     """Whether some twist that the object can do moves each row."""
-    matrices = [driven(problem.twist_limit, limit.rows(situation).matrix) for limit in problem.row_limits]
-    return ca.vertcat(*(ca.sum2(ca.fabs(ca.densify(matrix))) > 1e-6 for matrix in matrices))
+    free = ca.DM(problem.twist_limit.speed > 0)
+    return ca.vertcat(*(ca.fabs(matrix) @ free > 1e-6 for matrix in rows.matrices))
 
 
-def _rate_excess(limits: tuple, situation: Situation, twist: ca.SX) -> ca.SX:
+def _rate_excess(rows: StepRows, twist: ca.MX) -> ca.MX:
     """By how much each row is faster at a twist than its rate allows, beyond the accuracy of the QP."""
-    excess = []
-    for limit in limits:
-        rows = limit.rows(situation)
-        excess.append(ca.fmax(ca.fabs(ca.densify(rows.matrix) @ twist) - ca.fmin(rows.rate, FREE), 0))
-    beyond = ca.vertcat(*excess)
+    speeds = ca.vertcat(*(ca.fabs(matrix @ twist) for matrix in rows.matrices))
+    beyond = ca.fmax(speeds - ca.fmin(ca.vertcat(*rows.rates), FREE), 0)
     return ca.if_else(beyond > 1e-7, beyond, 0)
 
 
-def _model_rate(limits: tuple, situation: Situation, rate: ca.SX, dt: ca.SX) -> ca.SX:
+def _model_rate(limits: tuple, situation: Situation, rate: ca.MX, dt: ca.MX) -> ca.MX:
     """The model person's joint rates: joints at their end do not go beyond it, the object or not."""
     for limit in limits:
         if not limit.yield_zone:

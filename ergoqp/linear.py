@@ -2,17 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import casadi as ca
 
+Expression = TypeVar("Expression", ca.SX, ca.MX)
 
-def largest(values: ca.SX, of_none: float = 0.0) -> ca.SX:
+
+Shape = Callable[[ca.Function], ca.Function]
+"""How a function is written: `vectors` or `scalars`."""
+
+
+def vectors(function: ca.Function) -> ca.Function:
+    """Return a function as it is, of vectors and matrices: best for an interpreter."""
+    return function
+
+
+def scalars(function: ca.Function) -> ca.Function:
+    """Return the same function with every operation on its own, what is equal computed once: best for a compiler."""
+    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    names = [function.name_in(i) for i in range(function.n_in())], [function.name_out(i) for i in range(function.n_out())]
+    outputs = function.expand().call(inputs, True, False)
+    return ca.Function(function.name(), inputs, ca.cse([ca.densify(part) for part in outputs]), *names)
+
+
+def largest(values: Expression, of_none: float = 0.0) -> Expression:
     """Return the largest entry, or `of_none` where there is no entry."""
-    return ca.mmax(values) if values.numel() else ca.SX(of_none)
+    return ca.mmax(values) if values.numel() else type(values)(of_none)
 
 
-def smallest(values: ca.SX, of_none: float = 0.0) -> ca.SX:
+def smallest(values: Expression, of_none: float = 0.0) -> Expression:
     """Return the smallest entry, or `of_none` where there is no entry."""
-    return ca.mmin(values) if values.numel() else ca.SX(of_none)
+    return ca.mmin(values) if values.numel() else type(values)(of_none)
 
 
 def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:

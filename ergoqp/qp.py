@@ -6,6 +6,7 @@ from typing import Final
 
 import casadi as ca
 
+from ergoqp.linear import Shape, vectors
 from ergoqp.solvers import QpSolver
 
 PENALTY: Final = 1e4
@@ -21,12 +22,17 @@ TOLERANCE: Final = 1e-6
 """Largest primal, dual and gap residual of an accepted answer."""
 
 
-def build_qp(solver: QpSolver, m: int) -> ca.Function:
+def build_qp(solver: QpSolver, m: int, shape: Shape = vectors) -> ca.Function:
     """Return the QP over a twist xi (6,) and m rows, each relaxed by at most `cap` in the direction `side`.
 
     min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lower <= A xi - side s <= upper,  0 <= s <= cap,  low <= xi <= high.
 
     Where no row has a cap (almost always) this is a QP in six unknowns and solved as one.
+
+    Args:
+        solver: of the QP.
+        m: number of rows.
+        shape: how the judgement of the answer is written, see `ergoqp.linear`.
 
     Returns:
         Function ``(H, g, A, lower, upper, side, cap, low, high) -> (xi (6,), slack (m,), multipliers (m,), residual)`` where
@@ -35,22 +41,22 @@ def build_qp(solver: QpSolver, m: int) -> ca.Function:
     names = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
     shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
     inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
-    hard = _hard(solver, m, inputs)
+    hard = _hard(solver, m, inputs, shape)
     if m == 0:
         return hard
-    relaxed = _relaxed(solver, m, inputs)
+    relaxed = _relaxed(solver, m, inputs, shape)
     choose = ca.Function.if_else("relaxed_or_hard", relaxed, hard)
     return ca.Function("qp", inputs, list(choose(ca.mmax(inputs[6]) > 0, *inputs)))
 
 
-def _hard(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
+def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
     H, g, A, lower, upper, _, _, low, high = inputs
     x, rows, box = solver.function(6, m)(H, g, A, lower, upper, low, high)
-    residual = _residual(6, m)(H, g, A, lower, upper, low, high, x, rows, box)
+    residual = shape(_residual(6, m))(H, g, A, lower, upper, low, high, x, rows, box)
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
-def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
+def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
     H, g, A, lower, upper, side, cap, low, high = inputs
     # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between equal bounds instead, DAQP
     # was seen to lose a multiplier.
@@ -62,7 +68,7 @@ def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX]) -> ca.Function:
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
     x, rows, box = solver.function(n, m)(*data)
-    residual = _residual(n, m)(*data, x, rows, box)
+    residual = shape(_residual(n, m))(*data, x, rows, box)
     return ca.Function("relaxed", inputs, [x[:6], loose * x[6:], rows, residual])
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 
 from ergoqp.certification import account_function, judge_function, shorten_function
+from ergoqp.linear import Shape, scalars, vectors
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
 from ergoqp.step_data import pass_data
@@ -23,7 +24,9 @@ PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
 
 
-def build_step(problem: Problem, solver: QpSolver, name: str = "step", guided: bool = False) -> ca.Function:
+def build_step(
+    problem: Problem, solver: QpSolver, name: str = "step", guided: bool = False, unrolled: bool = False
+) -> ca.Function:
     """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
 
     Inputs that may be absent come with a flag (``has_pose``, ``started``, ``frame``, ``enable``: 0 or 1). ``rest`` is the
@@ -38,12 +41,15 @@ def build_step(problem: Problem, solver: QpSolver, name: str = "step", guided: b
         name: of the function.
         guided: whether the step can be drawn toward a given place: it then has `GUIDE_INPUTS` and `GUIDE_OUTPUTS` too, and is
             the same step to the last bit where ``guided`` is 0. See `ergoqp.step_guide`.
+        unrolled: every operation on its own instead of vectors: what a compiler makes the fastest code of, and an interpreter
+            the slowest.
     """
+    shape = scalars if unrolled else vectors
     raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem).items()}
     lead = {key: ca.MX.sym(key, *size) for key, size in guide_sizes().items()} if guided else {}
     posture, pose, previous, dt, usable, causes = checked(problem)(*(raw[key] for key in INPUTS))
     value, total, gradient = cost_function(problem)(posture, raw["observed"])
-    one_pass, movable = _one_pass(problem, solver, guided)
+    one_pass, movable = _one_pass(problem, solver, guided, shape)
     readings = readings_function(problem)(posture)
 
     fixed = [posture, raw["observed"], readings, pose, previous, dt, total, gradient]
@@ -54,8 +60,8 @@ def build_step(problem: Problem, solver: QpSolver, name: str = "step", guided: b
     result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
     xi, S, E, slack, multipliers, residual, locked, _ = result
     pattern = sensitivity_pattern(problem)
-    judge, shorten = judge_function(problem, pattern, guided), shorten_function(problem, pattern)
-    account = account_function(problem, pattern, movable)
+    judge, shorten = shape(judge_function(problem, pattern, guided)), shorten_function(problem, pattern)
+    account = shape(account_function(problem, pattern, movable))
     seen = raw["observed"]
     gain = gain_function(problem)(posture, total, xi, S)
     wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(
@@ -92,12 +98,13 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
     return ca.Function("further_passes", [*inputs, *result], list(choose(result[7], *inputs, *result)))
 
 
-def _one_pass(problem: Problem, solver: QpSolver, guided: bool) -> tuple[ca.Function, list[int]]:
+def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) -> tuple[ca.Function, list[int]]:
     """One QP with a given lock set: ``(posture, observed, readings, pose, previous, dt, V, dV, locked, final) -> result``.
 
     Guided, ``(..., dV, H, g, locked, final)``: the last two of these are added to the objective.
     """
     data, movable = pass_data(problem)
+    data = shape(data)
     mx = {data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())}
     *qp, S, E = data(*mx.values())
     inputs = list(mx.values())
@@ -105,10 +112,10 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool) -> tuple[ca.Func
         pull = [ca.MX.sym("pull_H", 6, 6), ca.MX.sym("pull_g", 6)]
         qp[:2] = [qp[0] + pull[0], qp[1] + pull[1]]
         inputs[-2:-2] = pull
-    xi, slack, multipliers, residual = build_qp(solver, len(movable))(*qp)
+    xi, slack, multipliers, residual = build_qp(solver, len(movable), shape)(*qp)
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
     xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
-    newly = _newly_locked(problem)(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
+    newly = shape(_newly_locked(problem))(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
     locked = ca.fmax(mx["locked"], newly)
     parts = [xi, S, E, slack, multipliers, residual, locked, ca.mmax(newly)]
     return ca.Function("one_pass", inputs, parts), movable

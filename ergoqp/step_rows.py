@@ -169,7 +169,9 @@ def row_bounds(
     equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[kept]
     if equal.nnz() and ca.sum1(equal):
         # A surface is an equality, and braking keeps it (`on_surface`).
-        upper, lower, cap = (ca.if_else(equal, own, other) for own, other in ((at_braking, upper), (at_braking, lower), (0, cap)))
+        upper, lower, cap = (
+            ca.if_else(equal, own, other) for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
+        )
     return RowBounds(rows.matrix, lower, upper, side, cap)
 
 

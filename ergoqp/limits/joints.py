@@ -36,6 +36,7 @@ class JointLimit:
     recovery_time: float = 1.0
     hard = False
     proven = False
+    linear = True
     unit = "rad"
     names = JOINTS
 

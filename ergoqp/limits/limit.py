@@ -64,11 +64,11 @@ class Rows:
         reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for straight ones.
     """
 
-    matrix: ca.SX | ca.MX
-    below: ca.SX | ca.MX
-    above: ca.SX | ca.MX
-    rate: ca.SX | ca.MX
-    reserve: ca.SX | ca.MX
+    matrix: ca.SX | ca.MX | ca.DM
+    below: ca.SX | ca.MX | ca.DM
+    above: ca.SX | ca.MX | ca.DM
+    rate: ca.SX | ca.MX | ca.DM
+    reserve: ca.SX | ca.MX | ca.DM
 
 
 class Limit(Protocol):
@@ -82,6 +82,8 @@ class Limit(Protocol):
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
         yield_zone: distance to the end within which a joint of the response yields (is locked) instead of stopping the
             object; 0 for quantities that cannot yield.
+        linear: whether rows and margins may be asked for with matrices (`casadi.MX`) as well as with scalars; without the
+            attribute they are not.
         proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then never asked for less than
             it promises, not even where braking has no better bound.
     """

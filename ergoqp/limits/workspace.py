@@ -31,6 +31,7 @@ class WorkspaceBox:
     yield_zone: float = 0.0
     hard = True
     proven = False
+    linear = True
     unit = "m"
     names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
 
@@ -47,9 +48,10 @@ class WorkspaceBox:
     def rows(self, situation: Situation) -> Rows:
         """Return one row per axis."""
         point = situation.pose[:3, 3]
-        matrix = ca.SX(3, 6)
+        matrix = ca.DM(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
-        return Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, ca.SX([ca.inf] * 3), ca.SX(3, 1))
+        free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
+        return Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight)
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way; exact, a box is convex."""

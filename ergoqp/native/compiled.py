@@ -27,7 +27,7 @@ def compiled_step(problem: Problem, guided: bool = False) -> ca.Function:
     """
     compiler()
     solver = NativeDaqp()
-    function = build_step(problem, solver, guided=guided)
+    function = build_step(problem, solver, guided=guided, unrolled=True)
     sources = {
         "step.c": '#include "inline.h"\n' + generated(function, "step")["step.c"],
         "qp.c": sizes_source(solver.sizes),

@@ -17,7 +17,7 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.paths import cache_folder
 
 FLAGS: Final = (
-    *("-O2", "-fPIC", "-shared", "-w"),
+    *("-O3", "-fPIC", "-shared", "-w"),
     # No errno and no signals from arithmetic, and small functions inlined although they could be replaced at load time: a third
     # of the time. No contraction to fused operations: the answers stay those of the interpreted step, to the last bit.
     *("-fno-math-errno", "-fno-trapping-math", "-fno-semantic-interposition", "-ffp-contract=off"),

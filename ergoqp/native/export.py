@@ -50,7 +50,7 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
     ):
         raise InputError(f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier export")
     solver = NativeDaqp()
-    core = generated(build_step(problem, solver, name=CORE), CORE)
+    core = generated(build_step(problem, solver, name=CORE, unrolled=True), CORE)
     memory = memory_header(problem, core[f"{CORE}.h"])
     texts = {
         "include/ergoqp_step.h": header(problem),
