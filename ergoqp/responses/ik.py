@@ -49,6 +49,8 @@ TOOL_AXES: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
 }
 """Axes of the contact frame in the grip frame; x is the tool's axis: out of the fist along the forearm, or past the thumb."""
 
+_LEGS: Final = [INDEX[joint] for side in SIDES for joint in LEG_JOINTS[side]]
+
 
 @dataclass(frozen=True)
 class IkResponse:
@@ -185,9 +187,9 @@ class IkResponse:
         P = ca.SX.eye(6 * len(hands)) - turning
         inverse_weight = ca.diagcat(pelvis, ca.diag(free))
         K = P @ J
-        M = K @ inverse_weight @ K.T + turning + self.damping**2 * ca.SX.eye(6 * len(hands))
-        inverse_M = spd_inverse(M)
+        softness = turning + self.damping**2 * ca.SX.eye(6 * len(hands))
         pull = inverse_weight @ K.T
+        inverse_M = spd_inverse(K @ pull + softness)
 
         def in_joints(rates: ca.SX) -> ca.SX:
             """Spread (pelvis, trunk and arms) over the 32 joints."""
@@ -196,11 +198,7 @@ class IkResponse:
             return spread
 
         to_pelvis = ca.diagcat(stance.yaw.T, stance.yaw.T)
-        wanted = P @ G @ to_pelvis
-        multipliers = inverse_M @ wanted
-        S = in_joints(pull @ multipliers)
-        # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
-        E = self.damping**2 * multipliers
+        parts = {"K": K.T, "pull": pull, "softness": softness, "wanted": P @ G @ to_pelvis, "legs": stance.legs[_LEGS, :]}
         own = ca.vertcat(stance.relax, wish[arms])
         relax = in_joints(own - pull @ (inverse_M @ (K @ own)))
 
@@ -210,14 +208,38 @@ class IkResponse:
         error = ca.SX.sym("e", 6 * len(hands))
         in_pelvis = ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error
         reach = in_joints(pull @ (inverse_M @ (P @ in_pelvis)))
-        names = (["q", "locked"], ["sensitivity", "unmet"])
         return (
-            ca.Function("sensitivity", [q, locked], ca.cse([ca.densify(S), ca.densify(E)]), *names),
+            self._sensitivity(ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))), arms),
             ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
             ca.Function("contact", [q], ca.cse([ca.densify(contact), ca.densify(base)]), ["q"], ["contact", "pelvis"]),
             ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
             ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
         )
+
+    def _sensitivity(self, geometry: ca.Function, arms: list[int]) -> ca.Function:
+        """Return S and E from the geometry: products of matrices, which are run as such."""
+        q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
+        K, pull, softness, wanted, legs = geometry(q, locked)
+        M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
+        inverse = ca.Function("inverse", [M], [spd_inverse(M)])
+        multipliers = inverse(K.T @ pull + softness) @ wanted
+        rates = pull @ multipliers
+        # The legs follow the pelvis; all others are rates themselves. What neither has stays zero.
+        rows = {joint: 4 + row for row, joint in enumerate(arms)} | {joint: len(arms) + 4 + i for i, joint in enumerate(_LEGS)}
+        height = 4 + len(arms) + len(_LEGS)
+        everything = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), 0)
+        size = rates.numel()
+        places = []
+        for column in range(6):
+            for joint in range(len(JOINTS)):
+                row = rows.get(joint, height)
+                inside = row < 4 + len(arms)
+                place = column * (4 + len(arms)) + row if inside else size + column * len(_LEGS) + row - 4 - len(arms)
+                places.append(place if row < height else size + 6 * len(_LEGS))
+        S = ca.reshape(everything[places], len(JOINTS), 6)
+        # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
+        E = self.damping**2 * multipliers
+        return ca.Function("sensitivity", [q, locked], [S, ca.densify(E)], ["q", "locked"], ["sensitivity", "unmet"])
 
     def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
         if self.stance == "seated":
