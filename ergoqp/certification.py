@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 
-from ergoqp.linear import largest, smallest
+from ergoqp.limits.limit import Expression
+from ergoqp.linear import dense, largest, smallest
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
 from ergoqp.rigid import exp_rotation
@@ -73,7 +74,7 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
 
 
 def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Function:
-    """The twist that this answer asks for and the braking one, as they can be sent; the stop after the first; rest and trial."""
+    """The twist that this answer asks for and the braking one, as they can be sent; the first one's stop; rest and trial."""
     names = (
         "posture",
         "observed",
@@ -111,7 +112,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     return ca.Function(
         "decide",
         list(sx.values()),
-        ca.cse([ca.densify(part) for part in outputs]),
+        ca.cse(dense(outputs)),
         list(names),
         [f"o{i}" for i in range(len(outputs))],
     )
@@ -181,7 +182,7 @@ def _close_function(problem: Problem) -> ca.Function:
     return ca.Function(
         "close",
         list(sx.values()),
-        ca.cse([ca.densify(part) for part in outputs]),
+        ca.cse(dense(outputs)),
         given,
         ["twist_sent", "moved", "status", "all_causes", "residuals"],
     )
@@ -206,7 +207,7 @@ def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) ->
     return ca.vertcat(*(limit.margins(situation, displacement) for limit in problem.row_limits))
 
 
-def _floor(problem: Problem, now: ca.SX, at_braking: ca.SX | None = None) -> ca.SX:
+def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> Expression:
     """Margins that an accepted twist must keep through its stop, given those of now and of braking.
 
     Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking does, except where

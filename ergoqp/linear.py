@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import casadi as ca
@@ -25,6 +25,11 @@ def scalars(function: ca.Function) -> ca.Function:
     names = [function.name_in(i) for i in range(function.n_in())], [function.name_out(i) for i in range(function.n_out())]
     outputs = function.expand().call(inputs, True, False)
     return ca.Function(function.name(), inputs, ca.cse([ca.densify(part) for part in outputs]), *names)
+
+
+def dense(parts: Sequence[ca.SX]) -> list[ca.SX]:
+    """Return expressions with their structural zeros written out, as functions that exchange plain arrays need them."""
+    return [ca.densify(ca.SX(part)) for part in parts]
 
 
 def largest(values: Expression, of_none: float = 0.0) -> Expression:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 
 from ergoqp.limits import Rows
+from ergoqp.linear import dense
 from ergoqp.step_objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
 from ergoqp.step_rows import Braking, braking, movable_rows, on_surface, patience, row_bounds, unhurried
@@ -88,7 +89,7 @@ def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     matrix = ca.vertcat(ca.SX(0, 6), *(each.matrix[i, :] for each, i in own))
     ends = [_stacked([getattr(each, part)[i] for each, i in (numbered[k] for k in kept)]) for part in _VECTORS]
     parts = [matrix, *ends, brake.twist, brake.low, brake.high, brake.reach]
-    return ca.Function("terms", list(sx.values()), ca.cse([ca.densify(part) for part in parts])), kept, follows
+    return ca.Function("terms", list(sx.values()), ca.cse(dense(parts))), kept, follows
 
 
 _VECTORS: Final = ("below", "above", "rate", "reserve")

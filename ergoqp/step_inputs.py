@@ -60,28 +60,46 @@ def input_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
 
 
 def checked(problem: Problem) -> ca.Function:
-    """Judge every input; replace what cannot be used by what was known before, so that no NaN goes further."""
-    raw = {name: ca.SX.sym(name, *size) for name, size in input_sizes(problem).items()}
+    """Judge every input; replace what cannot be used by what was known before, so that no NaN goes further.
+
+    Returns:
+        Function of `INPUTS` that gives (posture, pose, previous twist, dt, whether all of it can be used, causes).
+    """
+    n = len(problem.coordinates)
+    raw = {name: ca.MX.sym(name, *size) for name, size in input_sizes(problem).items()}
     seen = raw["observed"] > 0.5
     plausible = ca.fabs(raw["posture"]) <= problem.response.largest
-    posture_ok = ca.sum1(ca.if_else(seen, plausible, 1)) >= len(problem.coordinates) - 0.5
+    usable = ca.logic_and(seen, plausible)
+    known = ca.if_else(usable, raw["posture"], ca.DM(stand_in(problem)))
+    # Every entry is unseen or plausible.
+    posture_ok = ca.sum1(usable - seen) > -0.5
+    judged = _judged(problem)
+    pose, unanchored, previous, dt, fine, causes = judged(posture_ok, *(raw[name] for name in judged.name_in()[1:]))
+
+    # Only the first step without a measured pose asks where the contact is by the posture.
+    q, held = ca.MX.sym("q", n), ca.MX.sym("pose", 4, 4)
+    by_posture = ca.Function("by_posture", [q, held], [problem.response.contact()(q)[0]])
+    as_known = ca.Function("as_known", [q, held], [held])
+    pose = ca.Function.if_else("anchor", by_posture, as_known)(unanchored, known, pose)
+    return ca.Function("checked", list(raw.values()), [known, ca.densify(pose), previous, dt, fine, causes])
+
+
+def _judged(problem: Problem) -> ca.Function:
+    """All inputs but the posture: (pose, whether it has to come from the posture, previous, dt, usable, causes)."""
+    sizes = {"posture_ok": (1, 1)} | input_sizes(problem)
+    for array in ("posture", "observed", "rest"):
+        sizes.pop(array)
+    raw = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
     pose_ok = is_rigid(raw["pose"])
     twist_ok = ca.sumsqr(raw["executed"]) < 1e4
     dt_ok = ca.logic_and(raw["dt"] >= 1e-5, raw["dt"] <= 0.5)
     age_ok = raw["age"] >= 0
     fresh = raw["age"] <= problem.control.max_age
-
-    comfort = ca.SX(ca.DM(stand_in(problem)))
-    known = ca.if_else(ca.logic_and(seen, plausible), raw["posture"], comfort)
-    from_posture = problem.response.contact()(known)[0]
     given = ca.logic_and(raw["has_pose"] > 0.5, pose_ok)
-    stored = ca.if_else(raw["started"] > 0.5, raw["stored_pose"], from_posture)
-    pose = ca.if_else(given, raw["pose"], stored)
-    previous = ca.if_else(twist_ok, raw["executed"], raw["sent"])
-    dt = ca.if_else(dt_ok, raw["dt"], problem.dt)
-
+    pose = ca.if_else(given, raw["pose"], raw["stored_pose"])
+    unanchored = ca.logic_not(ca.logic_or(given, raw["started"] > 0.5))
     bad = {
-        Cause.posture: ca.logic_and(ca.logic_not(posture_ok), raw["frame"] > 0.5),
+        Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), raw["frame"] > 0.5),
         Cause.pose: ca.logic_and(raw["has_pose"] > 0.5, ca.logic_not(pose_ok)),
         Cause.twist: ca.logic_not(twist_ok),
         Cause.dt: ca.logic_not(dt_ok),
@@ -91,7 +109,12 @@ def checked(problem: Problem) -> ca.Function:
         Cause.too_old: ca.logic_and(age_ok, ca.logic_not(fresh)),
     }
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
-    return ca.Function("checked", list(raw.values()), [known, ca.densify(pose), previous, dt, causes < 0.5, causes])
+    previous, dt = ca.if_else(twist_ok, raw["executed"], raw["sent"]), ca.if_else(dt_ok, raw["dt"], problem.dt)
+    outputs = [ca.densify(pose), unanchored, previous, dt, causes < 0.5, causes]
+    return ca.Function("judged", list(raw.values()), outputs, list(raw), [f"{name}_out" for name in _JUDGED])
+
+
+_JUDGED: Final = ("pose", "unanchored", "previous", "dt", "usable", "causes")
 
 
 def stand_in(problem: Problem) -> np.ndarray:

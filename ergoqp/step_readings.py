@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from ergoqp.limits import Limit, Situation
+from ergoqp.limits.limit import Expression
 from ergoqp.step_rows import Braking
 
 if TYPE_CHECKING:
@@ -26,24 +27,24 @@ def readings_size(problem: Problem) -> int:
     return sum(measure.numel_out(0) for _, measure in _measures(problem))
 
 
-def situation_of(problem: Problem, sx: Mapping[str, ca.SX], S: ca.SX, brake: Braking | None = None) -> Situation:
+def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expression, brake: Braking | None = None) -> Situation:
     """Return where things are, from the symbols of a function of the step.
 
     Args:
         problem: the task.
-        sx: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``pose`` and ``previous``.
+        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``pose`` and ``previous``.
         S: sensitivity, only with the entries that can differ from zero.
         brake: of this period, for how far rows must look ahead; None: only the moment counts.
     """
     still = ca.SX(6, 1)
-    swing, change = (still, still) if brake is None else (sx["previous"] * brake.reach, brake.change)
+    swing, change = (still, still) if brake is None else (known["previous"] * brake.reach, brake.change)
     readings, start = {}, 0
     for limit, measure in _measures(problem):
         size = measure.numel_out(0)
-        readings[limit.names[0]] = sx["readings"][start : start + size]
+        readings[limit.names[0]] = known["readings"][start : start + size]
         start += size
-    pose = sx.get("pose", ca.SX.eye(4))
-    return Situation(sx["posture"], sx["observed"], pose, S, swing, change, readings, problem.surface)
+    pose = known.get("pose", ca.SX.eye(4))
+    return Situation(known["posture"], known["observed"], pose, S, swing, change, readings, problem.surface)
 
 
 def _measures(problem: Problem) -> list[tuple[Limit, ca.Function]]:

@@ -18,9 +18,8 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
+from ergoqp.limits.limit import Expression
 from ergoqp.qp import FREE
-
-Expression = ca.SX | ca.MX
 
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""

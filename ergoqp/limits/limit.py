@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
+
+Expression = Any
+"""`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +27,13 @@ class Situation:
         surface: the limit that the state has to stay on exactly, or None.
     """
 
-    posture: ca.SX
-    observed: ca.SX
-    pose: ca.SX
-    sensitivity: ca.SX
-    swing: ca.SX
-    change: ca.SX
-    readings: Mapping[str, ca.SX] = field(default_factory=dict)
+    posture: Expression
+    observed: Expression
+    pose: Expression
+    sensitivity: Expression
+    swing: Expression
+    change: Expression
+    readings: Mapping[str, Expression] = field(default_factory=dict)
     surface: Surface | None = None
 
 
@@ -64,11 +67,11 @@ class Rows:
         reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for straight ones.
     """
 
-    matrix: ca.SX | ca.MX | ca.DM
-    below: ca.SX | ca.MX | ca.DM
-    above: ca.SX | ca.MX | ca.DM
-    rate: ca.SX | ca.MX | ca.DM
-    reserve: ca.SX | ca.MX | ca.DM
+    matrix: Expression
+    below: Expression
+    above: Expression
+    rate: Expression
+    reserve: Expression
 
 
 class Limit(Protocol):

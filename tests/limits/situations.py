@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import Situation, TwistLimit
+from ergoqp.limits import Rows, Situation, TwistLimit
 from ergoqp.step_rows import braking, movable_rows, row_bounds, stop_displacement, stop_time
 
 SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}
@@ -78,7 +78,9 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     brake = braking(twist_limit, previous, dt)
     situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1))
     movable = movable_rows(twist_limit, [limit], situation)
-    found = row_bounds(twist_limit, [limit], situation, brake, ca.SX(1), movable)
+    all_rows = limit.rows(situation)
+    rows = Rows(*(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows)))
+    found = row_bounds(twist_limit, [limit], rows, movable, brake, ca.SX(1))
     outputs = [found.lower, found.upper, found.side, found.cap]
     inputs = [pose, previous, dt, posture, sensitivity]
     return ca.Function("bounds", inputs, [ca.densify(part) for part in outputs]), movable
