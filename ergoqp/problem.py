@@ -21,6 +21,7 @@ from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
 
 if TYPE_CHECKING:
+    from ergoqp.optimise.optimum import Optimum
     from ergoqp.simulation.run import Run
     from ergoqp.step import Stepper
 
@@ -220,6 +221,21 @@ class Problem:
         from ergoqp.simulation.simulate import simulate
 
         return simulate(self, posture, duration, seed, **options)
+
+    def optimise(
+        self,
+        posture: ArrayLike | None = None,
+        starts: int = 32,
+        seed: int = 0,
+        jobs: int = 1,
+        mode: str = "stackelberg",
+        solver: str = "ipopt",
+        **options: Any,
+    ) -> Optimum:
+        """Look for the best place of the object, offline; see `ergoqp.optimise.find.optimise`."""
+        from ergoqp.optimise.find import optimise
+
+        return optimise(self, posture, starts, seed, jobs, mode, solver, **options)
 
 
 def _is_identity(response: Response) -> bool:
