@@ -57,6 +57,7 @@ _ABOUT = """Move the object so that the person's posture gets better.
 Examples:
   ergoqp run screwing
   ergoqp run screwing --from recording.bvh
+  ergoqp optimise screwing
   ergoqp score recording.bvh --load-kg 4
   ergoqp fit svr
 
@@ -102,6 +103,18 @@ _ABOUT_EXPORT = """Write the control step of a problem as C99: sources, header, 
 Examples:
   ergoqp export screwing --out step
   cmake -S step -B step/build && cmake --build step/build && step/build/main
+"""
+
+_ABOUT_OPTIMISE = """Look for the best place of the object, offline, for a person who comes to rest by their own comfort.
+
+Prints a table, with what would be possible if the posture could be chosen too, and writes optimum.json. Finished
+starts are kept in the folder: a run that was killed goes on from them.
+
+\b
+Examples:
+  ergoqp optimise screwing
+  ergoqp optimise screwing --from take.bvh --jobs 2   for the person of a recording
+  ergoqp optimise my_task.toml --starts 200 --scheduler tcp://10.0.0.5:8786
 """
 
 _Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
@@ -167,6 +180,47 @@ def _run(
     from ergoqp.commands.run import run
 
     run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+
+
+@app.command("optimise", help=_ABOUT_OPTIMISE, short_help="Look for the best place of the object, offline.")
+def _optimise(
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="PROBLEM",
+            help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
+            show_default=False,
+        ),
+    ],
+    recording: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="RECORDING", help="For the posture and the person of a recording."),
+    ] = None,
+    at: Annotated[
+        float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
+    ] = None,
+    starts: Annotated[int, typer.Option("--starts", metavar="N", help="Places to begin at.")] = 32,
+    jobs: Annotated[int, typer.Option("--jobs", metavar="N", help="Processes to use.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the starts.")] = 0,
+    mode: Annotated[
+        str, typer.Option("--mode", metavar="NAME", help="stackelberg; or cooperative: the posture is chosen too.")
+    ] = "stackelberg",
+    solver: Annotated[str, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod.")] = "ipopt",
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask cluster that solves the starts [this machine].")
+    ] = None,
+    out: _Out = None,
+    person: _Person = None,
+    unit_to_m: _Unit = None,
+    up: _Up = None,
+    mapping: _Mapping = None,
+) -> None:
+    from ergoqp.commands.common import RecordingOptions
+    from ergoqp.commands.optimise import optimise_command
+
+    settings = {"starts": starts, "jobs": jobs, "seed": seed, "mode": mode, "solver": solver, "scheduler": scheduler}
+    options = RecordingOptions(person, unit_to_m, up and up.value, mapping)
+    optimise_command(problem, recording, at, out, options, settings)
 
 
 @app.command("score", help=_ABOUT_SCORE)

@@ -61,7 +61,7 @@ def run(
     else:
         with working(f"reading {recording_path.name}"):
             recording = options.load(recording_path)
-        frame = _frame(problem, recording, at)
+        frame = frame_of_recording(problem, recording, at)
         folder = make_folder(out, problem.name)
         result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration)
     with writing(folder):
@@ -117,7 +117,7 @@ def _from_recording(
         )
 
 
-def _frame(problem: Problem, recording: Recording, at: float | None) -> int:
+def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
     """Return the frame nearest to a time, or the first of the worst-scored ones.
 
     Raises:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -117,7 +117,7 @@ class SmoothReba:
 
     def at_scale(self, q: Expression, tau: Expression) -> Expression:
         """Return V_tau(q) for one scale tau [rad] that may be a symbol too: what an optimiser narrows step by step."""
-        return self._at_scale(q, tau)  # pyright: ignore[reportReturnType] (a function of expressions returns one)
+        return cast("Expression", self._at_scale(cast("ca.MX", q), cast("ca.MX", tau)))
 
     def expression(self, q: ca.MX) -> ca.MX:
         """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`."""
