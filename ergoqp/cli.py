@@ -60,6 +60,7 @@ Examples:
   ergoqp optimise screwing
   ergoqp score recording.bvh --load-kg 4
   ergoqp fit svr
+  ergoqp compare screwing
 
 Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
 """
@@ -115,6 +116,17 @@ Examples:
   ergoqp optimise screwing
   ergoqp optimise screwing --from take.bvh --jobs 2   for the person of a recording
   ergoqp optimise my_task.toml --starts 200 --scheduler tcp://10.0.0.5:8786
+"""
+
+_ABOUT_COMPARE = """Compare QP solvers on the QPs that a problem's own control steps solve.
+
+Records closed loops, derives harder QPs, judges every answer apart, prints tables, and writes compare.json, compare.png and
+the QPs as a test set for qpbenchmark.
+
+\b
+Examples:
+  ergoqp compare screwing
+  ergoqp compare low_bin --solvers daqp,piqp --steps 1000
 """
 
 _Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
@@ -306,6 +318,24 @@ def _export(
     from ergoqp.commands.export import export
 
     export(problem, out, dt)
+
+
+@app.command("compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on a problem's own QPs.")
+def _compare(
+    problem: Annotated[
+        str, typer.Argument(metavar="PROBLEM", help="A name, as for run, or the path of a TOML file.", show_default=False)
+    ],
+    solvers: Annotated[
+        str | None, typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed].")
+    ] = None,
+    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Control steps to record.")] = 300,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the closed loops.")] = 0,
+    accuracy: Annotated[float, typer.Option("--accuracy", metavar="A", help="That the solvers are set to.")] = 1e-6,
+    out: _Out = None,
+) -> None:
+    from ergoqp.commands.compare import run_compare
+
+    run_compare(problem, solvers, steps, seed, accuracy, out)
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:
