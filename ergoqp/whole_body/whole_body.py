@@ -1,0 +1,347 @@
+"""The control step of person, robot and object together: posture and robot in, joint velocities of the robot out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.problem import Problem
+from ergoqp.qp import build_qp
+from ergoqp.responses.ik import IkResponse
+from ergoqp.solvers import solver_named
+from ergoqp.step import Step
+from ergoqp.whole_body.causes import held_back
+from ergoqp.whole_body.formulation import Formulation
+from ergoqp.whole_body.moment import Moment
+from ergoqp.whole_body.placing import arms_at, comfort_contact, default_base
+from ergoqp.whole_body.robot import Robot, load_robot
+from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
+from ergoqp.whole_body.separation import Closeness, Separation
+from ergoqp.whole_body.stopping import joint_bounds
+from ergoqp.whole_body.terms import Evaluator, terms_function
+
+SAME: Final = 1e-6
+"""A twist this near to that of the object's own step counts as the same [m/s, rad/s]."""
+
+_TURNS: Final = 8
+_REST_TIME: Final = 1.0
+_REST_SPEED: Final = 0.5
+_RETREAT: Final = 0.05
+_LOOK: Final = 0.15
+_QP: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
+
+
+@dataclass(frozen=True)
+class WholeBodyStep:
+    """The answer of one step.
+
+    Attributes:
+        joint_velocities: of the arm (k,) [rad/s]: send these.
+        twist: what the object really does with them (6,) [m/s, rad/s].
+        status: that of the object's own step where the robot does the same; ``slower`` where limits of the robot or the
+            distance hold it back; ``braking`` and ``invalid`` as there.
+        reason: one sentence that names the cause, empty for a plain optimal step.
+        min_distance: smallest of all kept distances where everything is now [m]; infinite where none is kept.
+        object_step: the object's own step (`ergoqp.step.Step`), in which the robot has no limits.
+        solve_time: duration of the call [s].
+    """
+
+    joint_velocities: np.ndarray
+    twist: np.ndarray
+    status: str
+    reason: str
+    min_distance: float
+    object_step: Step
+    solve_time: float
+
+
+class WholeBody:
+    """One control loop's whole-body step. Make one per loop.
+
+    Args:
+        problem: the task; its state must be a person's posture.
+        robot: ``"panda"``, the path of an MJCF or URDF file, or what `load_robot` gave.
+        frame: the robot's end-effector frame; None: ``"flange"``.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it, the tool's axis pointing back
+            into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
+        base: of the robot in the world of the problem (4, 4) [m]; None: see `ergoqp.whole_body.placing.default_base`.
+        posture: with which the loop starts (32,) [rad]; None: the comfort posture.
+        distance: that robot and object keep from the person, and the object from the arm [m], see `Scene.pairs`; None: none.
+        reserve: kept beyond `distance`, for what the person does by themselves within the robot's reaction [m].
+        object_size: side lengths of the box on the end-effector frame [m].
+        dt: control period [s]; None: the problem's.
+
+    Attributes:
+        scene: the one MuJoCo model.
+        start: joints with which the arm holds the object at the start (k,) [rad].
+
+    Raises:
+        ProblemError: if the state of the problem is not a person's posture.
+        InputError: if an argument is unusable, or the arm cannot hold the object at the start.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        robot: str | Path | Robot = "panda",
+        *,
+        frame: str | None = None,
+        tool_frame: Any = None,
+        base: Any = None,
+        posture: Any = None,
+        distance: float | None = 0.05,
+        reserve: float = 0.01,
+        object_size: tuple[float, float, float] = (0.12, 0.12, 0.10),
+        dt: float | None = None,
+    ) -> None:
+        """Build the model, the functions and the QP's terms once; this takes about a second."""
+        self.terms = Evaluator(terms_function(problem))
+        self.stepper = problem.stepper(dt=dt)
+        self.problem, self.dt = self.stepper.problem, self.stepper.dt
+        assert isinstance(problem.response, IkResponse)  # the only response with a body, and the functions above use it
+        self.robot = robot if isinstance(robot, Robot) else load_robot(robot, frame or "flange")
+        _check("distance", distance if distance is not None else 0.0, 0.0, 0.5)
+        _check("reserve", reserve, 0.0, 0.2)
+        self.distance, self.reserve = distance, reserve
+        placed = default_base(problem, 0.20) if base is None else _pose("base", base)
+        held = _pose("tool_frame", tool_frame) if tool_frame is not None else None
+        known = problem.response.comfort if posture is None else np.asarray(posture, dtype=float)
+        pose = comfort_contact(problem) if posture is None else np.array(problem.response.contact()(known)[0])
+        self.scene, self.start = self._grasped(placed, held, object_size, pose, known)
+        self._formulation = Formulation(self.scene)
+        self._separation = Separation(self.scene)
+        self._qp = build_qp(solver_named("daqp"), self._rows())
+        limit = self.problem.twist_limit
+        self._pace = float(np.max(limit.speed / limit.acceleration))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the loop: it starts again from standstill."""
+        self.stepper.reset()
+        self._posture = np.array(self.problem.response.comfort)
+        self._sent = np.zeros(len(self.robot.joints))
+        self._before: np.ndarray | None = None
+
+    def step(
+        self,
+        posture: Any,
+        arm: Any,
+        arm_speed: Any = None,
+        pose: Any = None,
+        *,
+        age: float = 0.0,
+        enable: bool = True,
+        observed: Any = None,
+    ) -> WholeBodyStep:
+        """Return the arm's next joint velocities; never an exception.
+
+        Args:
+            posture: joint angles of the person (32,) [rad]; None when no frame arrived.
+            arm: joint positions of the arm (k,) [rad].
+            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was sent.
+            pose: measured contact frame in the world (4, 4) [m]; None: where the arm holds it.
+            age: of the posture [s].
+            enable: False decelerates to rest.
+            observed: (32,) bool, joints of the person that the sensors see; None: all.
+        """
+        begin = time.perf_counter()
+        k = len(self.robot.joints)
+        positions, speeds = _numbers(arm, k), self._sent if arm_speed is None else _numbers(arm_speed, k)
+        if positions is None or speeds is None:
+            return self._blind(begin, posture, "arm" if positions is None else "arm_speed")
+        contact, jacobian = self._look(positions)
+        # What the object did in the last period: the arm's speeds through the Jacobian of then.
+        done = (jacobian if self._before is None else self._before) @ speeds
+        self._before = jacobian
+        seen = contact if pose is None else pose
+        object_step = self.stepper.step(posture, seen, done, age=age, enable=enable, observed=observed)
+        if object_step.status != "invalid" and posture is not None:
+            self._posture = np.array(posture, dtype=float)
+            self._look(positions)
+        close, least = self._near()
+        moment = self._moment(object_step, positions, speeds, jacobian, done, close, observed)
+        velocities, status, why = self._solve(object_step, moment, done)
+        velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
+        self._sent = velocities
+        reason = "; ".join(part for part in (object_step.reason, why) if part)
+        return WholeBodyStep(
+            velocities, jacobian @ velocities, status, reason, least, object_step, time.perf_counter() - begin
+        )
+
+    def _solve(self, object_step: Step, moment: Moment, done: np.ndarray) -> tuple[np.ndarray, str, str]:
+        """The ladder: the whole QP, then only the robot's limits, then every joint's own stop."""
+        formulation, arm = self._formulation, self.scene.arm
+        whole = object_step.status in ("optimal", "relaxed", "recovering") and object_step.residuals["accepted"] == 1.0
+        if whole:
+            solved = formulation.solve(moment, follow=True)
+            if solved is not None:
+                twist = moment.jacobian @ solved[arm]
+                if np.abs(twist - object_step.twist).max() < SAME:
+                    return solved[arm], object_step.status, ""
+                return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
+        # The object brakes, rests, or cannot have all of its rows: the robot does what comes nearest to it.
+        wanted = object_step.twist if not whole else self._braking(done)
+        effort = np.diag(np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3))
+        moment.H, moment.g = effort, -effort @ wanted
+        solved = formulation.solve(moment, follow=False)
+        if solved is not None:
+            twist = moment.jacobian @ solved[arm]
+            if not whole and np.abs(twist - wanted).max() < SAME:
+                return solved[arm], object_step.status, ""
+            if not whole:
+                return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
+            return solved[arm], "braking", "robot and object cannot keep all limits: " + held_back(self, moment, solved)
+        stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
+        return stop, "braking", "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+
+    def _braking(self, previous: np.ndarray) -> np.ndarray:
+        """The object's braking twist after the last one: as much slower as its acceleration allows."""
+        stop = float(np.max(np.abs(previous) / self.problem.twist_limit.acceleration))
+        return previous * max(0.0, 1 - self.dt / stop) if stop > 0 else previous
+
+    def _moment(
+        self,
+        object_step: Step,
+        positions: np.ndarray,
+        speeds: np.ndarray,
+        jacobian: np.ndarray,
+        done: np.ndarray,
+        close: Closeness | None,
+        observed: Any,
+    ) -> Moment:
+        robot, now = self.robot, object_step
+        terms, slack = self._terms(now, done, observed)
+        self._formulation.rows.slack = slack
+        low, high = joint_bounds(positions, speeds, (robot.lower, robot.upper), robot.velocity, robot.acceleration, self.dt)
+        smooth = self.problem.control.smoothing / self.dt
+        home = np.clip((self.start - positions) / _REST_TIME, -_REST_SPEED, _REST_SPEED)
+        wish = (home + smooth * speeds) / (1 + smooth)
+        # What the person's joints say acts on them; the rest of the step's objective is the object's own.
+        S, root = terms["S"], terms["root"] @ terms["S"]
+        H, g = terms["H"] - root.T @ root, terms["g"] - S.T @ terms["slope"]
+        moment = Moment(self.dt, jacobian, terms, H, g, terms["low"], terms["high"], low, high, wish, close)
+        if close is not None:
+            moment.approach = self._approach(close, low, high)
+        return moment
+
+    def _terms(self, step: Step, previous: np.ndarray, observed: Any) -> tuple[dict[str, np.ndarray], np.ndarray | float]:
+        """The terms of the very QP that the object's step solved, and the slack that it needed.
+
+        The step locks joints at their end and may treat its last pass differently; its own answer tells which QP it was.
+        """
+        seen = np.ones(32) if observed is None else np.asarray(observed, dtype=float)
+        given = {"posture": self._posture, "observed": seen, "pose": step.pose, "previous": previous, "dt": self.dt}
+        given |= {"locked": step.account("locked"), "final": 0.0}
+        terms = self.terms(given)
+        if not step.locked and not terms["cap"].any():
+            return terms, 0.0
+        for final in (0.0, 1.0):
+            terms = self.terms(given | {"final": final})
+            twist, slack, _, _ = (np.array(part).ravel() for part in self._qp(*(terms[name] for name in _QP)))
+            if np.abs(twist - step.twist).max() < SAME:
+                break
+        return terms, slack
+
+    def _rows(self) -> int:
+        from ergoqp.step_data import movable_names
+
+        return len(movable_names(self.problem))
+
+    def _look(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Put person and arm where they are; return contact frame (4, 4) and its Jacobian after the arm's joints (6, k)."""
+        scene, configuration = self.scene, self._formulation.configuration
+        pelvis = np.array(self.problem.response.contact()(self._posture)[1])
+        place = np.array([*pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])])
+        configuration.update(scene.qpos(place, self._posture, positions))
+        data, site = configuration.data, scene.contact_site
+        contact, jacobian = np.eye(4), np.zeros((6, scene.model.nv))
+        contact[:3, :3], contact[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+        mujoco.mj_jacSite(scene.model, data, jacobian[:3], jacobian[3:], site)
+        return contact, jacobian[:, scene.arm]
+
+    def _near(self) -> tuple[Closeness | None, float]:
+        if self.distance is None:
+            return None, float("inf")
+        data = self._formulation.configuration.data
+        close = self._separation.near(data, self.distance + self.reserve + _LOOK)
+        least = float(close.distances.min()) if len(close.pairs) else self._separation.smallest(data)[0]
+        return close, least
+
+    def _approach(self, close: Closeness, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Largest speeds of approach: what is left, over the time that the object takes to stop from full speed.
+
+        So the distance is come to ever more slowly, with no more deceleration than the object has. Nearer than that, the robot
+        retreats, as fast as its joints allow and at most by 0.05 m/s.
+        """
+        left = close.distances - (self.distance or 0.0) - self.reserve
+        allowed = np.where(left >= 0, left, np.maximum(left, -_RETREAT * self._pace)) / self._pace
+        arm = -close.gradients[:, self.scene.arm]
+        least = np.minimum(arm * low, arm * high).sum(axis=1)
+        return np.maximum(allowed, least)
+
+    def _blind(self, begin: float, posture: Any, what: str) -> WholeBodyStep:
+        """Without knowing the arm: its joints slow down from what was sent."""
+        k = len(self.robot.joints)
+        slower = np.sign(self._sent) * np.maximum(np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0)
+        self._sent = slower
+        object_step = self.stepper.step(posture, enable=False)
+        reason = f"{what} is not {k} finite numbers: every joint of the robot stops by itself"
+        return WholeBodyStep(
+            slower, object_step.twist, "invalid", reason, float("nan"), object_step, time.perf_counter() - begin
+        )
+
+    def _grasped(
+        self, base: np.ndarray, tool_frame: np.ndarray | None, size: tuple[float, float, float], pose: np.ndarray, posture: np.ndarray
+    ) -> tuple[Scene, np.ndarray]:
+        """Choose how the object is held, and the arm's joints there: nearest to the robot's rest, with the distance kept."""
+        response, robot = self.problem.response, self.robot
+        assert isinstance(response, IkResponse)
+        turns = [tool_frame] if tool_frame is not None else [default_tool_frame(2 * np.pi * i / _TURNS) for i in range(_TURNS)]
+        best: tuple[float, Scene, np.ndarray] | None = None
+        middle, width = (robot.lower + robot.upper) / 2, robot.upper - robot.lower
+        pelvis = np.array(response.contact()(posture)[1])
+        place = np.array([*pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])])
+        for frame in turns:
+            scene = Scene(response.body, robot, base, Load(frame, size), response.hands)
+            separation, data = Separation(scene), mujoco.MjData(scene.model)
+            for arm in arms_at(scene, pose, robot.rest):
+                data.qpos[:] = scene.qpos(place, posture, arm)
+                mujoco.mj_kinematics(scene.model, data)
+                apart = separation.smallest(data)[0] if self.distance is not None else np.inf
+                if apart < (self.distance or 0.0) + self.reserve:
+                    continue
+                away = float(np.max(np.abs(arm - middle) / width))
+                if best is None or away < best[0]:
+                    best = away, scene, arm
+        if best is None:
+            where = np.array2string(pose[:3, 3], precision=2)
+            kept = "" if self.distance is None else f" and {self.distance:g} m from the person"
+            raise InputError(f"base: with the base at {base[:3, 3].round(2).tolist()} the arm cannot hold the object at {where}{kept}")
+        return best[1], best[2]
+
+
+def _check(what: str, value: float, low: float, high: float) -> None:
+    if not (isinstance(value, (int, float)) and low <= value <= high):
+        raise InputError(f"{what}: got {value!r}, allowed {low} to {high} m")
+
+
+def _pose(what: str, value: Any) -> np.ndarray:
+    pose = np.asarray(value, dtype=float)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
+        raise InputError(f"{what}: got an array of shape {pose.shape}, allowed a rigid motion (4, 4)")
+    return pose
+
+
+def _numbers(value: Any, count: int) -> np.ndarray | None:
+    """Return a finite vector of this length, or None."""
+    try:
+        vector = np.asarray(value, dtype=float)
+    except Exception:  # whatever a user's object does when it is read, the loop goes on
+        return None
+    return vector.copy() if vector.shape == (count,) and np.isfinite(vector).all() else None
