@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import mink
 import numpy as np
@@ -14,7 +14,7 @@ from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.tasks import ErgonomicTask, Held, NullSpaceTask, ObjectTask, Tie, at_moment
 
 SOLVER: Final = "daqp"
-_SETTINGS: Final = {"primal_tol": 1e-11, "dual_tol": 1e-11}
+_SETTINGS: Final[dict[str, Any]] = {"primal_tol": 1e-11, "dual_tol": 1e-11}
 _KEPT: Final = 1e-7
 """Rows must hold to this [m/s, rad/s], whatever flag the solver gives."""
 

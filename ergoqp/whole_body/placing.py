@@ -10,6 +10,7 @@ import numpy as np
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.whole_body.scene import Scene
+from ergoqp.whole_body.terms import person_of
 
 AHEAD: Final = 0.45
 """How far before its base the robot's frame is when the object is in the middle of its workspace [m]."""
@@ -30,7 +31,7 @@ def tool_direction(problem: Problem) -> np.ndarray:
 
 def comfort_contact(problem: Problem) -> np.ndarray:
     """Return the contact frame (4, 4) at the person's comfort posture."""
-    return np.array(problem.response.contact()(problem.response.comfort)[0])
+    return np.array(problem.response.contact()(person_of(problem).comfort)[0])
 
 
 def default_base(problem: Problem, length: float) -> np.ndarray:

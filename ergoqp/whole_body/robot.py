@@ -80,7 +80,9 @@ def load_robot(
         model = spec.compile()
     except (ValueError, OSError) as error:
         cause = str(error).strip().splitlines()[0]
-        raise InputError(f"robot: got {str(path)!r}, which MuJoCo cannot read ({cause}), allowed an MJCF or URDF file") from error
+        raise InputError(
+            f"robot: got {str(path)!r}, which MuJoCo cannot read ({cause}), allowed an MJCF or URDF file"
+        ) from error
     body, pose = _frame_of(model, frame, path)
     joints = _chain(model, body, frame, path)
     names = tuple(model.joint(j).name for j in joints)
@@ -139,7 +141,9 @@ def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int
     simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for j in joints:
         if int(model.jnt_type[j]) not in simple:
-            raise InputError(f"robot: got joint {model.joint(j).name!r} of several axes in {path.name}, allowed hinges and slides")
+            raise InputError(
+                f"robot: got joint {model.joint(j).name!r} of several axes in {path.name}, allowed hinges and slides"
+            )
     return joints
 
 

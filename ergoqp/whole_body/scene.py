@@ -58,8 +58,8 @@ class Scene:
         hands: of the person, ``"right"``, ``"left"`` or both: those that hold the tool may touch object and tool.
 
     Attributes:
-        model: person first, with the prefix ``person/``, then the robot with ``robot/``; object and tool are geoms ``robot/object``
-            and ``robot/tool``, the contact frame the site ``robot/contact``.
+        model: person first, with the prefix ``person/``, then the robot with ``robot/``; object and tool are the geoms
+            ``robot/object`` and ``robot/tool``, the contact frame is the site ``robot/contact``.
         person: columns of pelvis x, y, z, yaw and the 32 joints among the velocities (36,).
         arm: columns of the arm's joints (k,).
         idle: columns of all other joints of the robot's file, such as fingers: they stay where they are.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import mink
-from mink.tasks import BaseTask
 import numpy as np
+from mink.tasks import BaseTask
 
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.scene import Scene
@@ -114,7 +114,7 @@ class Tie(_Rows):
 
 
 class Held(_Rows):
-    """Axes of the object that cannot move, or must do one thing only, and joints of the robot's file that the arm does not use."""
+    """Axes of the object that have no choice, and joints of the robot's file that the arm does not use."""
 
     def __init__(self, scene: Scene) -> None:
         """Start with the idle joints."""

@@ -11,30 +11,23 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
-from ergoqp.qp import build_qp
-from ergoqp.responses.ik import IkResponse
-from ergoqp.solvers import solver_named
 from ergoqp.step import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
+from ergoqp.whole_body.grasp import grasp
 from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.placing import arms_at, comfort_contact, default_base
+from ergoqp.whole_body.placing import default_base
 from ergoqp.whole_body.robot import Robot, load_robot
-from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
 from ergoqp.whole_body.separation import Closeness, Separation
 from ergoqp.whole_body.stopping import joint_bounds
-from ergoqp.whole_body.terms import Evaluator, terms_function
+from ergoqp.whole_body.terms import SAME, StepTerms, pelvis_function, person_of
 
-SAME: Final = 1e-6
-"""A twist this near to that of the object's own step counts as the same [m/s, rad/s]."""
-
-_TURNS: Final = 8
 _REST_TIME: Final = 1.0
 _REST_SPEED: Final = 0.5
 _RETREAT: Final = 0.05
 _LOOK: Final = 0.15
-_QP: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
 
 
 @dataclass(frozen=True)
@@ -68,8 +61,8 @@ class WholeBody:
         problem: the task; its state must be a person's posture.
         robot: ``"panda"``, the path of an MJCF or URDF file, or what `load_robot` gave.
         frame: the robot's end-effector frame; None: ``"flange"``.
-        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it, the tool's axis pointing back
-            into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it, the tool's axis pointing
+            back into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
         base: of the robot in the world of the problem (4, 4) [m]; None: see `ergoqp.whole_body.placing.default_base`.
         posture: with which the loop starts (32,) [rad]; None: the comfort posture.
         distance: that robot and object keep from the person, and the object from the arm [m], see `Scene.pairs`; None: none.
@@ -101,22 +94,23 @@ class WholeBody:
         dt: float | None = None,
     ) -> None:
         """Build the model, the functions and the QP's terms once; this takes about a second."""
-        self.terms = Evaluator(terms_function(problem))
+        self._person = person_of(problem)
         self.stepper = problem.stepper(dt=dt)
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
-        assert isinstance(problem.response, IkResponse)  # the only response with a body, and the functions above use it
+        self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot, frame or "flange")
         _check("distance", distance if distance is not None else 0.0, 0.0, 0.5)
         _check("reserve", reserve, 0.0, 0.2)
         self.distance, self.reserve = distance, reserve
         placed = default_base(problem, 0.20) if base is None else _pose("base", base)
         held = _pose("tool_frame", tool_frame) if tool_frame is not None else None
-        known = problem.response.comfort if posture is None else np.asarray(posture, dtype=float)
-        pose = comfort_contact(problem) if posture is None else np.array(problem.response.contact()(known)[0])
-        self.scene, self.start = self._grasped(placed, held, object_size, pose, known)
+        begin = self._person.comfort if posture is None else _numbers(posture, len(JOINTS))
+        if begin is None:
+            raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} finite numbers")
+        apart = None if distance is None else distance + reserve
+        self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
         self._formulation = Formulation(self.scene)
         self._separation = Separation(self.scene)
-        self._qp = build_qp(solver_named("daqp"), self._rows())
         limit = self.problem.twist_limit
         self._pace = float(np.max(limit.speed / limit.acceleration))
         self.reset()
@@ -124,7 +118,7 @@ class WholeBody:
     def reset(self) -> None:
         """Forget the loop: it starts again from standstill."""
         self.stepper.reset()
-        self._posture = np.array(self.problem.response.comfort)
+        self._posture = self._person.comfort.copy()
         self._sent = np.zeros(len(self.robot.joints))
         self._before: np.ndarray | None = None
 
@@ -155,7 +149,7 @@ class WholeBody:
         positions, speeds = _numbers(arm, k), self._sent if arm_speed is None else _numbers(arm_speed, k)
         if positions is None or speeds is None:
             return self._blind(begin, posture, "arm" if positions is None else "arm_speed")
-        contact, jacobian = self._look(positions)
+        contact, jacobian = self._look(positions, speeds)
         # What the object did in the last period: the arm's speeds through the Jacobian of then.
         done = (jacobian if self._before is None else self._before) @ speeds
         self._before = jacobian
@@ -163,16 +157,14 @@ class WholeBody:
         object_step = self.stepper.step(posture, seen, done, age=age, enable=enable, observed=observed)
         if object_step.status != "invalid" and posture is not None:
             self._posture = np.array(posture, dtype=float)
-            self._look(positions)
+        self._place(positions)
         close, least = self._near()
         moment = self._moment(object_step, positions, speeds, jacobian, done, close, observed)
         velocities, status, why = self._solve(object_step, moment, done)
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
         reason = "; ".join(part for part in (object_step.reason, why) if part)
-        return WholeBodyStep(
-            velocities, jacobian @ velocities, status, reason, least, object_step, time.perf_counter() - begin
-        )
+        return WholeBodyStep(velocities, jacobian @ velocities, status, reason, least, object_step, time.perf_counter() - begin)
 
     def _solve(self, object_step: Step, moment: Moment, done: np.ndarray) -> tuple[np.ndarray, str, str]:
         """The ladder: the whole QP, then only the robot's limits, then every joint's own stop."""
@@ -215,8 +207,9 @@ class WholeBody:
         close: Closeness | None,
         observed: Any,
     ) -> Moment:
-        robot, now = self.robot, object_step
-        terms, slack = self._terms(now, done, observed)
+        robot = self.robot
+        seen = np.ones(len(JOINTS)) if observed is None else np.asarray(observed, dtype=float)
+        terms, slack = self._terms(object_step, self._posture, done, seen)
         self._formulation.rows.slack = slack
         low, high = joint_bounds(positions, speeds, (robot.lower, robot.upper), robot.velocity, robot.acceleration, self.dt)
         smooth = self.problem.control.smoothing / self.dt
@@ -230,40 +223,26 @@ class WholeBody:
             moment.approach = self._approach(close, low, high)
         return moment
 
-    def _terms(self, step: Step, previous: np.ndarray, observed: Any) -> tuple[dict[str, np.ndarray], np.ndarray | float]:
-        """The terms of the very QP that the object's step solved, and the slack that it needed.
+    def _look(self, positions: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the contact frame (4, 4), and its Jacobian after the arm's joints (6, k) in the middle of the coming period.
 
-        The step locks joints at their end and may treat its last pass differently; its own answer tells which QP it was.
+        The arm turns while it moves: with the Jacobian of the begin the object would leave its straight way by what the
+        Jacobian changes in half a period, again and again to the same side. The last speeds tell where the middle will be.
         """
-        seen = np.ones(32) if observed is None else np.asarray(observed, dtype=float)
-        given = {"posture": self._posture, "observed": seen, "pose": step.pose, "previous": previous, "dt": self.dt}
-        given |= {"locked": step.account("locked"), "final": 0.0}
-        terms = self.terms(given)
-        if not step.locked and not terms["cap"].any():
-            return terms, 0.0
-        for final in (0.0, 1.0):
-            terms = self.terms(given | {"final": final})
-            twist, slack, _, _ = (np.array(part).ravel() for part in self._qp(*(terms[name] for name in _QP)))
-            if np.abs(twist - step.twist).max() < SAME:
-                break
-        return terms, slack
-
-    def _rows(self) -> int:
-        from ergoqp.step_data import movable_names
-
-        return len(movable_names(self.problem))
-
-    def _look(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Put person and arm where they are; return contact frame (4, 4) and its Jacobian after the arm's joints (6, k)."""
-        scene, configuration = self.scene, self._formulation.configuration
-        pelvis = np.array(self.problem.response.contact()(self._posture)[1])
-        place = np.array([*pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])])
-        configuration.update(scene.qpos(place, self._posture, positions))
-        data, site = configuration.data, scene.contact_site
+        scene, site = self.scene, self.scene.contact_site
+        data = self._place(positions)
         contact, jacobian = np.eye(4), np.zeros((6, scene.model.nv))
         contact[:3, :3], contact[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+        data = self._place(positions + speeds * self.dt / 2)
         mujoco.mj_jacSite(scene.model, data, jacobian[:3], jacobian[3:], site)
         return contact, jacobian[:, scene.arm]
+
+    def _place(self, positions: np.ndarray) -> mujoco.MjData:
+        """Put person and arm where they are."""
+        configuration = self._formulation.configuration
+        pelvis = np.array(self._pelvis(self._posture)[0]).ravel()
+        configuration.update(self.scene.qpos(pelvis, self._posture, positions))
+        return configuration.data
 
     def _near(self) -> tuple[Closeness | None, float]:
         if self.distance is None:
@@ -295,35 +274,6 @@ class WholeBody:
         return WholeBodyStep(
             slower, object_step.twist, "invalid", reason, float("nan"), object_step, time.perf_counter() - begin
         )
-
-    def _grasped(
-        self, base: np.ndarray, tool_frame: np.ndarray | None, size: tuple[float, float, float], pose: np.ndarray, posture: np.ndarray
-    ) -> tuple[Scene, np.ndarray]:
-        """Choose how the object is held, and the arm's joints there: nearest to the robot's rest, with the distance kept."""
-        response, robot = self.problem.response, self.robot
-        assert isinstance(response, IkResponse)
-        turns = [tool_frame] if tool_frame is not None else [default_tool_frame(2 * np.pi * i / _TURNS) for i in range(_TURNS)]
-        best: tuple[float, Scene, np.ndarray] | None = None
-        middle, width = (robot.lower + robot.upper) / 2, robot.upper - robot.lower
-        pelvis = np.array(response.contact()(posture)[1])
-        place = np.array([*pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])])
-        for frame in turns:
-            scene = Scene(response.body, robot, base, Load(frame, size), response.hands)
-            separation, data = Separation(scene), mujoco.MjData(scene.model)
-            for arm in arms_at(scene, pose, robot.rest):
-                data.qpos[:] = scene.qpos(place, posture, arm)
-                mujoco.mj_kinematics(scene.model, data)
-                apart = separation.smallest(data)[0] if self.distance is not None else np.inf
-                if apart < (self.distance or 0.0) + self.reserve:
-                    continue
-                away = float(np.max(np.abs(arm - middle) / width))
-                if best is None or away < best[0]:
-                    best = away, scene, arm
-        if best is None:
-            where = np.array2string(pose[:3, 3], precision=2)
-            kept = "" if self.distance is None else f" and {self.distance:g} m from the person"
-            raise InputError(f"base: with the base at {base[:3, 3].round(2).tolist()} the arm cannot hold the object at {where}{kept}")
-        return best[1], best[2]
 
 
 def _check(what: str, value: float, low: float, high: float) -> None:
