@@ -59,7 +59,7 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
         "usable",
         "rest",
     )
-    sx = _symbols(problem, (*names, "promise", "trial", "distance", "on") if guided else names)
+    sx = _symbols(problem, (*names, "promise", "points", "trial", "distance", "on") if guided else names)
     limits, dt = problem.row_limits, sx["dt"]
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     brake = on_surface(braking(problem.twist_limit, sx["previous"], dt), situation)
@@ -71,7 +71,7 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], must_move, dt, counts)
     trial = []
     if guided:
-        known = (sx["pose"], sx["distance"], sx["on"], sx["promise"])
+        known = (sx["pose"], sx["distance"], sx["on"], sx["promise"], sx["points"])
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *known, dt, counts)
         trial = [next_trial]
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(must_move)), brake.twist, sx["xi"])
