@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from ergoqp import __version__
-from ergoqp.errors import ErgoqpError
+from ergoqp.errors import ErgoqpError, InputError
 
 DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses."""
@@ -116,6 +116,8 @@ Examples:
   ergoqp optimise screwing
   ergoqp optimise screwing --from take.bvh --jobs 2   for the person of a recording
   ergoqp optimise my_task.toml --starts 200 --scheduler tcp://10.0.0.5:8786
+  ergoqp optimise desk --group 1.55,1.65,1.75,1.85    one fixed place for all of them
+  ergoqp optimise screwing --population 1.5,1.7,1.9 --hands right,both   everybody's own
 """
 
 _ABOUT_COMPARE = """Compare QP solvers on the QPs that a problem's own control steps solve.
@@ -211,7 +213,23 @@ def _optimise(
     at: Annotated[
         float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
     ] = None,
-    starts: Annotated[int, typer.Option("--starts", metavar="N", help="Places to begin at.")] = 32,
+    group: Annotated[
+        str | None,
+        typer.Option("--group", metavar="M,...|N", help="One place for people of these statures, or for N drawn ones."),
+    ] = None,
+    population: Annotated[
+        str | None, typer.Option("--population", metavar="M,...", help="Everybody's own best place, for these statures.")
+    ] = None,
+    objective: Annotated[
+        str, typer.Option("--objective", metavar="NAME", help="Of a group: minimax or mean of the exact scores.")
+    ] = "minimax",
+    hands: Annotated[
+        str | None, typer.Option("--hands", metavar="NAME", help="Of a group or population: right, left, both [the problem's].")
+    ] = None,
+    load_kg: Annotated[
+        str | None, typer.Option("--load-kg", metavar="KG", help="Tool of a group or population [the problem's].")
+    ] = None,
+    starts: Annotated[int | None, typer.Option("--starts", metavar="N", help="Places to begin at [32; a group's 4].")] = None,
     jobs: Annotated[int, typer.Option("--jobs", metavar="N", help="Processes to use.")] = 1,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the starts.")] = 0,
     mode: Annotated[
@@ -230,7 +248,30 @@ def _optimise(
     from ergoqp.commands.common import RecordingOptions
     from ergoqp.commands.optimise import optimise_command
 
-    settings = {"starts": starts, "jobs": jobs, "seed": seed, "mode": mode, "solver": solver, "scheduler": scheduler}
+    if group is not None:
+        from ergoqp.commands.group import group as one_place
+
+        alone = {"--from": recording, "--at": at, "--person": person, "--population": population, "--scheduler": scheduler}
+        _refuse_with("--group", alone)
+        task = {"hands": hands, "load_kg": load_kg}
+        one_place(problem, group, objective, out, **task, starts=starts, seed=seed, jobs=jobs)
+        return
+    settings = {
+        "starts": 32 if starts is None else starts,
+        "jobs": jobs,
+        "seed": seed,
+        "mode": mode,
+        "solver": solver,
+        "scheduler": scheduler,
+    }
+    if population is not None:
+        from ergoqp.commands.population import population_study
+
+        _refuse_with("--population", {"--from": recording, "--at": at, "--person": person})
+        population_study(problem, population, out, hands=hands, loads_kg=load_kg, settings=settings)
+        return
+    if hands is not None or load_kg is not None:
+        raise InputError("--hands, --load-kg: allowed with --group or --population; a single person's are in the problem file")
     options = RecordingOptions(person, unit_to_m, up and up.value, mapping)
     optimise_command(problem, recording, at, out, options, settings)
 
@@ -336,6 +377,11 @@ def _compare(
     from ergoqp.commands.compare import run_compare
 
     run_compare(problem, solvers, steps, seed, accuracy, out)
+
+
+def _refuse_with(option: str, others: dict[str, object]) -> None:
+    if given := [name for name, value in others.items() if value is not None]:
+        raise InputError(f"{', '.join(given)}: not allowed with {option}")
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

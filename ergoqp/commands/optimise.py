@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.commands.common import RecordingOptions, console, make_folder, print_assumptions, working, writing
+from ergoqp.commands.common import RecordingOptions, console, make_folder, print_assumptions, working, write_report, writing
 from ergoqp.commands.run import frame_of_recording
 from ergoqp.errors import InputError
 from ergoqp.human import Body
@@ -20,6 +20,7 @@ from ergoqp.optimise.program import check_names
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.recordings.person import given_person
+from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.sheets.reba import ACTION_LEVELS
 
 NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture chosen too"}
@@ -63,7 +64,10 @@ def optimise_command(
         found[0].save(folder)
     print_assumptions(screen, list(found[0].assumptions))
     screen.print(optimum_table(problem, found))
-    screen.print(Text(f"{'optimum.json':<12} {folder / 'optimum.json'}"), soft_wrap=True)
+    bound = found[1] if len(found) > 1 else None
+    write_report(
+        screen, folder, lambda path: write_optimum_page(found[0], problem, path, cooperative=bound, jobs=settings["jobs"])
+    )
 
 
 def _who(

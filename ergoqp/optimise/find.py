@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.optimise.ledger import Ledger, key_of
@@ -157,7 +157,7 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
     if not counting:
         notes = Counter(trial.note for trial in trials).most_common()
         words = ", ".join(f"{count} {note}" for note, count in notes)
-        raise InputError(
+        raise OutOfReachError(
             f"problem {problem.name}: none of {len(trials)} starts ended at a place that counts ({words}); enlarge the "
             "workspace or loosen the limits"
         )

@@ -33,8 +33,10 @@ STARTS = 4
 OWN_STARTS = 2
 """The same for the best place of one person."""
 
-Progress = Callable[[str, float], None]
-"""Told what is being done and the share of it that is done, 0 to 1."""
+Progress = Callable[[float], None]
+"""Told the share that is done, 0 to 1."""
+
+_SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the search is
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +168,7 @@ def best_for_group(
         starts: number of the grid's places from which the search goes on.
         jobs: number of processes; the result does not depend on it.
         cache: keep every person's grid, and use what was kept, so that a study which was stopped goes on.
-        progress: told what is being done.
+        progress: called with the share that is done.
 
     Raises:
         InputError: if an argument is not usable, or no place is reached by everybody, naming who is left out.
@@ -178,16 +180,9 @@ def best_for_group(
         raise InputError(f"starts: got {starts}, allowed 1 to 100")
     begin = time.perf_counter()
     crew = read_people(problem, people)
-    tell = progress or (lambda words, share: None)
+    tell = progress or (lambda share: None)
     count = len(crew)
-    grid = shared_grid(
-        problem,
-        crew,
-        spacing,
-        jobs=jobs,
-        cache=cache,
-        done=lambda n: tell(f"everybody over the workspace, {n}/{count}", n / count),
-    )
+    grid = shared_grid(problem, crew, spacing, jobs=jobs, cache=cache, done=lambda n: tell(_SHARES[0] * n / count))
     _refuse_unreached(crew, grid)
     search = PlaceSearch(problem, crew, grid, objective)
     points = search.starts(starts)
@@ -196,12 +191,12 @@ def best_for_group(
     for n, (stays, used) in enumerate(in_order(_from_start, calls, jobs), start=1):
         found += stays
         placements += used
-        tell(f"between the places, start {n}/{len(points)}", n / len(points))
+        tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(points))
     best = min(found, key=lambda stay: stay.key(objective))
     own = []
     for n, stay in enumerate(in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs), start=1):
         own.append(stay)
-        tell(f"everybody's own best place, {n}/{count}", n / count)
+        tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
     # The first start is the grid's best place itself, and every search gives its start back.
     on_grid = min(found[1::2], key=lambda stay: stay.key(objective))
     return GroupOptimum(

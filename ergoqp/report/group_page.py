@@ -29,8 +29,8 @@ _AXES = {
     "tilt": "the tilt",
 }
 _HIGHEST = (
-    "The worst-off person with the object elsewhere, moved from the group's place (the dot) along two axes and turned as there; "
-    "grey where somebody cannot reach. Rest on a cell to read it, and who that is."
+    "The worst-off person with the object elsewhere, moved from the group's place (the dot) along two axes and turned as "
+    "there; grey where somebody cannot reach. Rest on a cell to read it, and who that is."
 )
 _MEAN = "The mean of the group at the same places, in the colour of the rounded score."
 _MOST_NAMES = 3
