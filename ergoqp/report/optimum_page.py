@@ -81,9 +81,8 @@ def change_of(before: int, after: int) -> str:
 
 
 def place_words(pose: np.ndarray) -> str:
-    """Say where a pose is [m]."""
-    x, y, z = pose[:3, 3]
-    return f"x {x:.2f}, y {y:.2f}, z {z:.2f} m"
+    """Say where a pose is [m]; a name stays with its number."""
+    return ", ".join(f"{axis}\u00a0{_signed(value)}" for axis, value in zip("xyz", pose[:3, 3], strict=True)) + "\u00a0m"
 
 
 def tilt_words(problem: Problem, pose: np.ndarray) -> str:
@@ -96,9 +95,13 @@ def tilt_words(problem: Problem, pose: np.ndarray) -> str:
 def slice_words(slice_: Slice) -> str:
     """Say what a map is over and what stays."""
     fixed = {i: value for i, value in enumerate(slice_.point) if i not in (slice_.across, slice_.up)}
-    words = [f"{'xyz'[i]} = {value:.2f} m" for i, value in fixed.items() if i < 3]
+    words = [f"{'xyz'[i]} = {_signed(value)} m" for i, value in fixed.items() if i < 3]
     names = [AXES[i][0].split(",")[0] for i in (slice_.up, slice_.across)]
     return f"{names[0]} by {names[1]}, at {', '.join(words)}" if words else f"{names[0]} by {names[1]}"
+
+
+def _signed(value: float) -> str:
+    return f"{value + 0.0:.2f}".replace("-", "−")
 
 
 def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
