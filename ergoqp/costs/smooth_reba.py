@@ -119,6 +119,10 @@ class SmoothReba:
         """Return V_tau(q) for one scale tau [rad] that may be a symbol too: what an optimiser narrows step by step."""
         return cast("Expression", self._at_scale(cast("ca.MX", q), cast("ca.MX", tau)))
 
+    def value_at_scale(self, posture: ArrayLike, tau: float) -> float:
+        """Return V_tau of one posture (32,) [rad] at one scale tau [rad]."""
+        return float(cast("ca.DM", self._at_scale(np.asarray(posture, dtype=float), tau)))
+
     def expression(self, q: ca.MX) -> ca.MX:
         """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`."""
         return self.function(q)

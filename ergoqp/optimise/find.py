@@ -18,8 +18,8 @@ from ergoqp.joints import JOINTS
 from ergoqp.optimise.ledger import Ledger, key_of
 from ergoqp.optimise.optimum import Optimum, Trial
 from ergoqp.optimise.place import Place
-from ergoqp.optimise.program import check_names
-from ergoqp.optimise.start import FINAL_TAU_DEG, RESIDUAL, Solver, Task, begin_from
+from ergoqp.optimise.program import check_names, smooth_cost
+from ergoqp.optimise.start import FINAL_TAU_DEG, RESIDUAL, Task, begin_from
 from ergoqp.optimise.workers import trials_of
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -95,7 +95,7 @@ def optimise(
         given, notes = read_posture(posture)
     begin = begin_from(follower, given, None if pose is None else np.asarray(pose))
     task = Task(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
-    here = Solver(task)
+    Place.of(problem).anchor(problem, begin.pose)
     trials = _solve(task, int(starts), int(jobs), scheduler, out, progress)
     best = _best(problem, trials)
     return Optimum(
@@ -110,7 +110,7 @@ def optimise(
         reba_before=int(problem.assess(given).final[0]),
         reba_after=best.reba,
         kkt_residual=best.kkt_residual,
-        cost_before=here.cost(given),
+        cost_before=smooth_cost(problem, given, float(tau_deg)),
         cost_after=best.cost,
         tau_deg=float(tau_deg) if isinstance(problem.cost, SmoothReba) else None,
         pose_before=begin.pose,

@@ -35,11 +35,11 @@ _INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
 
 _QUIET: Final[dict[str, dict[str, Any]]] = {
     "ipopt": {
-        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 100, "mu_strategy": "adaptive"},
+        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 60, "mu_strategy": "adaptive"},
         "print_time": False,
     },
     "fatrop": {
-        "fatrop": {"print_level": 0, "tol": 1e-9, "max_iter": 150},
+        "fatrop": {"print_level": 0, "tol": 1e-9, "max_iter": 100},
         "structure_detection": "none",
         "print_time": False,
     },
@@ -83,6 +83,14 @@ def check_names(mode: str, solver: str) -> None:
     for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
         if value not in allowed:
             raise InputError(f"{what}: got {value!r}, allowed {', '.join(allowed)}")
+
+
+def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
+    """Return the cost of a posture (32,) [points]: the smooth score at a scale [deg], or what the problem's own cost says."""
+    cost = problem.cost
+    if isinstance(cost, SmoothReba):
+        return cost.value_at_scale(posture, float(np.radians(tau_deg)))
+    return float(np.ravel(cost(posture))[0])
 
 
 class Program:
@@ -189,13 +197,6 @@ class Program:
         values, on_rows, on_bounds = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
         return Solution(values, self.residual(values, given, on_rows, on_bounds))
 
-    def cost(self, posture: np.ndarray, tau_deg: float) -> float:
-        """Return the smooth cost of a posture (32,) at a scale [deg], without ease [points]."""
-        cost = self.problem.cost
-        if isinstance(cost, SmoothReba):
-            return float(self._scaled(posture, np.radians(tau_deg)))
-        return float(np.ravel(cost(posture))[0])
-
     def residual(self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray) -> float:
         """Return the largest violation of the conditions of optimality; inf where something is not a number.
 
@@ -211,12 +212,6 @@ class Program:
             worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
         largest = max(worst)
         return float(largest) if np.isfinite(largest) else float("inf")
-
-    @cached_property
-    def _scaled(self) -> ca.Function:
-        q, tau = ca.MX.sym("q", N), ca.MX.sym("tau")
-        cost: Any = self.problem.cost
-        return ca.Function("scaled", [q, tau], [cost.at_scale(q, tau)])
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the solver may go from where it starts, inf where it may go anywhere, (n,) each."""

@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.optimise.optimum import Trial
-from ergoqp.optimise.program import Program, Solution
+from ergoqp.optimise.program import Program, Solution, smooth_cost
 from ergoqp.problem import Problem
 from ergoqp.simulation.loop import Start
 from ergoqp.simulation.person import REACHED, REACHED_ANGLE, Follower
@@ -37,7 +37,7 @@ SAME: Final = 1e-3
 DRAWS: Final = 20
 """Places that a start may try until the person reaches one."""
 
-REPEATS: Final = 3
+REPEATS: Final = 5
 """How often the last stage is solved at most, each time from where the person has come to rest."""
 
 _SETTLING = 400
@@ -87,7 +87,7 @@ class Solver:
         drawn = self._draw(number)
         if drawn is None:
             nowhere = (task.begin.pose, task.begin.posture)
-            return Trial(number, *nowhere, 0, self.cost(task.begin.posture), np.inf, 0.0, _since(begin), "out of reach")
+            return Trial(number, *nowhere, 0, self._cost(task.begin.posture), np.inf, 0.0, _since(begin), "out of reach")
         unknowns, rest = drawn
         solution, posture = Solution(np.empty(0), np.inf), rest
         last = (task.tau_deg, RELAXATION)
@@ -109,10 +109,6 @@ class Solver:
                 break
         return self._verdict(number, unknowns, posture, rest, solution.residual, begin)
 
-    def cost(self, posture: np.ndarray) -> float:
-        """Return the smooth cost of a posture at the final tau [points]."""
-        return self.program.cost(posture, self.task.tau_deg)
-
     @cached_property
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         limit = self.task.problem.limit_of(JointLimit)
@@ -122,6 +118,9 @@ class Solver:
             low[moved] = limit.range[0][moved] - limit.tolerance
             high[moved] = limit.range[1][moved] + limit.tolerance
         return low, high
+
+    def _cost(self, posture: np.ndarray) -> float:
+        return smooth_cost(self.task.problem, posture, self.task.tau_deg)
 
     def _draw(self, number: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return a place and the rest posture there: the given one for number 0, a random one that is reached for others."""
@@ -155,7 +154,7 @@ class Solver:
             settled, reached = posture, self._holds(posture, pose)
         note = "out of reach" if not reached else self._outside(settled, pose)
         score = 0 if note else int(task.problem.assess(settled).final[0])
-        return Trial(number, pose, settled, score, self.cost(settled), residual, apart, _since(begin), note)
+        return Trial(number, pose, settled, score, self._cost(settled), residual, apart, _since(begin), note)
 
     def _holds(self, posture: np.ndarray, pose: np.ndarray) -> bool:
         begin = self.task.begin

@@ -82,7 +82,7 @@ def _on_cluster(key: str, task: Task, numbers: Sequence[int], address: str) -> I
         raise InputError(f"scheduler: got {address!r}, allowed the address of a Dask scheduler that answers: {words}") from None
     with client:
         futures: list[Any] = [client.submit(solve_start, key, sent, number, pure=False) for number in numbers]
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             yield future.result()
 
 
