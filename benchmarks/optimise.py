@@ -28,7 +28,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from benchmarks.closed_loop import ABOVE, DURATION, STILL, end_score
+from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.optimise.start import RESIDUAL
 from ergoqp.problem_file import TASKS, load_problem
