@@ -24,10 +24,12 @@ def held_back(whole: WholeBody, moment: Moment, velocities: np.ndarray) -> str:
     """
     robot, arm = whole.robot, velocities[whole.scene.arm]
     active = (arm > moment.arm_high - _AT) | (arm < moment.arm_low + _AT)
+    at_rate = np.abs(arm) > robot.velocity - _AT
+    at_change = np.abs(arm - moment.arm_speed) > robot.acceleration * moment.dt - _AT
     names = []
     for joint in np.flatnonzero(active):
-        at_rate = abs(arm[joint]) > robot.velocity[joint] - _AT
-        names.append(f"{robot.joints[joint]} ({'rate' if at_rate else 'acceleration or range'})")
+        limit = "rate" if at_rate[joint] else "acceleration" if at_change[joint] else "range"
+        names.append(f"the {limit} of {robot.joints[joint]}")
     close = moment.close
     if close is not None and len(close.pairs):
         standing = velocities.copy()

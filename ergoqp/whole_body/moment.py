@@ -21,6 +21,7 @@ class Moment:
         g: slope of the object's own objective (6,).
         low: least twist (6,) [m/s, rad/s].
         high: greatest twist (6,) [m/s, rad/s].
+        arm_speed: speeds of the arm's joints in the last period (k,) [rad/s].
         arm_low: least speeds of the arm's joints (k,) [rad/s].
         arm_high: greatest speeds of the arm's joints (k,) [rad/s].
         arm_wish: speeds that the null space is led to (k,) [rad/s].
@@ -35,6 +36,7 @@ class Moment:
     g: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    arm_speed: np.ndarray
     arm_low: np.ndarray
     arm_high: np.ndarray
     arm_wish: np.ndarray

@@ -17,6 +17,8 @@ BASE_JOINTS: Final = ("base_x", "base_y", "base_z", "base_yaw")
 """How the person's pelvis stands in the world: three shifts [m] and a turn [rad]."""
 
 _HAND_PARTS: Final = ("palm", "fingers", "thumb")
+_HOLDS: Final = 2
+"""The hand that holds the tool need not keep away from links with fewer joints than this between them and the object."""
 _JOINTS_AWAY: Final = 4
 """The object cannot be kept away from the links it hangs on: pairs begin this many joints up the arm."""
 
@@ -83,8 +85,10 @@ class Scene:
     def pairs(self) -> np.ndarray:
         """Geoms that keep the distance, two per row (n, 2), the robot's or object's first.
 
-        - every collision geom of the robot, and its pedestal, with every part of the person;
-        - object and tool with every part of the person except the hands that hold the tool;
+        - every collision geom of the robot, and its pedestal, with every part of the person; the hands that hold the tool are
+          left out for the last two links, which move as the object does;
+        - the object with every part of the person except the hands that hold the tool, and the tool with every part except
+          those hands and their forearms;
         - object and tool with the links at least four joints up the arm.
 
         The arm's own links among each other are left to the robot's joint ranges and its own controller.
@@ -98,11 +102,12 @@ class Scene:
         links = [i for i, owner in enumerate(owners) if owner.startswith("robot/") and solid[i] and i not in load]
         links += [i for i, name in enumerate(names) if name == "pedestal"]
         hands = {f"person/{hand}_{part}" for hand in self.hands for part in _HAND_PARTS}
-        pairs = [(link, part) for link in links for part in person]
-        pairs += [(piece, part) for piece in load for part in person if names[part] not in hands]
+        holding = {load[0]: hands, load[1]: hands | {f"person/{hand}_forearm" for hand in self.hands}}
         end = self._joints_before(int(model.geom_bodyid[load[0]]))
-        up = [link for link in links if end - self._joints_before(int(model.geom_bodyid[link])) >= _JOINTS_AWAY]
-        pairs += [(piece, link) for piece in load for link in up]
+        up = {link: end - self._joints_before(int(model.geom_bodyid[link])) for link in links}
+        pairs = [(link, part) for link in links for part in person if up[link] >= _HOLDS or names[part] not in hands]
+        pairs += [(piece, part) for piece in load for part in person if names[part] not in holding[piece]]
+        pairs += [(piece, link) for piece in load for link in links if up[link] >= _JOINTS_AWAY]
         return np.array(pairs)
 
     def _joints_before(self, body: int) -> int:

@@ -32,6 +32,7 @@ def joint_bounds(
     velocity: np.ndarray,
     acceleration: np.ndarray,
     dt: float,
+    pace: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the greatest speed of every joint in this period (k,) each.
 
@@ -45,10 +46,14 @@ def joint_bounds(
         velocity: largest speeds (k,) [rad/s].
         acceleration: largest accelerations (k,) [rad/s^2].
         dt: period [s].
+        pace: the ends of the ranges are come to at what is left over this time [s], where it is longer than the stop: joints
+            stop sooner than the object that they carry may.
     """
     brake = np.sign(speed) * np.maximum(np.abs(speed) - acceleration * dt, 0.0)
-    up = np.minimum(velocity, stopping_speed(limits[1] - position, acceleration, dt))
-    down = np.minimum(velocity, stopping_speed(position - limits[0], acceleration, dt))
+    up, down = (
+        np.minimum(np.minimum(velocity, stopping_speed(left, acceleration, dt)), np.maximum(left, 0.0) / max(pace, dt))
+        for left in (limits[1] - position, position - limits[0])
+    )
     low = np.minimum(np.maximum(-down, speed - acceleration * dt), brake)
     high = np.maximum(np.minimum(up, speed + acceleration * dt), brake)
     return low, high

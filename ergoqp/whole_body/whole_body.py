@@ -155,11 +155,13 @@ class WholeBody:
         self._before = jacobian
         seen = contact if pose is None else pose
         object_step = self.stepper.step(posture, seen, done, age=age, enable=enable, observed=observed)
-        if object_step.status != "invalid" and posture is not None:
-            self._posture = np.array(posture, dtype=float)
+        usable = object_step.status != "invalid"
+        sees = np.ones(len(JOINTS)) if observed is None or not usable else np.asarray(observed, dtype=float)
+        if usable and posture is not None:
+            self._posture = np.where(sees > 0.5, np.asarray(posture, dtype=float), self._person.comfort)
         self._place(positions)
         close, least = self._near()
-        moment = self._moment(object_step, positions, speeds, jacobian, done, close, observed)
+        moment = self._moment(object_step, positions, speeds, jacobian, done, close, sees)
         velocities, status, why = self._solve(object_step, moment, done)
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
@@ -205,20 +207,20 @@ class WholeBody:
         jacobian: np.ndarray,
         done: np.ndarray,
         close: Closeness | None,
-        observed: Any,
+        sees: np.ndarray,
     ) -> Moment:
         robot = self.robot
-        seen = np.ones(len(JOINTS)) if observed is None else np.asarray(observed, dtype=float)
-        terms, slack = self._terms(object_step, self._posture, done, seen)
+        terms, slack = self._terms(object_step, self._posture, done, sees)
         self._formulation.rows.slack = slack
-        low, high = joint_bounds(positions, speeds, (robot.lower, robot.upper), robot.velocity, robot.acceleration, self.dt)
+        ranges = (robot.lower, robot.upper)
+        low, high = joint_bounds(positions, speeds, ranges, robot.velocity, robot.acceleration, self.dt, self._pace)
         smooth = self.problem.control.smoothing / self.dt
         home = np.clip((self.start - positions) / _REST_TIME, -_REST_SPEED, _REST_SPEED)
         wish = (home + smooth * speeds) / (1 + smooth)
         # What the person's joints say acts on them; the rest of the step's objective is the object's own.
         S, root = terms["S"], terms["root"] @ terms["S"]
         H, g = terms["H"] - root.T @ root, terms["g"] - S.T @ terms["slope"]
-        moment = Moment(self.dt, jacobian, terms, H, g, terms["low"], terms["high"], low, high, wish, close)
+        moment = Moment(self.dt, jacobian, terms, H, g, terms["low"], terms["high"], speeds, low, high, wish, close)
         if close is not None:
             moment.approach = self._approach(close, low, high)
         return moment
