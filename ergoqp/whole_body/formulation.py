@@ -14,7 +14,9 @@ from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.tasks import ErgonomicTask, Held, NullSpaceTask, ObjectTask, Tie, at_moment
 
 SOLVER: Final = "daqp"
-_SETTINGS: Final[dict[str, Any]] = {"primal_tol": 1e-11, "dual_tol": 1e-11}
+"""Name of the solver in qpsolvers."""
+SETTINGS: Final[dict[str, Any]] = {"primal_tol": 1e-11, "dual_tol": 1e-11}
+"""What DAQP is called with, so that twists are exact far below 1e-8."""
 _KEPT: Final = 1e-7
 """Rows must hold to this [m/s, rad/s], whatever flag the solver gives."""
 
@@ -59,7 +61,7 @@ class Formulation:
         """Return all velocities (nv,), or None where the rows cannot all hold, or not by this solver."""
         problem = self.build(moment, follow)
         try:
-            solution = qpsolvers.solve_problem(problem, solver=SOLVER, **_SETTINGS)
+            solution = qpsolvers.solve_problem(problem, solver=SOLVER, **SETTINGS)
         except Exception:  # solvers differ in what they raise on data without a solution
             return None
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():

@@ -7,13 +7,13 @@ import numpy as np
 
 from ergoqp.qp import FREE
 from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.scene import Scene
+from ergoqp.whole_body.scene import Columns
 
 
 class _MomentLimit(mink.Limit):
     """A limit that reads the present moment."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Columns) -> None:
         """Keep where its columns are."""
         self.scene = scene
         self.moment: Moment | None = None
@@ -39,8 +39,8 @@ class TwistBounds(_MomentLimit):
         """Return two rows per axis that has a choice."""
         now = self._now()
         free = now.high - now.low >= 1e-12
-        J = now.jacobian[free]
-        return self._on_arm(np.vstack([J, -J]), np.concatenate([now.high[free], -now.low[free]]), dt)
+        J, aside = now.jacobian[free], now.offset[free]
+        return self._on_arm(np.vstack([J, -J]), np.concatenate([now.high[free] + aside, -now.low[free] - aside]), dt)
 
 
 class StepRows(_MomentLimit):
@@ -49,7 +49,7 @@ class StepRows(_MomentLimit):
     Where the step relaxes a row, because braking itself would pass it, the row is widened by the slack that the step needs.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Columns) -> None:
         """Start without slack."""
         super().__init__(scene)
         self.slack: np.ndarray | float = 0.0
@@ -57,7 +57,8 @@ class StepRows(_MomentLimit):
     def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
         """Return up to two rows per row of the step."""
         now = self._now()
-        rows, moved = now.terms["A"] @ now.jacobian, now.terms["side"] * self.slack
+        rows = now.terms["A"] @ now.jacobian
+        moved = now.terms["side"] * self.slack + now.terms["A"] @ now.offset
         upper, lower = now.terms["upper"] + moved, now.terms["lower"] + moved
         return self._on_arm(np.vstack([rows, -rows]), np.concatenate([upper, -lower]), dt)
 

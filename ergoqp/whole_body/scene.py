@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import mujoco
 import numpy as np
@@ -47,6 +47,15 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
     frame[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     frame[2, 3] = length
     return frame
+
+
+class Columns(Protocol):
+    """What tasks and limits need to know of a model: whose velocities are in which columns, as in `Scene`."""
+
+    model: mujoco.MjModel
+    person: np.ndarray
+    arm: np.ndarray
+    idle: np.ndarray
 
 
 class Scene:
@@ -139,7 +148,7 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     world.add_geom(name="floor", contype=0, conaffinity=0, **floor)
     root.attach(body.spec(), prefix="person/", frame=world.add_frame())
     arm = robot.spec.copy()
-    _carry(arm, robot, load)
+    carry(arm, robot, load)
     root.attach(arm, prefix="robot/", frame=world.add_frame(pos=base[:3, 3], quat=_quaternion(base[:3, :3])))
     if base[2, 3] > 0.10:
         low, high = [*base[:2, 3], 0.05], [*base[:2, 3], base[2, 3] - 0.05]
@@ -148,8 +157,8 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     return root.compile()
 
 
-def _carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
-    """Fix object, tool and contact frame to the end-effector frame."""
+def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
+    """Fix object, tool and contact frame to the end-effector frame of an arm's description."""
     pose = robot.frame_pose
     carrier = arm.body(robot.frame_body).add_body(name="load", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3]))
     x, y, z = load.size

@@ -9,7 +9,7 @@ import numpy as np
 from mink.tasks import BaseTask
 
 from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.scene import Scene
+from ergoqp.whole_body.scene import Columns
 
 TIE_WEIGHT = 1.0
 """Weight of the tie as a term beside the constraint [1/s^2]: it is zero wherever the constraint holds and changes nothing, but
@@ -22,7 +22,7 @@ NULL_WEIGHT = 1e-3
 class _MomentTask(BaseTask):
     """A task that reads the present moment."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Columns) -> None:
         self.scene = scene
         self.moment: Moment | None = None
 
@@ -59,7 +59,7 @@ class ObjectTask(_MomentTask):
         """Return curvature and slope in displacements of the arm."""
         now = self._now()
         J = now.jacobian / now.dt
-        return self._objective(self.scene.arm, J.T @ now.H @ J, J.T @ now.g)
+        return self._objective(self.scene.arm, J.T @ now.H @ J, J.T @ (now.g - now.H @ now.offset))
 
 
 class NullSpaceTask(_MomentTask):
@@ -80,7 +80,7 @@ class NullSpaceTask(_MomentTask):
 class _Rows(mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
-    def __init__(self, scene: Scene, count: int) -> None:
+    def __init__(self, scene: Columns, count: int) -> None:
         super().__init__(cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
         self.moment: Moment | None = None
@@ -91,32 +91,37 @@ class _Rows(mink.Task):
 
 
 class Tie(_Rows):
-    """The person follows the object: pelvis and joints move by (carried, S) xi with xi = J dq, and in no other way.
+    """The person follows the object: pelvis and joints move by (carried, S) xi with xi = J dq - offset, in no other way.
 
     Contact alone would let the QP choose among all postures that keep the contact, as if the robot moved the person.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Columns) -> None:
         """Make 36 rows."""
         super().__init__(scene, len(scene.person))
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
-        """Return zeros: nothing drifts, the posture is measured anew in every step."""
-        return np.zeros(len(self.cost))
+        """Return what the offset would make them do; nothing drifts, the posture is measured anew in every step."""
+        return self._follows() @ self._now().offset
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows, scaled by the period as all terms are."""
         now = self._now()
         rows = np.zeros((len(self.cost), self.scene.model.nv))
         rows[:, self.scene.person] = np.eye(len(self.cost))
-        rows[:, self.scene.arm] = -np.vstack([now.terms["carried"], now.terms["S"]]) @ now.jacobian
+        rows[:, self.scene.arm] = -self._follows() @ now.jacobian
         return rows / now.dt
+
+    def _follows(self) -> np.ndarray:
+        """How pelvis and joints follow the twist (36, 6)."""
+        terms = self._now().terms
+        return np.vstack([terms["carried"], terms["S"]])
 
 
 class Held(_Rows):
     """Axes of the object that have no choice, and joints of the robot's file that the arm does not use."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Columns) -> None:
         """Start with the idle joints."""
         super().__init__(scene, 0)
 
@@ -124,7 +129,7 @@ class Held(_Rows):
         """Return how far each row is from what it must be, at no motion."""
         now = self._now()
         axes = fixed_axes(now)
-        return np.concatenate([np.zeros(len(self.scene.idle)), -now.low[axes]])
+        return np.concatenate([np.zeros(len(self.scene.idle)), -(now.low + now.offset)[axes]])
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows."""

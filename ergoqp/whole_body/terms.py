@@ -66,6 +66,15 @@ def terms_function(problem: Problem) -> ca.Function:
     return ca.Function("terms", given, [ca.densify(part) for part in parts.values()], names, list(parts))
 
 
+def own_objective(terms: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return curvature (6, 6) and slope (6,) of the object's own share of the step's objective: effort, smoothing, contact.
+
+    It is what remains when the share of the posture, which acts on the person's joints, is taken out through S.
+    """
+    root = terms["root"] @ terms["S"]
+    return terms["H"] - root.T @ root, terms["g"] - terms["S"].T @ terms["slope"]
+
+
 def pelvis_function(person: IkResponse) -> ca.Function:
     """Return ``q (32,) -> (pelvis x, y, z [m] and yaw [rad] (4,), its derivative (4, 32))``, from the person's stance."""
     q = ca.SX.sym("q", len(JOINTS))

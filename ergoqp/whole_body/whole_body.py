@@ -17,17 +17,20 @@ from ergoqp.step import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
+from ergoqp.whole_body.inputs import check_length, numbers, rigid, start_of
 from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.placing import default_base
+from ergoqp.whole_body.placing import default_base, pose_error
 from ergoqp.whole_body.robot import Robot, load_robot
+from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
 from ergoqp.whole_body.separation import Closeness, Separation
 from ergoqp.whole_body.stopping import joint_bounds
-from ergoqp.whole_body.terms import SAME, StepTerms, pelvis_function, person_of
+from ergoqp.whole_body.terms import SAME, StepTerms, own_objective, pelvis_function, person_of
 
 _REST_TIME: Final = 1.0
 _REST_SPEED: Final = 0.5
 _RETREAT: Final = 0.05
 _LOOK: Final = 0.15
+_OFFSET: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class WholeBody:
             back into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
         base: of the robot in the world of the problem (4, 4) [m]; None: see `ergoqp.whole_body.placing.default_base`.
         posture: with which the loop starts (32,) [rad]; None: the comfort posture.
+        start: joints with which the arm holds the object then (k,) [rad]; None: found, see `ergoqp.whole_body.grasp`. Where
+            they are given, the object begins where they hold it.
         distance: that robot and object keep from the person, and the object from the arm [m], see `Scene.pairs`; None: none.
         reserve: kept beyond `distance`, for what the person does by themselves within the robot's reaction [m].
         object_size: side lengths of the box on the end-effector frame [m].
@@ -88,6 +93,7 @@ class WholeBody:
         tool_frame: Any = None,
         base: Any = None,
         posture: Any = None,
+        start: Any = None,
         distance: float | None = 0.05,
         reserve: float = 0.01,
         object_size: tuple[float, float, float] = (0.12, 0.12, 0.10),
@@ -99,16 +105,21 @@ class WholeBody:
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot, frame or "flange")
-        _check("distance", distance if distance is not None else 0.0, 0.0, 0.5)
-        _check("reserve", reserve, 0.0, 0.2)
+        check_length("distance", distance if distance is not None else 0.0, 0.0, 0.5)
+        check_length("reserve", reserve, 0.0, 0.2)
         self.distance, self.reserve = distance, reserve
-        placed = default_base(problem, 0.20) if base is None else _pose("base", base)
-        held = _pose("tool_frame", tool_frame) if tool_frame is not None else None
-        begin = self._person.comfort if posture is None else _numbers(posture, len(JOINTS))
+        placed = default_base(problem, 0.20) if base is None else rigid("base", base)
+        held = rigid("tool_frame", tool_frame) if tool_frame is not None else None
+        begin = self._person.comfort if posture is None else numbers(posture, len(JOINTS))
         if begin is None:
             raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} finite numbers")
         apart = None if distance is None else distance + reserve
-        self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
+        if start is None:
+            self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
+        else:
+            load = Load(default_tool_frame(0.0) if held is None else held, object_size)
+            self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
+            self.start = start_of(start, self.robot)
         self._formulation = Formulation(self.scene)
         self._separation = Separation(self.scene)
         limit = self.problem.twist_limit
@@ -120,7 +131,8 @@ class WholeBody:
         self.stepper.reset()
         self._posture = self._person.comfort.copy()
         self._sent = np.zeros(len(self.robot.joints))
-        self._before: np.ndarray | None = None
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
+        self._offset = np.zeros(6)
 
     def step(
         self,
@@ -146,13 +158,11 @@ class WholeBody:
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
-        positions, speeds = _numbers(arm, k), self._sent if arm_speed is None else _numbers(arm_speed, k)
+        positions, speeds = numbers(arm, k), self._sent if arm_speed is None else numbers(arm_speed, k)
         if positions is None or speeds is None:
             return self._blind(begin, posture, "arm" if positions is None else "arm_speed")
         contact, jacobian = self._look(positions, speeds)
-        # What the object did in the last period: the arm's speeds through the Jacobian of then.
-        done = (jacobian if self._before is None else self._before) @ speeds
-        self._before = jacobian
+        done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
         object_step = self.stepper.step(posture, seen, done, age=age, enable=enable, observed=observed)
         usable = object_step.status != "invalid"
@@ -166,7 +176,20 @@ class WholeBody:
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
         reason = "; ".join(part for part in (object_step.reason, why) if part)
-        return WholeBodyStep(velocities, jacobian @ velocities, status, reason, least, object_step, time.perf_counter() - begin)
+        twist = jacobian @ velocities - self._offset
+        return WholeBodyStep(velocities, twist, status, reason, least, object_step, time.perf_counter() - begin)
+
+    def _done(self, contact: np.ndarray, jacobian: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        """Return the object's twist in the last period (6,), and find what the arm missed of it: see `Moment.offset`."""
+        if self._before is None:
+            done = jacobian @ speeds
+        else:
+            there, then = self._before
+            done = then @ speeds - self._offset
+            missed = (self._offset + done) * self.dt - pose_error(there[:3, 3], there[:3, :3], contact)
+            self._offset = np.clip(missed / self.dt, -_OFFSET, _OFFSET)
+        self._before = contact, jacobian
+        return done
 
     def _solve(self, object_step: Step, moment: Moment, done: np.ndarray) -> tuple[np.ndarray, str, str]:
         """The ladder: the whole QP, then only the robot's limits, then every joint's own stop."""
@@ -175,7 +198,7 @@ class WholeBody:
         if whole:
             solved = formulation.solve(moment, follow=True)
             if solved is not None:
-                twist = moment.jacobian @ solved[arm]
+                twist = moment.jacobian @ solved[arm] - moment.offset
                 if np.abs(twist - object_step.twist).max() < SAME:
                     return solved[arm], object_step.status, ""
                 return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
@@ -185,7 +208,7 @@ class WholeBody:
         moment.H, moment.g = effort, -effort @ wanted
         solved = formulation.solve(moment, follow=False)
         if solved is not None:
-            twist = moment.jacobian @ solved[arm]
+            twist = moment.jacobian @ solved[arm] - moment.offset
             if not whole and np.abs(twist - wanted).max() < SAME:
                 return solved[arm], object_step.status, ""
             if not whole:
@@ -217,10 +240,10 @@ class WholeBody:
         smooth = self.problem.control.smoothing / self.dt
         home = np.clip((self.start - positions) / _REST_TIME, -_REST_SPEED, _REST_SPEED)
         wish = (home + smooth * speeds) / (1 + smooth)
-        # What the person's joints say acts on them; the rest of the step's objective is the object's own.
-        S, root = terms["S"], terms["root"] @ terms["S"]
-        H, g = terms["H"] - root.T @ root, terms["g"] - S.T @ terms["slope"]
-        moment = Moment(self.dt, jacobian, terms, H, g, terms["low"], terms["high"], speeds, low, high, wish, close)
+        H, g = own_objective(terms)
+        moment = Moment(
+            self.dt, jacobian, terms, H, g, terms["low"], terms["high"], speeds, low, high, wish, self._offset, close
+        )
         if close is not None:
             moment.approach = self._approach(close, low, high)
         return moment
@@ -276,24 +299,3 @@ class WholeBody:
         return WholeBodyStep(
             slower, object_step.twist, "invalid", reason, float("nan"), object_step, time.perf_counter() - begin
         )
-
-
-def _check(what: str, value: float, low: float, high: float) -> None:
-    if not (isinstance(value, (int, float)) and low <= value <= high):
-        raise InputError(f"{what}: got {value!r}, allowed {low} to {high} m")
-
-
-def _pose(what: str, value: Any) -> np.ndarray:
-    pose = np.asarray(value, dtype=float)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
-        raise InputError(f"{what}: got an array of shape {pose.shape}, allowed a rigid motion (4, 4)")
-    return pose
-
-
-def _numbers(value: Any, count: int) -> np.ndarray | None:
-    """Return a finite vector of this length, or None."""
-    try:
-        vector = np.asarray(value, dtype=float)
-    except Exception:  # whatever a user's object does when it is read, the loop goes on
-        return None
-    return vector.copy() if vector.shape == (count,) and np.isfinite(vector).all() else None

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("mink")
@@ -26,6 +26,7 @@ def test_a_stop_from_the_bound_ends_at_the_distance(distance, acceleration, dt):
     assert _way(speed * (1 + 1e-6) + 1e-9, acceleration, dt) > distance
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_whatever_the_joints_do_within_their_bounds_they_never_leave(seed):
     rng, dt = np.random.default_rng(seed), 0.01
