@@ -14,8 +14,8 @@ of 3 or more) of simulated people whose joint weights are not the controller's, 
   sees is then not where the person is. ``careless.min_distance``: the same starts and joints without distances in the QP. [m]
 - ``robot_violations``: samples that break a range, rate or acceleration of the arm. ``object_violations``: loops in which a
   limit of the object is broken by more than 1e-6 of its unit, by the independent checker; ``max_object_violation``: the worst,
-  in its unit: the object's way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all limits
-  of robot and object, though the fast step has one.
+  in its unit: the object's way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all
+  limits of robot and object, though the fast step has one.
 - ``slower_share``: share of steps in which limits of the robot or the distance hold the object back.
 - ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops with distances.
 - ``step_us``, ``step_p99_us``: the whole call in a loop of screwing, distances and fast step included, one process.
