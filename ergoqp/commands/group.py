@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import cast, get_args
 
+import numpy as np
 from rich.console import Group as Stack
 from rich.console import RenderableType
 from rich.table import Table
@@ -13,7 +14,8 @@ from rich.text import Text
 from ergoqp.commands.common import console, make_folder, print_assumptions, working, write_report, writing
 from ergoqp.commands.population import numbers_of, one_of
 from ergoqp.errors import InputError
-from ergoqp.optimise.group import STARTS, GroupOptimum, best_for_group
+from ergoqp.optimise.group import STARTS, best_for_group
+from ergoqp.optimise.group_optimum import GroupOptimum
 from ergoqp.optimise.people import Person, drawn_people, read_people
 from ergoqp.optimise.place_search import Objective
 from ergoqp.optimise.population import variant
@@ -73,7 +75,7 @@ def group(
 
 def group_table(found: GroupOptimum) -> RenderableType:
     """Return what was found, for the terminal: everybody at the place, and what could be made adjustable."""
-    x, y, z = found.pose[:3, 3]
+    x, y, z = np.round(found.pose[:3, 3], 2) + 0.0
     title = Text(f"{found.title}: object at x {x:.2f}, y {y:.2f}, z {z:.2f} m ({found.objective})")
     people = Table(box=None, pad_edge=False)
     for name in ("person", "REBA", "alone", "pays", "risk"):

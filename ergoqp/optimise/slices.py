@@ -52,14 +52,16 @@ def slices_through(
     Args:
         problem: its workspace and tool axis say where the object can be.
         people: who is put to rest at every place.
-        pose: the place (4, 4).
+        pose: the place (4, 4), in the workspace.
         spacing: of the places [m].
         jobs: number of processes.
     """
     placing = Placing.of(problem)
-    point = placing.point(pose)
+    exact = placing.point(pose)
+    # An optimum lies on an end of the workspace often, to the tolerance of its solver.
+    point = np.clip(exact, placing.lower, placing.upper)
     # What the object is turned about its tool's axis stays as it is.
-    roll = placing.pose(point)[:3, :3].T @ pose[:3, :3]
+    roll = placing.pose(exact)[:3, :3].T @ pose[:3, :3]
     free = placing.upper - placing.lower > 1e-9
     pairs = [pair for pair in _PAIRS if free[list(pair)].all()]
     flat = [pair for pair in pairs if max(pair) < 3] or pairs
@@ -69,6 +71,8 @@ def slices_through(
         points = np.tile(point, (len(vertical), len(horizontal), 1))
         points[..., across], points[..., up] = horizontal, vertical[:, None]
         allowed = np.array([placing.holds(each) for each in points.reshape(-1, 5)])
+        if not allowed.any():
+            continue
         poses = np.array([placing.pose(each) for each in points.reshape(-1, 5)[allowed]])
         poses[:, :3, :3] = poses[:, :3, :3] @ roll
         scores = np.full((len(people), len(allowed)), -1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.optimise.group import GroupOptimum, Member
+from ergoqp.optimise.group_optimum import GroupOptimum, Member
 from ergoqp.optimise.people import Person
 from ergoqp.optimise.place_search import Placing
 from ergoqp.optimise.slices import Slice, slices_through

@@ -101,7 +101,7 @@ def slice_words(slice_: Slice) -> str:
 
 
 def _signed(value: float) -> str:
-    return f"{value + 0.0:.2f}".replace("-", "−")
+    return f"{round(float(value), 2) + 0.0:.2f}".replace("-", "−")
 
 
 def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
