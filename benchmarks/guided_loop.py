@@ -6,8 +6,8 @@ step's thresholds were chosen on people 0 to 19, and these are 20 and up.
 
 Every loop is run three times, from the same start and with the same noise:
 
-- ``PROBLEM.figure``: guided by the best place for the controller's own model of the person, which is all that it can know;
-- ``PROBLEM.own_figure``: guided by the best place for the very person who follows;
+- ``PROBLEM.figure``: guided by ``problem.optimise`` for the controller's own model of the person, all that it can know;
+- ``PROBLEM.own_figure``: guided by ``problem.optimise`` for the very person who follows;
 - ``PROBLEM.alone_figure``: by descent alone.
 
 The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the object was drawn to the
@@ -17,15 +17,14 @@ place, ``returned_share``: share in which it was drawn back, because the person 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-
-import numpy as np
+from functools import cache
 
 from benchmarks.loops import Loops, figures_of, gather, run_loops
 from benchmarks.report import Report, run
+from ergoqp.optimise.optimum import Optimum
 from ergoqp.optimise.population import person_of
 from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.simulation.best import workspace_map
 from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import Follower
@@ -54,36 +53,23 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
     """Run all loops of one person in one problem."""
     problem = load_problem(name)
     person = sample_person(problem, person_seed)
-    places = {
-        "": best_place(problem, Follower(person_of(problem))),
-        "own_": best_place(problem, person),
-        "alone_": None,
-    }
+    places = {"": model_optimum(name), "own_": optimum_of(problem, person), "alone_": None}
     loops = {way: GuidedLoops() for way in WAYS}
     for way, place in places.items():
         run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), loops[way].beside)
     return name, loops
 
 
-@dataclass(frozen=True)
-class Place:
-    """A place to be drawn to.
-
-    Attributes:
-        pose: of the object (4, 4).
-        posture: of the person at rest there (32,) [rad].
-    """
-
-    pose: np.ndarray
-    posture: np.ndarray
+@cache
+def model_optimum(name: str) -> Optimum:
+    """Return the best place for the controller's own model of the person: once per process."""
+    return optimum_of(load_problem(name), None)
 
 
-def best_place(problem: Problem, person: Follower) -> Place:
-    """Return the best place for a person by brute force: of those with the lowest exact score the one with the lowest cost."""
-    found = workspace_map(problem, person)
-    best = np.flatnonzero(found.scores == found.best)
-    chosen = best[np.argmin(problem.cost(found.postures[best]))]
-    return Place(found.poses[chosen], found.postures[chosen])
+def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
+    """Return the best place for a person who is at ease, None: the model, as ``ergoqp optimise`` finds it."""
+    response = person_of(problem) if person is None else person.response
+    return problem.optimise(response.comfort, person=person)
 
 
 def measure(report: Report) -> None:
