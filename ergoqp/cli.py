@@ -73,6 +73,7 @@ Examples:
   ergoqp run screwing                                at an awkward place, drawn with the seed
   ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
   ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
+  ergoqp run overhead --guide best                   drawn to the best place where descent alone stays at a worse one
 """
 _ABOUT_SCORE = """Score every frame of a recording by REBA.
 
@@ -189,11 +190,15 @@ def _run(
     unit_to_m: _Unit = None,
     up: _Up = None,
     mapping: _Mapping = None,
+    guide: Annotated[
+        str | None,
+        typer.Option("--guide", metavar="best|FILE", help="A place to be drawn to: looked for, or an optimum.json [none]."),
+    ] = None,
 ) -> None:
     from ergoqp.commands.common import RecordingOptions
     from ergoqp.commands.run import run
 
-    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping), guide)
 
 
 @app.command("optimise", help=_ABOUT_OPTIMISE, short_help="Look for the best place of the object, offline.")
