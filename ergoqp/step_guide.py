@@ -56,6 +56,9 @@ _STUCK: Final = 1.5
 _SETTLING: Final = 1.0
 """For how long the object rests at the place before its cost is looked at [s]."""
 
+_PRICE: Final = 1.5
+"""How much worse than where it began a journey may make the person, for a while [points]."""
+
 _SAME: Final = 0.1
 """Costs that differ by less are taken to be the same [points]."""
 
@@ -156,7 +159,9 @@ def trial_update(
 
     seen = ca.logic_and(phase == LOOK, waited > _SETTLING)
     kept = ca.logic_and(seen, cost <= expected)
-    judged = ca.logic_or(kept, ca.logic_and(phase == AFTER, ended))
+    # Whoever gets that much worse on the way there may be unable to reach it.
+    suffers = ca.logic_and(ca.logic_or(phase == THERE, phase == LOOK), cost > before + _PRICE)
+    judged = ca.logic_or(ca.logic_or(kept, suffers), ca.logic_and(phase == AFTER, ended))
     returns = ca.logic_and(judged, cost > before + _SAME)
 
     after = ca.if_else(leaves, THERE, phase)
