@@ -57,14 +57,17 @@ class Trial:
         return (self.found & ~(self.worst <= tolerance)) | (self.flags == "infeasible")
 
 
-def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float) -> Trial:
+def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float, passes: int = 1) -> Trial:
     """Solve a sequence in order by one solver that stays in memory, and judge every answer.
+
+    With more than one pass each QP's time is its least: a solver takes the same way every time, other programs do not.
 
     Args:
         solver: one of `ergoqp.solvers.sessions.SESSIONS`.
         sequence: the QPs.
         warm: start each from the answer before; else as if it were the first.
         accuracy: what the solver is set to.
+        passes: how often the whole sequence is solved, each time by a new session.
 
     Raises:
         MissingExtraError: if the solver is not installed.
@@ -79,6 +82,9 @@ def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float) -
         seconds.append(answer.seconds)
         iterations.append(np.nan if answer.iterations is None else answer.iterations)
         points.append(answer.x)
+    for _ in range(passes - 1):
+        session = open_session(solver, *sequence.size, accuracy)
+        seconds = [min(least, session.solve_qp(qp, warm).seconds) for least, qp in zip(seconds, sequence, strict=True)]
     return Trial(
         solver, sequence, warm, np.array(residuals), np.array(flags), np.array(seconds), np.array(iterations), np.array(points)
     )

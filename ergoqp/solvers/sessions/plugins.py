@@ -125,7 +125,8 @@ class HpipmBackend(PluginBackend):
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options; its tolerance is for each product of multiplier and distance, and there are many."""
-        tolerance = accuracy / 1000
+        # Far below that it gives up before it is there.
+        tolerance = max(accuracy / 1000, 1e-11)
         names = ("res_g_max", "res_b_max", "res_d_max", "res_m_max")
         return {"N": 0, "nx": [n], "nu": [0], "ng": [m], "hpipm": {"iter_max": 200} | dict.fromkeys(names, tolerance)}
 
@@ -139,7 +140,9 @@ class HighsBackend(PluginBackend):
         """Return the plugin's options; its tolerances go no lower than 1e-10, and it would add 1e-7 to H."""
         tolerance = max(1e-10, accuracy / 10)
         names = ("primal_feasibility_tolerance", "dual_feasibility_tolerance")
-        return {"highs": {"output_flag": False, "qp_regularization_value": 0.0} | dict.fromkeys(names, tolerance)}
+        # Without a limit it was seen to go on for ever between rows that all but meet.
+        own = {"output_flag": False, "qp_regularization_value": 0.0, "qp_iteration_limit": 1000}
+        return {"highs": own | dict.fromkeys(names, tolerance)}
 
     def iterations(self, stats: dict[str, Any]) -> int | None:
         """Return the count of the QP method."""
