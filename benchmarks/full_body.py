@@ -22,7 +22,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.closed_loop import ABOVE, DURATION, STILL, end_score
+from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.learned import LearnedCost, load_cost

@@ -18,6 +18,7 @@ from ergoqp.joints import JOINTS as JOINTS
 from ergoqp.sheets import reba as reba
 
 if TYPE_CHECKING:
+    from ergoqp.comparison.compare import compare as compare
     from ergoqp.costs.learned import load_cost as load_cost
     from ergoqp.problem import Control as Control
     from ergoqp.problem import Problem as Problem
@@ -36,6 +37,7 @@ __all__ = [
     "Step",
     "Stepper",
     "__version__",
+    "compare",
     "errors",
     "load_cost",
     "load_problem",
@@ -49,6 +51,7 @@ _LATER = {
     "Problem": "ergoqp.problem",
     "Step": "ergoqp.step",
     "Stepper": "ergoqp.step",
+    "compare": "ergoqp.comparison.compare",
     "load_cost": "ergoqp.costs.learned",
     "load_problem": "ergoqp.problem_file",
     "load_recording": "ergoqp.recordings",

@@ -31,6 +31,11 @@ GIVES_WAY: Final = 1e-3
 
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
+_JUDGED: Final = (
+    *("posture", "observed", "readings", "pose", "previous", "dt", "gain", "value", "xi", "S", "residual", "usable", "rest"),
+)
+_JOURNEY: Final = ("promise", "points", "trial", "distance", "on")
+
 
 def _symbols(problem: Problem, names: tuple[str, ...], kind: type = ca.SX) -> dict[str, Any]:
     """Inputs of the functions of this file, by name; what has no size here is one number."""
@@ -46,22 +51,8 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
 
     Guided, what is known of the trial of the given place is judged too, see `ergoqp.step_guide`.
     """
-    names = (
-        "posture",
-        "observed",
-        "readings",
-        "pose",
-        "previous",
-        "dt",
-        "gain",
-        "value",
-        "xi",
-        "S",
-        "residual",
-        "usable",
-        "rest",
-    )
-    known = _symbols(problem, (*names, "promise", "trial", "distance", "on") if guided else names, ca.MX)
+    names = (*_JUDGED, *(_JOURNEY if guided else ()))
+    known = _symbols(problem, names, ca.MX)
     rows = StepRows(problem, known, known["S"])
     now = rows.margins(ca.DM.zeros(6))
     outside = ca.logic_and(now < -ca.DM(limit_values(problem.row_limits, "tolerance")), _moves(problem, rows))
@@ -75,22 +66,7 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
 
 def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Function:
     """The twist that this answer asks for and the braking one, as they can be sent; the first one's stop; rest and trial."""
-    names = (
-        "posture",
-        "observed",
-        "readings",
-        "pose",
-        "previous",
-        "dt",
-        "gain",
-        "value",
-        "xi",
-        "S",
-        "residual",
-        "usable",
-        "rest",
-    )
-    names = (*names, "must_move", *(("promise", "trial", "distance", "on") if guided else ()))
+    names = (*_JUDGED, "must_move", *(_JOURNEY if guided else ()))
     sx = _symbols(problem, names)
     limits, dt = problem.row_limits, sx["dt"]
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
@@ -100,7 +76,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], sx["must_move"], dt, counts)
     trial = []
     if guided:
-        journey = (sx["pose"], sx["distance"], sx["on"], sx["promise"])
+        journey = (sx["pose"], sx["distance"], sx["on"], sx["promise"], sx["points"])
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
         trial = [next_trial]
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(sx["must_move"])), brake.twist, sx["xi"])

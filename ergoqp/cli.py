@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from ergoqp import __version__
-from ergoqp.errors import ErgoqpError
+from ergoqp.errors import ErgoqpError, InputError
 
 DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses."""
@@ -57,8 +57,10 @@ _ABOUT = """Move the object so that the person's posture gets better.
 Examples:
   ergoqp run screwing
   ergoqp run screwing --from recording.bvh
+  ergoqp optimise screwing
   ergoqp score recording.bvh --load-kg 4
   ergoqp fit svr
+  ergoqp compare screwing
 
 Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
 """
@@ -71,6 +73,7 @@ Examples:
   ergoqp run screwing                                at an awkward place, drawn with the seed
   ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
   ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
+  ergoqp run overhead --guide best                   drawn to the best place where descent alone stays at a worse one
 """
 _ABOUT_SCORE = """Score every frame of a recording by REBA.
 
@@ -102,6 +105,31 @@ _ABOUT_EXPORT = """Write the control step of a problem as C99: sources, header, 
 Examples:
   ergoqp export screwing --out step
   cmake -S step -B step/build && cmake --build step/build && step/build/main
+"""
+
+_ABOUT_OPTIMISE = """Look for the best place of the object, offline, for a person who comes to rest by their own comfort.
+
+Prints a table, with what would be possible if the posture could be chosen too, and writes optimum.json. Finished
+starts are kept in the folder: a run that was killed goes on from them.
+
+\b
+Examples:
+  ergoqp optimise screwing
+  ergoqp optimise screwing --from take.bvh --jobs 2   for the person of a recording
+  ergoqp optimise my_task.toml --starts 200 --scheduler tcp://10.0.0.5:8786
+  ergoqp optimise desk --group 1.55,1.65,1.75,1.85    one fixed place for all of them
+  ergoqp optimise screwing --population 1.5,1.7,1.9 --hands right,both   everybody's own
+"""
+
+_ABOUT_COMPARE = """Compare QP solvers on the QPs that a problem's own control steps solve.
+
+Records closed loops, derives harder QPs, judges every answer apart, prints tables, and writes compare.json, compare.png and
+the QPs as a test set for qpbenchmark.
+
+\b
+Examples:
+  ergoqp compare screwing
+  ergoqp compare low_bin --solvers daqp,piqp --steps 1000
 """
 
 _Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
@@ -162,11 +190,95 @@ def _run(
     unit_to_m: _Unit = None,
     up: _Up = None,
     mapping: _Mapping = None,
+    guide: Annotated[
+        str | None,
+        typer.Option("--guide", metavar="best|FILE", help="A place to be drawn to: looked for, or an optimum.json [none]."),
+    ] = None,
 ) -> None:
     from ergoqp.commands.common import RecordingOptions
     from ergoqp.commands.run import run
 
-    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping), guide)
+
+
+@app.command("optimise", help=_ABOUT_OPTIMISE, short_help="Look for the best place of the object, offline.")
+def _optimise(
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="PROBLEM",
+            help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
+            show_default=False,
+        ),
+    ],
+    recording: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="RECORDING", help="For the posture and the person of a recording."),
+    ] = None,
+    at: Annotated[
+        float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
+    ] = None,
+    group: Annotated[
+        str | None,
+        typer.Option("--group", metavar="M,...|N", help="One place for people of these statures, or for N drawn ones."),
+    ] = None,
+    population: Annotated[
+        str | None, typer.Option("--population", metavar="M,...", help="Everybody's own best place, for these statures.")
+    ] = None,
+    objective: Annotated[
+        str, typer.Option("--objective", metavar="NAME", help="Of a group: minimax or mean of the exact scores.")
+    ] = "minimax",
+    hands: Annotated[
+        str | None, typer.Option("--hands", metavar="NAME", help="Of a group or population: right, left, both [the problem's].")
+    ] = None,
+    load_kg: Annotated[
+        str | None, typer.Option("--load-kg", metavar="KG", help="Tool of a group or population [the problem's].")
+    ] = None,
+    starts: Annotated[int | None, typer.Option("--starts", metavar="N", help="Places to begin at [32; a group's 4].")] = None,
+    jobs: Annotated[int, typer.Option("--jobs", metavar="N", help="Processes to use.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the starts.")] = 0,
+    mode: Annotated[
+        str, typer.Option("--mode", metavar="NAME", help="stackelberg; or cooperative: the posture is chosen too.")
+    ] = "stackelberg",
+    solver: Annotated[str, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod.")] = "ipopt",
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask cluster that solves the starts [this machine].")
+    ] = None,
+    out: _Out = None,
+    person: _Person = None,
+    unit_to_m: _Unit = None,
+    up: _Up = None,
+    mapping: _Mapping = None,
+) -> None:
+    from ergoqp.commands.common import RecordingOptions
+    from ergoqp.commands.optimise import optimise_command
+
+    if group is not None:
+        from ergoqp.commands.group import group as one_place
+
+        alone = {"--from": recording, "--at": at, "--person": person, "--population": population, "--scheduler": scheduler}
+        _refuse_with("--group", alone)
+        task = {"hands": hands, "load_kg": load_kg}
+        one_place(problem, group, objective, out, **task, starts=starts, seed=seed, jobs=jobs)
+        return
+    settings = {
+        "starts": 32 if starts is None else starts,
+        "jobs": jobs,
+        "seed": seed,
+        "mode": mode,
+        "solver": solver,
+        "scheduler": scheduler,
+    }
+    if population is not None:
+        from ergoqp.commands.population import population_study
+
+        _refuse_with("--population", {"--from": recording, "--at": at, "--person": person})
+        population_study(problem, population, out, hands=hands, loads_kg=load_kg, settings=settings)
+        return
+    if hands is not None or load_kg is not None:
+        raise InputError("--hands, --load-kg: allowed with --group or --population; a single person's are in the problem file")
+    options = RecordingOptions(person, unit_to_m, up and up.value, mapping)
+    optimise_command(problem, recording, at, out, options, settings)
 
 
 @app.command("score", help=_ABOUT_SCORE)
@@ -252,6 +364,29 @@ def _export(
     from ergoqp.commands.export import export
 
     export(problem, out, dt)
+
+
+@app.command("compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on a problem's own QPs.")
+def _compare(
+    problem: Annotated[
+        str, typer.Argument(metavar="PROBLEM", help="A name, as for run, or the path of a TOML file.", show_default=False)
+    ],
+    solvers: Annotated[
+        str | None, typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed].")
+    ] = None,
+    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Control steps to record.")] = 300,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the closed loops.")] = 0,
+    accuracy: Annotated[float, typer.Option("--accuracy", metavar="A", help="That the solvers are set to.")] = 1e-6,
+    out: _Out = None,
+) -> None:
+    from ergoqp.commands.compare import run_compare
+
+    run_compare(problem, solvers, steps, seed, accuracy, out)
+
+
+def _refuse_with(option: str, others: dict[str, object]) -> None:
+    if given := [name for name, value in others.items() if value is not None]:
+        raise InputError(f"{', '.join(given)}: not allowed with {option}")
 
 
 def _pair(side: Side | None) -> tuple[bool, bool]:

@@ -9,6 +9,10 @@ class InputError(ErgoqpError, ValueError):
     """A value of the user's is not usable: wrong shape, unit, name or range."""
 
 
+class OutOfReachError(InputError):
+    """The person of a problem can be at rest at none of the places that were tried."""
+
+
 class RecordingError(ErgoqpError):
     """A motion-capture file cannot be read as what it claims to be."""
 

@@ -21,6 +21,7 @@ from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
 
 if TYPE_CHECKING:
+    from ergoqp.optimise.optimum import Optimum
     from ergoqp.simulation.run import Run
     from ergoqp.step import Stepper
 
@@ -47,7 +48,8 @@ class Control:
         rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
         max_age: oldest posture that still counts [s].
         guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
-        guide_gain: how much better than where descent comes to rest the given place must promise to be [points].
+        guide_gain: how much better than where descent comes to rest the given place must promise to be, and how much worse
+            than promised it may be to be kept [points].
     """
 
     look_ahead: float = 0.5
@@ -66,7 +68,7 @@ class Control:
     rest_filter: float = 0.5
     max_age: float = 0.10
     guide_weight: float = 20.0
-    guide_gain: float = 0.5
+    guide_gain: float = 0.3
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -220,6 +222,21 @@ class Problem:
         from ergoqp.simulation.simulate import simulate
 
         return simulate(self, posture, duration, seed, **options)
+
+    def optimise(
+        self,
+        posture: ArrayLike | None = None,
+        starts: int = 32,
+        seed: int = 0,
+        jobs: int = 1,
+        mode: str = "stackelberg",
+        solver: str = "ipopt",
+        **options: Any,
+    ) -> Optimum:
+        """Look for the best place of the object, offline; see `ergoqp.optimise.find.optimise`."""
+        from ergoqp.optimise.find import optimise
+
+        return optimise(self, posture, starts, seed, jobs, mode, solver, **options)
 
 
 def _is_identity(response: Response) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.step_guide import BACK, THERE
+from ergoqp.step_guide import BACK, LOOK, THERE
 from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_rows import limit_values
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _DRAWN: Final = {
     THERE: "drawn toward the given place",
+    LOOK: "at the given place, waiting for the person",
     BACK: "drawn back to where it was better than at the given place",
 }
 
@@ -50,7 +51,7 @@ def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age:
         parts.append(_DRAWN[step.drawn])
     if "guide" in notes:
         parts.append(notes["guide"])
-    if status == Status.settled:
+    if status == Status.settled and not step.drawn:
         parts.append("at rest: moving would gain too little")
     tolerance = limit_values(problem.row_limits, "tolerance")
     stuck = [i for i in np.flatnonzero(margins < -tolerance).tolist() if i not in outside]

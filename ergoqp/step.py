@@ -87,7 +87,7 @@ class Step:
 
     @property
     def drawn(self) -> int:
-        """1 on the way to the guide, 3 on the way back from it, 0 otherwise; see `ergoqp.step_guide`."""
+        """Phase of `ergoqp.step_guide` in which the guide leads: the way there, the wait there, the way back; else 0."""
         return int(self.account("drawn")[0]) if "drawn" in self._parts else 0
 
     @cached_property

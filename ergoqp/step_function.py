@@ -56,7 +56,7 @@ def build_step(
     trial, drawn = [], None
     if guided:
         *pull, distance, on, drawn = pull_function(problem)(pose, lead["guide"], lead["guided"], lead["trial"])
-        fixed, trial = [*fixed, *pull], [lead["promise"], lead["trial"], distance, on]
+        fixed, trial = [*fixed, *pull], [lead["promise"], value, lead["trial"], distance, on]
     result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
     xi, S, E, slack, multipliers, residual, locked, _ = result
     pattern = sensitivity_pattern(problem)

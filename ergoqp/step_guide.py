@@ -25,15 +25,15 @@ GUIDE_INPUTS: Final = ("guide", "guided", "promise", "trial")
 """The given place (4, 4), whether there is one (0 or 1), the cost that it promises [points], and the state of the trial."""
 
 GUIDE_OUTPUTS: Final = ("next_trial", "drawn")
-"""The state for the next step, and which `Phase` drew this one's twist, 0 for none."""
+"""The state for the next step, and which phase drew this one's twist, 0 for none."""
 
-TRIAL: Final = 12
-"""Size of the trial's state: phase; whether the place was tried; cost of where descent came to rest from there; cost where the
-journey began; distance to go when it last clearly shrank [s]; seconds since then; position and tool axis where the journey
-began (6,). All zero at the start."""
+TRIAL: Final = 13
+"""Size of the trial's state: phase; whether the place was tried; cost that it turned out to have; cost where the journey began;
+distance to go when it last clearly shrank [s]; seconds since then, or since the phase began; filtered cost; position and tool
+axis where the journey began (6,). All zero at the start."""
 
-DESCENT, THERE, AFTER, BACK = range(4)
-"""Phases: descent; travelling to the place; descent from the place; travelling back."""
+DESCENT, THERE, LOOK, AFTER, BACK = range(5)
+"""Phases: descent; travelling to the place; at rest there, until the person is too; descent from the place; travelling back."""
 
 UNKNOWN: Final = -1e9
 """Promise of a place of which nothing is known: it is worth a trial."""
@@ -52,6 +52,12 @@ _CLOSER: Final = 0.02
 
 _STUCK: Final = 1.5
 """A journey without progress for this long is over [s]."""
+
+_SETTLING: Final = 1.0
+"""For how long the object rests at the place before its cost is looked at [s]."""
+
+_PRICE: Final = 1.5
+"""How much worse than where it began a journey may make the person, for a while [points]."""
 
 _SAME: Final = 0.1
 """Costs that differ by less are taken to be the same [points]."""
@@ -78,7 +84,7 @@ def pull_function(problem: Problem) -> ca.Function:
     on = ca.logic_and(guided > 0.5, is_rigid(guide))
     # What cannot be used goes no further, or NaN would pass through a product with zero.
     goal = ca.if_else(on, ca.vertcat(guide[:3, 3], guide[:3, 0]), place_of(pose))
-    goal = ca.if_else(trial[0] == BACK, trial[6:], goal)
+    goal = ca.if_else(trial[0] == BACK, trial[7:], goal)
     free = (limit.speed > 0).astype(float)
     speed, gentle = ca.DM(np.where(free > 0, limit.speed, 1.0)), ca.DM(_GENTLE * limit.acceleration)
     way = ca.DM(free) * _way(pose, goal)
@@ -90,7 +96,8 @@ def pull_function(problem: Problem) -> ca.Function:
     turning = control.effort_angular * (ca.SX.eye(3) - axis @ axis.T)
     weight = control.guide_weight * ca.diagcat(control.effort_linear * ca.SX.eye(3), turning)
     travels = ca.logic_and(on, _travels(trial[0]))
-    outputs = [travels * weight, -(travels * (weight @ velocity)), distance, on, travels * trial[0]]
+    drawn = on * ca.logic_or(_travels(trial[0]), trial[0] == LOOK) * trial[0]
+    outputs = [travels * weight, -(travels * (weight @ velocity)), distance, on, drawn]
     return ca.Function("pull", [pose, guide, guided, trial], ca.cse([ca.densify(part) for part in outputs]))
 
 
@@ -119,10 +126,11 @@ def trial_update(
     distance: ca.SX,
     on: ca.SX,
     promise: ca.SX,
+    points: ca.SX,
     dt: ca.SX,
     counts: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """Return the next (trial (12,), rest (6,)).
+    """Return the next (trial (13,), rest (6,)).
 
     Args:
         control: thresholds and times.
@@ -132,35 +140,44 @@ def trial_update(
         distance: to the present goal [s].
         on: 1 if there is a place to be drawn to; without one the trial is forgotten.
         promise: cost at the place [points].
+        points: cost of this frame [points].
         dt: period [s].
         counts: 0 when this step judges nothing; the state then stays.
     """
-    phase, tried, worth, before, closest, waited = (trial[i] for i in range(6))
-    still, cost = rest[0] > 0.5, rest[3]
-    expected = ca.if_else(tried > 0.5, worth, promise)
+    phase, tried, worth, before, closest, waited, cost = (trial[i] for i in range(7))
+    share = ca.if_else(cost > 0, ca.fmin(1, dt / control.rest_filter), 1)
+    cost = cost + share * (points - cost)
+    expected = ca.if_else(tried > 0.5, worth, promise) + control.guide_gain
     # A limit that asks to come back allows no rest, but descent may be stuck there all the same.
-    ended = ca.logic_or(still, rest[5] >= control.stall_after)
-    leaves = ca.logic_and(ca.logic_and(phase == DESCENT, ended), cost > expected + control.guide_gain)
+    ended = ca.logic_or(rest[0] > 0.5, rest[5] >= control.stall_after)
+    leaves = ca.logic_and(ca.logic_and(phase == DESCENT, ended), cost > expected)
 
     travels = _travels(phase)
-    closer = distance < closest - _CLOSER
+    closer = ca.logic_and(travels, distance < closest - _CLOSER)
     waited = ca.if_else(closer, 0, waited + dt)
     arrives = ca.logic_and(travels, ca.logic_or(distance < _ARRIVED, waited > _STUCK))
 
-    judged = ca.logic_and(phase == AFTER, ended)
+    seen = ca.logic_and(phase == LOOK, waited > _SETTLING)
+    kept = ca.logic_and(seen, cost <= expected)
+    # Whoever gets that much worse on the way there may be unable to reach it.
+    suffers = ca.logic_and(ca.logic_or(phase == THERE, phase == LOOK), cost > before + _PRICE)
+    judged = ca.logic_or(ca.logic_or(kept, suffers), ca.logic_and(phase == AFTER, ended))
     returns = ca.logic_and(judged, cost > before + _SAME)
 
     after = ca.if_else(leaves, THERE, phase)
-    after = ca.if_else(arrives, ca.if_else(phase == THERE, AFTER, DESCENT), after)
+    after = ca.if_else(arrives, ca.if_else(phase == THERE, LOOK, DESCENT), after)
+    after = ca.if_else(seen, AFTER, after)
     after = ca.if_else(judged, ca.if_else(returns, BACK, DESCENT), after)
-    sets_out = ca.logic_or(leaves, returns)
+    changes = after != phase
     following = ca.vertcat(
         *(after, ca.logic_or(tried, judged), ca.if_else(judged, cost, worth), ca.if_else(leaves, cost, before)),
-        *(ca.if_else(sets_out, 1e9, ca.if_else(closer, distance, closest)), ca.if_else(sets_out, 0, waited)),
-        ca.if_else(leaves, place_of(pose), trial[6:]),
+        *(ca.if_else(changes, 1e9, ca.if_else(closer, distance, closest)), ca.if_else(changes, 0, waited), cost),
+        ca.if_else(leaves, place_of(pose), trial[7:]),
     )
-    # On a journey there is no rest, and what comes after it is judged by itself.
-    afresh = ca.vertcat(0, 0, rest[2], cost, cost, 0)
-    moving = ca.logic_or(sets_out, travels)
+    # On a journey there is no rest, at its end there is, and what comes after it is judged by itself.
+    still = ca.logic_or(after == LOOK, ca.logic_and(arrives, phase == BACK))
+    moving = ca.logic_or(_travels(after), ca.logic_and(seen, after == AFTER))
+    afresh = ca.vertcat(still, 0, rest[2], rest[3], rest[3], 0)
     following = ca.if_else(on, ca.if_else(counts, following, trial), ca.SX(TRIAL, 1))
-    return following, ca.if_else(ca.logic_and(on, ca.logic_and(counts, moving)), afresh, rest)
+    takes_over = ca.logic_and(ca.logic_and(on, counts), ca.logic_or(still, moving))
+    return following, ca.if_else(takes_over, afresh, rest)

@@ -94,7 +94,7 @@ def test_command_of_the_wheel(installed, tmp_path):
 
 def test_public_names():
     assert set(ergoqp.__all__) == {
-        "JOINTS", "Control", "Problem", "Step", "Stepper", "__version__", "errors", "load_cost", "load_problem",
+        "JOINTS", "Control", "Problem", "Step", "Stepper", "__version__", "compare", "errors", "load_cost", "load_problem",
         "load_recording", "reba", "replay",
     }  # fmt: skip
     for name in ergoqp.__all__:

@@ -65,14 +65,16 @@ def test_the_answer_is_that_of_an_independent_qp(name: str) -> None:
     assert interior >= 1
 
 
-@pytest.mark.parametrize("name", ["dentist", "low_bin", "overhead", "screwing"])
-def test_both_solvers_give_the_same_twist(name: str) -> None:
-    pytest.importorskip("osqp", reason="osqp (extra 'solvers') is absent")
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [("dentist", "osqp"), ("low_bin", "piqp"), ("overhead", "osqp"), ("overhead", "piqp"), ("screwing", "osqp")],
+)
+def test_the_solvers_give_the_same_twist(name: str, solver: str) -> None:
     rng = np.random.default_rng(1)
     solved = 0
     for _ in range(6):
         q, previous = near_comfort(name, rng), rng.uniform(-0.3, 0.3, 6) * problem_of(name).twist_limit.speed
-        ours, other = (stepper_of(name, solver).step(q, held_pose(name), previous) for solver in ("daqp", "osqp"))
+        ours, other = (stepper_of(name, one).step(q, held_pose(name), previous) for one in ("daqp", solver))
         if other.status == "braking":
             continue
         solved += 1
@@ -453,7 +455,7 @@ def test_a_stepper_with_an_impossible_period_is_refused(dt: float) -> None:
 
 
 def test_an_unknown_solver_is_refused() -> None:
-    with pytest.raises(InputError, match="solver: got 'simplex', allowed one of daqp, osqp"):
+    with pytest.raises(InputError, match="solver: got 'simplex', allowed one of daqp, piqp, osqp"):
         problem_of("desk").stepper(solver="simplex")
 
 

@@ -37,7 +37,7 @@ def guided_stepper(name: str) -> Stepper:
 
 def set_out(stepper: Stepper, phase: int = THERE) -> None:
     """Put the stepper on a journey at once."""
-    stepper._inputs["trial"][:6] = phase, 0.0, 0.0, 5.0, 1e9, 0.0
+    stepper._inputs["trial"][:7] = phase, 0.0, 0.0, 5.0, 1e9, 0.0, 0.0
 
 
 def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]:
@@ -76,9 +76,15 @@ def test_a_journey_arrives_and_only_then_descends(name: str) -> None:
     assert 20 < len(steps) < 1000
     np.testing.assert_allclose(end[:3, 3], goal[:3, 3], atol=0.02)
     assert end[:3, 0] @ goal[:3, 0] > np.cos(0.05)
-    assert steps[-2].reason == "drawn toward the given place"
+    reasons = [step.reason for step in steps]
+    assert set(reasons) == {"drawn toward the given place", "at the given place, waiting for the person", ""}
+    assert reasons.count("at the given place, waiting for the person") == pytest.approx(100, abs=2)
+    assert steps[-5].status == "settled"
+    assert np.abs(steps[-5].twist).max() == 0
+    # Nothing was promised, so descent takes over.
+    assert steps[-1].status == "optimal"
     assert steps[-1].account("next_trial")[0] == AFTER
-    # As straight as the cost lets it be, and never beyond.
+    # As straight as the cost lets it be.
     left = np.array([np.linalg.norm(step.pose[:3, 3] - goal[:3, 3]) for step in steps])
     assert np.all(np.diff(left) < 1e-3)
 
@@ -134,7 +140,7 @@ def test_no_place_is_worth_a_limit(name: str, seed: int, kind: str, phase: int) 
             put(stepper, place_of_kind(name, str(rng.choice(PLACES[:-1])), rng))
         if number % 20 == 0:
             set_out(stepper, phase)
-            stepper._inputs["trial"][6:] = rng.normal(size=6)
+            stepper._inputs["trial"][7:] = rng.normal(size=6)
         dt = float(rng.uniform(0.001, 0.05))
         step = stepper.step(q, pose if number == 0 else None, dt=dt)
         broken = checker.check(step.twist, previous, pose, q, step.posture_rate, dt, None, step.slack)
@@ -154,7 +160,7 @@ def test_numbers_that_are_none_lead_nowhere(data: st.DataObject) -> None:
     stepper._inputs[where][data.draw(st.integers(0, stepper._inputs[where].size - 1))] = bad
     led = where == "guided" and bad > 0
     set_out(stepper)
-    step = stepper.step(near_comfort("screwing", np.random.default_rng(0)), held_pose("screwing"))
+    step = stepper.step(near_comfort("screwing", np.random.default_rng(0)), moved(held_pose("screwing"), np.full(6, 0.05)))
     assert np.isfinite(step.twist).all()
     assert step.status == "optimal"
     assert bool(step.drawn) == led

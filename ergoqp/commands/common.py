@@ -14,6 +14,8 @@ from rich.text import Text
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.recordings import Recording, load_recording
 
+_PLACES = ("optimum.json", "group.json", "group.npz", "population.csv")
+
 PLAIN_WIDTH = 120
 """Columns of the tables when nobody tells how wide the output is."""
 
@@ -136,7 +138,7 @@ def write_report(out: Console, folder: Path, write: Callable[[Path], None]) -> N
         # An older page would be taken for this run's.
         page.unlink(missing_ok=True)
         Console(stderr=True).print(Text(f"report.html was not written: {missing}"), soft_wrap=True)
-    for name in ("run.json", "run.npz", "scores.csv", "scores.json", "report.html"):
+    for name in ("run.json", "run.npz", "scores.csv", "scores.json", *_PLACES, "report.html"):
         if (folder / name).is_file():
             out.print(Text(f"{name:<12} {folder / name}"), soft_wrap=True)
 

@@ -18,7 +18,9 @@ from ergoqp.commands.common import (
     write_report,
     writing,
 )
+from ergoqp.commands.guide import guide_named
 from ergoqp.errors import InputError
+from ergoqp.guide import Guide
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
@@ -40,6 +42,7 @@ def run(
     seed: int,
     duration: float,
     options: RecordingOptions,
+    guide: str | None = None,
 ) -> None:
     """Close the loop, print the table, and write ``run.json``, ``run.npz`` and ``report.html``.
 
@@ -56,14 +59,16 @@ def run(
         options.refuse_without_recording()
         if at is not None:
             raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
-        result = _from_awkward_place(problem, screen, seed, duration, options)
+        result = _from_awkward_place(problem, screen, seed, duration, options, place)
     else:
         with working(f"reading {recording_path.name}"):
             recording = options.load(recording_path)
-        frame = _frame(problem, recording, at)
+        frame = frame_of_recording(problem, recording, at)
+        place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
-        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration)
+        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration, place)
     with writing(folder):
         result.save(folder)
     print_assumptions(screen, result.assumptions)
@@ -71,7 +76,9 @@ def run(
     write_report(screen, folder, lambda path: write_run_page(result, path))
 
 
-def _from_awkward_place(problem: Problem, screen: Console, seed: int, duration: float, options: RecordingOptions) -> Run:
+def _from_awkward_place(
+    problem: Problem, screen: Console, seed: int, duration: float, options: RecordingOptions, place: Guide | None
+) -> Run:
     body = None if options.person_value is None else given_person(options.person_value)
     with working("looking for an awkward place"):
         person = sample_person(problem, seed, body)
@@ -79,7 +86,7 @@ def _from_awkward_place(problem: Problem, screen: Console, seed: int, duration: 
     screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
     note = f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed {seed})."
     with working(f"closed loop, {duration:g} s") as done:
-        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done)
+        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done, guide=place)
 
 
 def _from_recording(
@@ -91,6 +98,7 @@ def _from_recording(
     is_worst: bool,
     seed: int,
     duration: float,
+    place: Guide | None,
 ) -> Run:
     posture, time = recording.postures[frame], float(recording.time[frame])
     which = "the worst-scored frame" if is_worst else "frame"
@@ -114,10 +122,11 @@ def _from_recording(
             start_time=time,
             assumptions=notes,
             progress=done,
+            guide=place,
         )
 
 
-def _frame(problem: Problem, recording: Recording, at: float | None) -> int:
+def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
     """Return the frame nearest to a time, or the first of the worst-scored ones.
 
     Raises:

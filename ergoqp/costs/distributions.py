@@ -29,7 +29,7 @@ Distribution = dict[int, ca.SX]
 """Probability of each possible score, ascending; the probabilities add up to one."""
 
 
-def past(x: ca.SX, edge: float, tau: float) -> ca.SX:
+def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     """Return P(x + tau eta > edge) for a logistic eta with P(eta < z) = (1 + tanh z) / 2.
 
     Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the noise (the scale parameter
@@ -43,7 +43,7 @@ def past(x: ca.SX, edge: float, tau: float) -> ca.SX:
     return scale / (scale + ca.exp(x * (-2 / tau)))
 
 
-def of_step(step: Step, x: ca.SX, tau: float) -> Distribution:
+def of_step(step: Step, x: ca.SX, tau: float | ca.SX) -> Distribution:
     """Return the distribution of a step's score when its joint has noise of scale tau.
 
     Args:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,8 @@ from ergoqp.sheets.description import Segment, Sheet
 from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
 from ergoqp.sheets.task import Task, TaskOptions, read_task
+
+Expression = TypeVar("Expression", ca.SX, ca.MX)
 
 
 class SmoothReba:
@@ -88,7 +91,7 @@ class SmoothReba:
             shoulder_raised=shoulder_raised,
         )
         q = ca.SX.sym("q", len(JOINTS))
-        reading = _Reading(sheet, self.method, read_task(sheet, None, **self._task))
+        self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, **self._task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
         self._q, self._value = q, sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0))
         self.minimum = reading.lowest()
@@ -106,6 +109,19 @@ class SmoothReba:
         """
         outputs = ca.cse([self._value, ca.gradient(self._value, self._q)])
         return ca.Function(f"{self.name}_gradient", [self._q], outputs, ["posture"], ["cost", "gradient"])
+
+    @cached_property
+    def _at_scale(self) -> ca.Function:
+        tau = ca.SX.sym("tau")
+        return ca.Function(f"{self.name}_at_scale", [self._q, tau], ca.cse([self._reading.expected(self._q, tau)]))
+
+    def at_scale(self, q: Expression, tau: Expression) -> Expression:
+        """Return V_tau(q) for one scale tau [rad] that may be a symbol too: what an optimiser narrows step by step."""
+        return cast("Expression", self._at_scale(cast("ca.MX", q), cast("ca.MX", tau)))
+
+    def value_at_scale(self, posture: ArrayLike, tau: float) -> float:
+        """Return V_tau of one posture (32,) [rad] at one scale tau [rad]."""
+        return float(cast("ca.DM", self._at_scale(np.asarray(posture, dtype=float), tau)))
 
     def expression(self, q: ca.MX) -> ca.MX:
         """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`."""
@@ -133,7 +149,7 @@ class _Reading:
     method: Method
     task: Task
 
-    def expected(self, q: ca.SX, tau: float) -> ca.SX:
+    def expected(self, q: ca.SX, tau: float | ca.SX) -> ca.SX:
         """Return E[REBA] at a posture, shape (32,) [rad], under noise of scale tau [rad]."""
         return d.expectation(self._final(), *self._scores(q, tau))
 
@@ -146,7 +162,7 @@ class _Reading:
         """Table C with the activity, cut at the highest final score."""
         return np.minimum(self.sheet.tables["C"].cells + self._points("C"), self.method.final_max)
 
-    def _scores(self, q: ca.SX, tau: float) -> tuple[d.Distribution, d.Distribution]:
+    def _scores(self, q: ca.SX, tau: float | ca.SX) -> tuple[d.Distribution, d.Distribution]:
         """Return the distributions of scores A and B."""
         sheet = self.sheet
         table_a = d.through_table(
@@ -163,7 +179,7 @@ class _Reading:
     def _points(self, table: str) -> int:
         return int(self.task.points[self.sheet.tables[table].plus])
 
-    def _segment(self, segment: Segment, q: ca.SX, tau: float, side: str) -> d.Distribution:
+    def _segment(self, segment: Segment, q: ca.SX, tau: float | ca.SX, side: str) -> d.Distribution:
         points = segment.start
         if segment.skipped_by is not None and self.task.flag(segment.skipped_by):
             scores = d.certain(0)

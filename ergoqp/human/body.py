@@ -120,7 +120,11 @@ class Body:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """The scaled MuJoCo model: base x, y, z, yaw, then the 32 hinges in the order of `JOINTS`."""
-        return _scaled_model(self)
+        return _scaled_spec(self).compile()
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return a new description of that model, to be put into a larger one."""
+        return _scaled_spec(self)
 
 
 def stature_of(lengths: Mapping[str, float]) -> float:
@@ -138,7 +142,7 @@ def _nominal_xml() -> str:
     return (data_folder("models") / "human.xml").read_text(encoding="utf-8")
 
 
-def _scaled_model(body: Body) -> mujoco.MjModel:
+def _scaled_spec(body: Body) -> mujoco.MjSpec:
     girth = body.stature / NOMINAL_STATURE
     factor = {name: length / (FRACTIONS[name] * NOMINAL_STATURE) for name, length in body.lengths.items()}
     factor["girth"] = girth
@@ -163,4 +167,4 @@ def _scaled_model(body: Body) -> mujoco.MjModel:
             geom.fromto = np.asarray(geom.fromto) * np.tile(scale, 2)
         else:
             geom.pos = np.asarray(geom.pos) * scale
-    return spec.compile()
+    return spec

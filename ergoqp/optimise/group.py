@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from itertools import pairwise
 from typing import get_args
 
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.human import Body
+from ergoqp.optimise.group_optimum import GroupOptimum, Member
 from ergoqp.optimise.parallel import in_order
 from ergoqp.optimise.people import Person, read_people
 from ergoqp.optimise.place_search import Objective, PlaceSearch, Stay
@@ -33,115 +32,10 @@ STARTS = 4
 OWN_STARTS = 2
 """The same for the best place of one person."""
 
-Progress = Callable[[str, float], None]
-"""Told what is being done and the share of it that is done, 0 to 1."""
+Progress = Callable[[float], None]
+"""Told the share that is done, 0 to 1."""
 
-
-@dataclass(frozen=True, eq=False)
-class Member:
-    """One of the group, at the group's place and at the best place that was found for them alone.
-
-    Attributes:
-        label: how the person is called.
-        body: of the person.
-        reba: exact score at the group's place.
-        cost: smooth cost there [points].
-        posture: rest posture there (32,) [rad].
-        base_pose: pelvis in the world there (4, 4).
-        segments: score of every segment there.
-        reasons: the score in sentences.
-        own_reba: exact score at the own best place.
-        own_pose: of the object there (4, 4).
-        reach: share of the grid's poses that the person reaches.
-    """
-
-    label: str
-    body: Body
-    reba: int
-    cost: float
-    posture: np.ndarray
-    base_pose: np.ndarray
-    segments: dict[str, int]
-    reasons: list[str]
-    own_reba: int
-    own_pose: np.ndarray
-    reach: float
-
-    @property
-    def pays(self) -> int:
-        """Points above the own best place."""
-        return self.reba - self.own_reba
-
-
-@dataclass(frozen=True, eq=False)
-class GroupOptimum:
-    """The best fixed place for a group.
-
-    Attributes:
-        problem: name of the problem.
-        title: the problem in a few words, for people.
-        objective: ``"minimax"`` or ``"mean"``.
-        pose: of the object's contact frame (4, 4), the same for everybody.
-        members: the people, in the order given.
-        grid: scores of everybody over the grid, in the same order.
-        spacing: of the grid [m].
-        grid_pose: best pose of the grid (4, 4).
-        grid_reba: exact scores of the people there (people,).
-        free: highest and mean exact score on the grid if everybody could choose their own place along one axis, by its name
-            (``"none"`` first: everything fixed); without those axes that have one place only, or leave somebody out of reach.
-        placements: how often the whole group was put to rest beyond the grid.
-        seconds: time that it took, without what came from the cache.
-        seated: whether the people sit.
-        assumptions: sentences on what was taken as given.
-    """
-
-    problem: str
-    title: str
-    objective: Objective
-    pose: np.ndarray
-    members: tuple[Member, ...]
-    grid: SharedGrid
-    spacing: float
-    grid_pose: np.ndarray
-    grid_reba: np.ndarray
-    free: dict[str, tuple[int, float]]
-    placements: int
-    seconds: float
-    seated: bool
-    assumptions: tuple[str, ...]
-
-    @property
-    def maximum(self) -> int:
-        """Highest exact score of the group at its place."""
-        return max(member.reba for member in self.members)
-
-    @property
-    def mean(self) -> float:
-        """Mean exact score of the group at its place."""
-        return float(np.mean([member.reba for member in self.members]))
-
-    @property
-    def own_mean(self) -> float:
-        """Mean exact score if each had their own best place."""
-        return float(np.mean([member.own_reba for member in self.members]))
-
-    def __repr__(self) -> str:
-        """Say in one line what was found where."""
-        x, y, z = self.pose[:3, 3]
-        return (
-            f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest {self.maximum}, mean "
-            f"{self.mean:.2f} with the object at ({x:.2f}, {y:.2f}, {z:.2f}) m)"
-        )
-
-    def save(self, folder: str | Path) -> Path:
-        """Write ``group.json`` and ``group.npz`` and return the path of the first; see `ergoqp.optimise.group_file`.
-
-        Raises:
-            OSError: if the files cannot be written.
-        """
-        from ergoqp.optimise.group_file import write_group
-
-        return write_group(self, Path(folder))
+_SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the search is
 
 
 def best_for_group(
@@ -166,7 +60,7 @@ def best_for_group(
         starts: number of the grid's places from which the search goes on.
         jobs: number of processes; the result does not depend on it.
         cache: keep every person's grid, and use what was kept, so that a study which was stopped goes on.
-        progress: told what is being done.
+        progress: called with the share that is done.
 
     Raises:
         InputError: if an argument is not usable, or no place is reached by everybody, naming who is left out.
@@ -178,30 +72,23 @@ def best_for_group(
         raise InputError(f"starts: got {starts}, allowed 1 to 100")
     begin = time.perf_counter()
     crew = read_people(problem, people)
-    tell = progress or (lambda words, share: None)
+    tell = progress or (lambda share: None)
     count = len(crew)
-    grid = shared_grid(
-        problem,
-        crew,
-        spacing,
-        jobs=jobs,
-        cache=cache,
-        done=lambda n: tell(f"everybody over the workspace, {n}/{count}", n / count),
-    )
+    grid = shared_grid(problem, crew, spacing, jobs=jobs, cache=cache, done=lambda n: tell(_SHARES[0] * n / count))
     _refuse_unreached(crew, grid)
     search = PlaceSearch(problem, crew, grid, objective)
     points = search.starts(starts)
-    calls = [(problem, crew, grid, objective, point) for point in points]
+    calls = [(problem, crew, grid, objective, part) for part in _parts(points, jobs)]
     found, placements = [], 0
-    for n, (stays, used) in enumerate(in_order(_from_start, calls, jobs), start=1):
+    for n, (stays, used) in enumerate(in_order(_from_starts, calls, jobs), start=1):
         found += stays
         placements += used
-        tell(f"between the places, start {n}/{len(points)}", n / len(points))
+        tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(calls))
     best = min(found, key=lambda stay: stay.key(objective))
     own = []
     for n, stay in enumerate(in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs), start=1):
         own.append(stay)
-        tell(f"everybody's own best place, {n}/{count}", n / count)
+        tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
     # The first start is the grid's best place itself, and every search gives its start back.
     on_grid = min(found[1::2], key=lambda stay: stay.key(objective))
     return GroupOptimum(
@@ -222,12 +109,24 @@ def best_for_group(
     )
 
 
-def _from_start(
-    problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective, point: np.ndarray
+def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]]:
+    """Return the points one by one, or as many parts as there are processes: each writes down everybody's equations anew."""
+    if jobs == 1:
+        return [[point] for point in points]
+    ends = np.linspace(0, len(points), min(jobs, len(points)) + 1).astype(int).tolist()
+    return [points[a:b] for a, b in pairwise(ends)]
+
+
+def _from_starts(
+    problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective, points: Sequence[np.ndarray]
 ) -> tuple[list[Stay], int]:
-    """Return what a search from one point found and the start itself, both judged whichever way people come, and its length."""
+    """Return what the search from every point found, each followed by its start, and the number of placements.
+
+    All are judged whichever way people come.
+    """
     search = PlaceSearch(problem, people, grid, objective)
-    return [search.coming(stay) for stay in search.descend(point)], search.placements
+    stays = [search.coming(stay) for point in points for stay in search.descend(point)]
+    return stays, search.placements
 
 
 def _own_best(problem: Problem, people: Sequence[Person], grid: SharedGrid, number: int, group_point: np.ndarray) -> Stay:

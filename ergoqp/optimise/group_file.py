@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from ergoqp import __version__
-from ergoqp.optimise.group import GroupOptimum, Member
+from ergoqp.optimise.group_optimum import GroupOptimum, Member
 
 
 def write_group(found: GroupOptimum, folder: Path) -> Path:

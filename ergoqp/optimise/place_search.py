@@ -70,8 +70,8 @@ class Placing:
 
     def holds(self, point: np.ndarray) -> bool:
         """Return whether a point is in the workspace and its tool axis in the cone."""
-        inside = (point >= self.lower - 1e-12).all() and (point <= self.upper + 1e-12).all()
-        return bool(inside and np.cos(point[3]) * np.cos(point[4]) >= np.cos(self.half_angle) - 1e-12)
+        inside = (point >= self.lower - 1e-9).all() and (point <= self.upper + 1e-9).all()
+        return bool(inside and np.cos(point[3]) * np.cos(point[4]) >= np.cos(self.half_angle) - 1e-9)
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Final
+from typing import Any, Final
 
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
+from ergoqp.optimise.optimum import Optimum
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.task import TaskOptions
@@ -46,6 +47,54 @@ def population(
         words += [f"{hand} hand{'s' if hand == 'both' else ''}"] if hand is not None else []
         words += [f"{load:g} kg"] if load is not None else []
         yield ", ".join(words), variant(problem, stature=stature, hands=hand, load_kg=load)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was found for one of a population.
+
+    Attributes:
+        label: who, as `population` says.
+        optimum: the best place; None if there is none.
+        note: why there is none, empty otherwise.
+    """
+
+    label: str
+    optimum: Optimum | None
+    note: str = ""
+
+    @property
+    def starts_at_best(self) -> int:
+        """Number of starts that end at the best score."""
+        best = self.optimum
+        return 0 if best is None else sum(trial.reba == best.reba_after for trial in best.trials)
+
+
+def best_of_population(
+    people: Iterable[tuple[str, Problem]], *, progress: Callable[[float], None] | None = None, **options: Any
+) -> list[Found]:
+    """Return everybody's own best place; see `ergoqp.optimise.find.optimise`.
+
+    Args:
+        people: (label, problem), as `population` yields them.
+        progress: called with the share that is done.
+        options: of `optimise`, the same for all, such as `starts`, `jobs` and `out`; the last makes the study resumable.
+
+    Raises:
+        InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a `Found` with a note.
+    """
+    everybody = list(people)
+    found = []
+    for number, (label, problem) in enumerate(everybody):
+        if progress is not None:
+            progress(number / len(everybody))
+        try:
+            found.append(Found(label, problem.optimise(**options)))
+        except OutOfReachError as nowhere:
+            found.append(Found(label, None, str(nowhere)))
+    if progress is not None:
+        progress(1.0)
+    return found
 
 
 def variant(

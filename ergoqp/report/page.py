@@ -67,6 +67,7 @@ class Section:
         tables: below the charts.
         sentences: as a list, at the end.
         columns: pictures side by side instead.
+        chips: what colours mean: class and words, above the pictures.
     """
 
     title: str
@@ -75,6 +76,7 @@ class Section:
     tables: Sequence[Table] = ()
     sentences: Sequence[str] = ()
     columns: bool = False
+    chips: Sequence[tuple[str, str]] = ()
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class Page:
         headlines: the scores that matter, large; two of them are before and after.
         change: between before and after, in words; may be empty.
         facts: name and value of the numbers that go with them.
-        replay: the replay as a page of its own.
+        replay: the replay as a page of its own; empty without one.
         replay_note: what it leaves out.
         figures: flat figures of the postures that matter.
         sections: charts and tables.

@@ -65,12 +65,20 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
 
 
 def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
-    comfort = person.response.comfort
-    soles, grasp = person.stand(comfort), person.grasp(comfort)
     poses = workspace_poses(problem, spacing)
     poses = poses[outward(person, poses)]
-    postures, scores = np.zeros((len(poses), len(comfort))), np.zeros(len(poses), dtype=int)
-    reached = np.zeros(len(poses), dtype=bool)
+    postures, reached = settle_in_order(person, poses)
+    scores = np.zeros(len(poses), dtype=int)
+    if reached.any():
+        scores[reached] = problem.assess(postures[reached]).final
+    return Map(poses, postures, scores)
+
+
+def settle_in_order(person: Follower, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,): each from the nearest before it."""
+    comfort = person.response.comfort
+    soles, grasp = person.stand(comfort), person.grasp(comfort)
+    postures, reached = np.zeros((len(poses), len(comfort))), np.zeros(len(poses), dtype=bool)
     features = np.array([_features(pose) for pose in poses])
     for i, pose in enumerate(poses):
         before = np.flatnonzero(reached[:i])
@@ -78,9 +86,7 @@ def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
         if before.size:
             seed = postures[before[np.argmin(((features[before] - features[i]) ** 2).sum(axis=1))]]
         postures[i], reached[i] = person.settle(seed, pose, grasp, soles)
-    if reached.any():
-        scores[reached] = problem.assess(postures[reached]).final
-    return Map(poses, postures, scores)
+    return postures, reached
 
 
 def outward(person: Follower, poses: np.ndarray) -> np.ndarray:

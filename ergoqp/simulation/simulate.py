@@ -73,7 +73,7 @@ def simulate(
     model = problem.response
     if not isinstance(model, IkResponse):
         raise InputError(f"problem {problem.name}: got a response of type {type(model).__name__}, allowed IkResponse")
-    start_posture, beyond = _start_posture(posture)
+    start_posture, beyond = read_posture(posture)
     seen = _read_observed(observed)
     follower = person if isinstance(person, Follower) else sample_person(problem, seed, person)
     start = start_at(follower, start_posture)
@@ -154,8 +154,12 @@ def check_numbers(problem: Problem, duration: float, seed: int) -> None:
         raise InputError(f"seed: got {seed!r}, allowed a whole number of at least 0")
 
 
-def _start_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
-    """Return the posture within the joints' ranges, and a sentence if it was not."""
+def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
+    """Return a posture (32,) [rad] within the joints' ranges, and a sentence if it was not.
+
+    Raises:
+        InputError: if it is not one.
+    """
     try:
         angles = np.array(posture, dtype=float)
     except (TypeError, ValueError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.simulation.best import TURNS, tilted_frames
@@ -50,5 +50,7 @@ def awkward_start(problem: Problem, person: Follower, seed: int, places: int = P
         if reached:
             postures.append(posture)
     if not postures:
-        raise InputError(f"problem {problem.name}: the person reaches none of {places} places of the workspace; enlarge it")
+        raise OutOfReachError(
+            f"problem {problem.name}: the person reaches none of {places} places of the workspace; enlarge it"
+        )
     return postures[int(np.argmax(problem.assess(np.array(postures)).final))]

@@ -7,10 +7,11 @@ from typing import Final
 from ergoqp.errors import InputError
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.osqp import Osqp
+from ergoqp.solvers.piqp import Piqp
 from ergoqp.solvers.solver import QpSolver as QpSolver
 
-SOLVERS: Final[dict[str, type[QpSolver]]] = {solver.name: solver for solver in (Daqp, Osqp)}
-"""Solver classes by name."""
+SOLVERS: Final[dict[str, type[QpSolver]]] = {solver.name: solver for solver in (Daqp, Piqp, Osqp)}
+"""Solver classes by name, for the control step; `ergoqp.solvers.sessions` has more, for sequences of QPs outside it."""
 
 
 def solver_named(name: str) -> QpSolver:

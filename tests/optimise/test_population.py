@@ -7,7 +7,8 @@ import pytest
 
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
-from ergoqp.optimise.population import STATURES, population, variant
+from ergoqp.limits import WorkspaceBox
+from ergoqp.optimise.population import STATURES, best_of_population, population, variant
 from ergoqp.problem_file import load_problem
 
 
@@ -75,3 +76,16 @@ def test_a_learned_cost_knows_no_load():
 def test_only_people_have_statures():
     with pytest.raises(InputError, match="allowed IkResponse"):
         variant(load_problem("forearm"), stature=1.6)
+
+
+def test_everybody_has_their_own_best_place_and_who_has_none_says_why(screwing):
+    box = WorkspaceBox((0.35, -0.1, 2.1), (0.45, 0.1, 2.15))
+    high = screwing.replace(limits=[box if isinstance(limit, WorkspaceBox) else limit for limit in screwing.limits])
+    shares = []
+    people = [("small", variant(high, stature=1.3)), ("tall", variant(screwing, stature=1.9))]
+    small, tall = best_of_population(people, starts=2, progress=shares.append)
+    assert small.optimum is None
+    assert "reaches none of" in small.note
+    assert tall.optimum.response.body.stature == 1.9
+    assert 1 <= tall.starts_at_best <= 2
+    assert shares == [0.0, 0.5, 1.0]

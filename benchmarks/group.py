@@ -1,0 +1,91 @@
+"""One fixed place for several people: what it is worth, against a finer grid, and against a place for the average person.
+
+Run ``python -m benchmarks.group [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes ``desk`` with five people,
+and ``screwing`` and ``overhead`` with three on a grid of 30 cm; ``--full`` all five problems, five people, 15 cm. People are
+given by stature, with the weights and the comfort of the problem. Nothing comes from the cache. Per problem it prints
+
+- ``minimax_highest``, ``minimax_mean``: highest and mean exact score of the group at the place for ``minimax``;
+  ``mean_highest``, ``mean_mean``: at the place for ``mean``. A score is the worse of two ways of coming to rest there.
+- ``half_grid_highest``, ``half_grid_mean``: the lowest highest and the lowest mean on a shared grid of half the spacing: eight
+  times the places, by brute force. Its scores are of one way of coming to rest only, which flatters it.
+- ``average_highest``, ``average_mean``, ``average_unreached``: the group at the best place of the person in the middle
+  alone, as if the workplace were designed for the average; how many do not reach it (left out of the two scores).
+- ``own_mean``: mean score if everybody had their own best place. ``pays_mean``, ``pays_most``: points above that at the place
+  for ``mean``, of everybody and of who pays most.
+- ``free_z_highest``: on the grid, for ``minimax``, the highest score if everybody could set the height themselves.
+- ``seconds``: whole search for ``minimax`` with two processes. ``half_grid_seconds``: the finer grid, likewise.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+
+import numpy as np
+
+from benchmarks.report import Report, run
+from ergoqp.optimise.group import best_for_group
+from ergoqp.optimise.people import read_people
+from ergoqp.optimise.place_search import PlaceSearch
+from ergoqp.optimise.shared_grid import shared_grid
+from ergoqp.problem_file import TASKS, load_problem
+
+STATURES = (1.55, 1.65, 1.75, 1.85, 1.95)
+"""Of the people [m]: about from the 5th percentile of women to the 95th of men."""
+
+JOBS = min(2, os.cpu_count() or 1)
+
+
+def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: float) -> None:
+    """Measure one problem and give its figures."""
+    problem = load_problem(name)
+    people = read_people(problem, statures)
+    begin = time.perf_counter()
+    minimax = best_for_group(problem, people, "minimax", spacing=spacing, jobs=JOBS, cache=False)
+    seconds = time.perf_counter() - begin
+    mean = best_for_group(problem, people, "mean", spacing=spacing, jobs=JOBS, cache=False)
+    begin = time.perf_counter()
+    fine = shared_grid(problem, people, spacing / 2, jobs=JOBS, cache=False)
+    half_seconds = time.perf_counter() - begin
+    reached = fine.scores[:, fine.reached_by_all]
+    middle = statures[len(statures) // 2]
+    average = best_for_group(problem, (middle,), "mean", spacing=spacing, cache=False)
+    search = PlaceSearch(problem, people, mean.grid, "mean")
+    there = search.coming(search.at(search.placing.point(average.pose)))
+    scores = there.scores[there.scores > 0]
+    pays = [member.pays for member in mean.members]
+    figures = {
+        "minimax_highest": minimax.maximum,
+        "minimax_mean": minimax.mean,
+        "mean_highest": mean.maximum,
+        "mean_mean": mean.mean,
+        "half_grid_highest": reached.max(axis=0).min(),
+        "half_grid_mean": reached.mean(axis=0).min(),
+        "average_highest": scores.max(),
+        "average_mean": scores.mean(),
+        "average_unreached": np.sum(there.scores == 0),
+        "own_mean": mean.own_mean,
+        "pays_mean": np.mean(pays),
+        "pays_most": max(pays),
+        "seconds": seconds,
+        "half_grid_seconds": half_seconds,
+    }
+    if "z" in minimax.free:
+        figures["free_z_highest"] = minimax.free["z"][0]
+    for figure, value in figures.items():
+        report.figure(f"{name}.{figure}", float(value))
+
+
+def measure(report: Report) -> None:
+    """Measure every problem."""
+    if report.full:
+        for name in TASKS:
+            group_of(report, name, STATURES, 0.15)
+    else:
+        group_of(report, "desk", STATURES, 0.15)
+        group_of(report, "screwing", STATURES[::2], 0.30)
+        group_of(report, "overhead", STATURES[::2], 0.30)
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")

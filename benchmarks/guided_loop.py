@@ -1,0 +1,98 @@
+"""Whole closed loops with a place to be drawn to: problems x people x starts, as ``benchmarks.closed_loop``.
+
+Run ``python -m benchmarks.guided_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes one person with three
+starts per problem; ``--full`` ten people with twenty starts each. The people are not those of ``closed_loop``: the guided
+step's thresholds were chosen on people 0 to 19, and these are 20 and up.
+
+Every loop is run three times, from the same start and with the same noise:
+
+- ``PROBLEM.figure``: guided by ``problem.optimise`` for the controller's own model of the person, all that it can know;
+- ``PROBLEM.own_figure``: guided by ``problem.optimise`` for the very person who follows;
+- ``PROBLEM.alone_figure``: by descent alone.
+
+The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the object was drawn to the
+place, ``returned_share``: share in which it was drawn back, because the person was better off before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+
+from benchmarks.loops import Loops, figures_of, gather, run_loops
+from benchmarks.report import Report, run
+from ergoqp.optimise.optimum import Optimum
+from ergoqp.optimise.population import person_of
+from ergoqp.problem import Problem
+from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.simulation.loop import Start, Trace
+from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.person import Follower
+from ergoqp.step_guide import BACK, THERE
+
+FIRST_PERSON = 20
+"""Seed of the first person: none whom anything was chosen on."""
+WAYS = ("", "own_", "alone_")
+
+
+@dataclass
+class GuidedLoops(Loops):
+    """Numbers of the loops of one problem and one way of guiding."""
+
+    travelled: list[bool] = field(default_factory=list)
+    returned: list[bool] = field(default_factory=list)
+
+    def beside(self, start: Start, seed: int, trace: Trace) -> None:
+        """Note where the loop was drawn."""
+        phases = {step.drawn for step in trace.steps}
+        self.travelled.append(THERE in phases)
+        self.returned.append(BACK in phases)
+
+
+def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[str, GuidedLoops]]:
+    """Run all loops of one person in one problem."""
+    problem = load_problem(name)
+    person = sample_person(problem, person_seed)
+    places = {"": model_optimum(name), "own_": optimum_of(problem, person), "alone_": None}
+    loops = {way: GuidedLoops() for way in WAYS}
+    for way, place in places.items():
+        run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), loops[way].beside)
+    return name, loops
+
+
+@cache
+def model_optimum(name: str) -> Optimum:
+    """Return the best place for the controller's own model of the person: once per process."""
+    return optimum_of(load_problem(name), None)
+
+
+def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
+    """Return the best place for a person who is at ease, None: the model, as ``ergoqp optimise`` finds it."""
+    response = person_of(problem) if person is None else person.response
+    return problem.optimise(response.comfort, person=person)
+
+
+def measure(report: Report) -> None:
+    """Run everything in two processes and print the figures of every problem."""
+    people, starts = report.pick(quick=(1, 3), full=(10, 20))
+    found = {name: {way: GuidedLoops() for way in WAYS} for name in TASKS}
+
+    def take(name: str, loops: dict[str, GuidedLoops]) -> int:
+        for way in WAYS:
+            found[name][way].add(loops[way])
+        return sum(len(each.start) for each in loops.values())
+
+    seeds = range(FIRST_PERSON, FIRST_PERSON + people)
+    gather(report, loops_of_person, [(name, seed, starts) for seed in seeds for name in TASKS], take)
+    for name, ways in found.items():
+        for way, loops in ways.items():
+            figures = figures_of(loops)
+            if loops.start and way != "alone_":
+                runs = len(loops.start)
+                figures |= {"travelled_share": sum(loops.travelled) / runs, "returned_share": sum(loops.returned) / runs}
+            for figure, value in figures.items():
+                report.figure(f"{name}.{way}{figure}", value)
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")

@@ -1,0 +1,123 @@
+"""Closed loops with people who are not the controller's model: running them, what is kept of each, and the figures of many."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.report import Report
+from ergoqp.problem import Problem
+from ergoqp.simulation.best import draw_starts, workspace_map
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import Start, Trace, power_above, run_loop, settle_time
+from ergoqp.simulation.person import Follower
+from ergoqp.step import Stepper
+
+DURATION = 30.0
+"""Longest time of a loop [s]; it ends earlier after `STILL` seconds at rest."""
+STILL = 3.0
+ABOVE = 2
+"""Starts count from this many points above the best."""
+
+
+@dataclass
+class Loops:
+    """Numbers of loops, one entry per loop."""
+
+    start: list[int] = field(default_factory=list)
+    best: list[int] = field(default_factory=list)
+    end: list[int] = field(default_factory=list)
+    settle: list[float] = field(default_factory=list)
+    violations: list[int] = field(default_factory=list)
+    braking: list[float] = field(default_factory=list)
+    power: list[float] = field(default_factory=list)
+    exceptions: int = 0
+
+    def add(self, other: Loops) -> None:
+        """Append another's entries."""
+        for name, value in vars(other).items():
+            setattr(self, name, getattr(self, name) + value)
+
+
+Beside = Callable[[Start, int, Trace], None]
+"""Told of every loop: its start, its seed and its trace."""
+
+
+def run_loops(
+    loops: Loops, problem: Problem, person: Follower, person_seed: int, count: int, stepper: Stepper, beside: Beside
+) -> None:
+    """Run the loops of one person in one problem and append what became of them.
+
+    Args:
+        loops: what is appended to.
+        problem: the task.
+        person: who follows.
+        person_seed: of the starts, the noise and the lost frames.
+        count: of starts.
+        stepper: of the problem.
+        beside: called after every loop.
+    """
+    best = workspace_map(problem, person).best
+    for number, start in enumerate(draw_starts(problem, person, count, person_seed, best + ABOVE)):
+        seed, checker = 1000 * person_seed + number, Checker(problem)
+        try:
+            trace = run_loop(
+                problem, person, start, duration=DURATION, seed=seed, stepper=stepper, checker=checker, stop_when_still=STILL
+            )
+        except Exception as error:
+            print(f"{problem.name} person {person_seed} start {number}: {type(error).__name__}: {error}", flush=True)
+            loops.exceptions += 1
+            continue
+        loops.start.append(int(problem.assess(start.posture).final[0]))
+        loops.best.append(best)
+        loops.end.append(end_score(problem, person, start, trace.postures[-1], trace.poses[-1]))
+        loops.settle.append(settle_time(trace))
+        loops.violations.append(sum(checker.violations.values()))
+        loops.braking.append(float(np.mean([step.status in ("braking", "invalid") for step in trace.steps])))
+        loops.power.append(power_above(np.array(trace.twists), problem.dt, problem.twist_limit.speed))
+        beside(start, seed, trace)
+
+
+def end_score(problem: Problem, person: Follower, start: Start, posture: np.ndarray, pose: np.ndarray) -> int:
+    """Exact score of the rest posture where the object is now; of the posture itself where it is out of reach."""
+    rest, reached = person.settle(posture, pose, start.grasp, start.soles)
+    return int(problem.assess(rest if reached else posture).final[0])
+
+
+def gather(report: Report, worker: Callable, jobs: Sequence[tuple], take: Callable[..., int]) -> None:
+    """Run `worker` on every job, two at a time.
+
+    Args:
+        report: is told how far it is.
+        worker: called with the parts of a job; its result is a tuple that begins with the name of the problem.
+        jobs: arguments of the worker.
+        take: called with the parts of each result; returns how many loops it holds.
+    """
+    with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        futures = [pool.submit(worker, *job) for job in jobs]
+        for done, future in enumerate(as_completed(futures), start=1):
+            result = future.result()
+            report.say(f"{done}/{len(jobs)} {result[0]}: {take(*result)} loops")
+
+
+def figures_of(loops: Loops) -> dict[str, float]:
+    """Return the figures of loops by name; only the counts if there were none."""
+    start, best, end = np.array(loops.start), np.array(loops.best), np.array(loops.end)
+    figures: dict[str, float] = {"runs": len(start), "exceptions": loops.exceptions, "violations": sum(loops.violations)}
+    if not len(start):
+        return figures
+    return figures | {
+        "share_at_best": float(np.mean(end <= best)),
+        "worse_than_start": float(np.mean(end > start)),
+        "mean_start": float(start.mean()),
+        "mean_best": float(best.mean()),
+        "mean_end": float(end.mean()),
+        "idle_share_at_best": float(np.mean(start <= best)),
+        "braking_share": float(np.mean(loops.braking)),
+        "settle_s": float(np.percentile(loops.settle, 95, method="higher")),
+        "power_above_3hz": float(np.mean(loops.power)),
+    }

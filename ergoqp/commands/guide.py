@@ -1,0 +1,31 @@
+"""The place that a run is drawn to, as an option names it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ergoqp.commands.common import working
+from ergoqp.errors import InputError
+from ergoqp.guide import Guide, read_guide
+from ergoqp.optimise.optimum import Optimum
+from ergoqp.optimise.population import person_of
+from ergoqp.problem import Problem
+
+
+def guide_named(problem: Problem, name: str) -> Guide:
+    """Return the place that ``--guide`` names.
+
+    Args:
+        problem: the task.
+        name: ``best``: looked for, for the controller's own model of the person; else the path of an ``optimum.json``.
+
+    Raises:
+        InputError: if there is no such file, it is of another problem, or the place cannot be used.
+    """
+    if name == "best":
+        with working("looking for the best place") as done:
+            return read_guide(problem, problem.optimise(person_of(problem).comfort, progress=done))
+    found = Optimum.load(Path(name))
+    if found.problem != problem.name:
+        raise InputError(f"--guide: got a place of problem {found.problem}, allowed one of problem {problem.name}")
+    return read_guide(problem, found)

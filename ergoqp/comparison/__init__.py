@@ -1,0 +1,1 @@
+"""Solvers against each other on QPs recorded from closed loops; see `compare`."""

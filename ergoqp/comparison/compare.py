@@ -1,0 +1,172 @@
+"""`compare`: record the QPs of a problem's closed loops, give them to every solver, judge what comes back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ergoqp.comparison.derive import derived
+from ergoqp.comparison.figures import figures_of
+from ergoqp.comparison.record import Recording, record
+from ergoqp.comparison.trial import Trial, try_solver
+from ergoqp.errors import InputError
+from ergoqp.problem import Problem
+from ergoqp.solvers.sequence import QpSequence
+from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
+
+STEPS: Final = 300
+"""Control steps that are recorded by default."""
+
+MOST_STEPS: Final = 100_000
+
+_DERIVED: Final = 20
+_PASSES: Final = 2
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What `compare` found.
+
+    Attributes:
+        problem: name of the problem.
+        steps: control steps that were recorded.
+        seed: of the loops.
+        accuracy: that the solvers were set to.
+        sequences: the QPs, those derived included.
+        trials: every solver on every sequence.
+        figures: solver -> figure -> number, see `ergoqp.comparison.figures.figures_of`.
+        missing: solvers that are not installed, and that were not asked for.
+    """
+
+    problem: str
+    steps: int
+    seed: int
+    accuracy: float
+    sequences: tuple[QpSequence, ...]
+    trials: tuple[Trial, ...]
+    figures: dict[str, dict[str, float]]
+    missing: tuple[str, ...]
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``compare.json``, the picture, and the sequences in qpbenchmark's format.
+
+        Returns:
+            The path of ``compare.json``.
+
+        Raises:
+            OSError: if the files cannot be written.
+            MissingExtraError: after all else is written, if matplotlib for the picture is not installed.
+        """
+        from ergoqp.comparison.picture import comparison_picture
+        from ergoqp.comparison.sequence_files import save_sequences
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        save_sequences(self.sequences, folder / "sequences")
+        path = folder / "compare.json"
+        path.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        comparison_picture(self, folder / "compare.png")
+        return path
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``compare.json`` holds."""
+        from ergoqp import __version__
+
+        sequences = [
+            {"name": one.name, "qps": len(one), "unknowns": one.size[0], "rows": one.size[1], "feasible": one.feasible}
+            for one in self.sequences
+        ]
+        return {
+            "problem": self.problem,
+            "steps": self.steps,
+            "seed": self.seed,
+            "accuracy": self.accuracy,
+            "version": __version__,
+            "solvers": self.figures,
+            "not_installed": list(self.missing),
+            "sequences": sequences,
+        }
+
+
+def compare(
+    problem: Problem,
+    solvers: Sequence[str] | None = None,
+    steps: int = STEPS,
+    seed: int = 0,
+    *,
+    accuracy: float = 1e-6,
+    derive: int = _DERIVED,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Compare QP solvers on the QPs of a problem's control steps.
+
+    The QPs are those that the steps of closed loops solve (`ergoqp.comparison.record.record`), and near singular, nearly
+    infeasible and infeasible ones made from them (`ergoqp.comparison.derive.derived`). Every solver gets every sequence cold,
+    and those that can start warm get the recorded ones warm as well. Times are of the solver alone, new data included, the
+    lesser of two passes.
+
+    Args:
+        problem: the task.
+        solvers: names from `ergoqp.solvers.sessions.SESSIONS`; None: all that are installed.
+        steps: control steps to record.
+        seed: of the loops and of the derived QPs.
+        accuracy: that the solvers are set to, 1e-9 to 1.
+        derive: how many QPs of each derived kind per recorded sequence.
+        progress: called now and then with the share that is done.
+
+    Raises:
+        InputError: for an argument that cannot be.
+        MissingExtraError: if a solver that is asked for is not installed.
+    """
+    names, missing = check(solvers, steps, seed, accuracy)
+    if derive < 0:
+        raise InputError(f"derive: got {derive}, allowed a whole number of at least 0")
+    tell = progress or (lambda share: None)
+    recordings = record(problem, steps, seed, lambda share: tell(0.2 * share))
+    sequences = [recording.sequence for recording in recordings]
+    for recording in recordings:
+        sequences += relatives(recording, derive, seed)
+    trials: list[Trial] = []
+    for i, name in enumerate(names):
+        for sequence in sequences:
+            for warm in (False, True) if sequence.follows and SESSIONS[name].warm else (False,):
+                trials.append(try_solver(name, sequence, warm, accuracy, _PASSES))
+        tell(0.2 + 0.8 * (i + 1) / len(names))
+    figures = {name: figures_of([trial for trial in trials if trial.solver == name], accuracy) for name in names}
+    best = min(one["sgm_us"] for one in figures.values())
+    for one in figures.values():
+        one["sgm_time"] = one["sgm_us"] / best
+    return Comparison(problem.name, steps, seed, accuracy, tuple(sequences), tuple(trials), figures, missing)
+
+
+def relatives(recording: Recording, count: int, seed: int) -> list[QpSequence]:
+    """Return what is derived from a recorded sequence; nothing from the larger QPs, which always have an answer."""
+    sequence = recording.sequence
+    if count == 0 or sequence.name.endswith(".relaxed"):
+        return []
+    return derived(sequence, [answer.x for answer in recording.answers], count, seed)
+
+
+def check(solvers: Sequence[str] | None, steps: int, seed: int, accuracy: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the solvers to compare, and those that are not installed; before anything is computed.
+
+    Raises:
+        InputError: for an argument of `compare` that cannot be.
+        MissingExtraError: if a solver that is asked for is not installed.
+    """
+    if not 1 <= steps <= MOST_STEPS:
+        raise InputError(f"steps: got {steps}, allowed 1 to {MOST_STEPS}")
+    if seed < 0:
+        raise InputError(f"seed: got {seed}, allowed a whole number of at least 0")
+    if solvers is not None and not solvers:
+        raise InputError(f"solvers: got none, allowed {', '.join(SESSIONS)}")
+    found = tuple(dict.fromkeys(solvers)) if solvers is not None else installed_sessions()
+    for name in found:
+        # Says what is wrong with a name or the accuracy, and what is missing.
+        open_session(name, 1, 0, accuracy)
+    return found, () if solvers is not None else tuple(name for name in SESSIONS if name not in found)

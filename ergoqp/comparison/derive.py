@@ -1,0 +1,101 @@
+"""Harder QPs made from recorded ones, with what is known of them by construction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ergoqp.solvers.sequence import Array, Qp, QpSequence
+
+CURVATURE: Final = 1e-8
+"""Near singular: the smaller half of H's eigenvalues, relative to the largest."""
+
+TURN: Final = 1e-9
+"""Near singular: by how much the copy of a row differs from it, in each entry."""
+
+SLAB: Final = 1e-8
+"""Nearly infeasible: width of what is left of the feasible set in two directions."""
+
+CONTRADICTIONS: Final = (1e-1, 1e-2, 1e-3)
+"""Infeasible: by how much three rows contradict each other; taken in turn."""
+
+
+def derived(sequence: QpSequence, answers: list[Array], count: int, seed: int = 0) -> list[QpSequence]:
+    """Return the near singular, nearly infeasible and infeasible relatives of a sequence.
+
+    - ``near_singular``: the smaller half of the eigenvalues of H is set to `CURVATURE` times the largest, and every row gets
+      a copy whose entries are turned by `TURN`. The copy's bounds are wide enough for every point within the row's own: the
+      set of feasible points stays, the multipliers are as good as not unique.
+    - ``nearly_infeasible``: two rows that differ by a thousandth, along a random direction, leave a slab of width `SLAB`
+      around a feasible point: that point stays feasible.
+    - ``infeasible``: rows a and b at most 0 at a feasible point x0, and a + b at least one of `CONTRADICTIONS` there. No x
+      can keep all three, whatever the other rows are.
+
+    Args:
+        sequence: recorded QPs.
+        answers: a feasible point (n,) of each.
+        count: of each kind, at most; taken evenly from the sequence.
+        seed: of the directions.
+    """
+    rng = np.random.default_rng([seed, len(sequence)])
+    chosen = np.unique(np.linspace(0, len(sequence) - 1, min(count, len(sequence))).astype(int))
+    kinds: dict[str, Callable[[Qp, Array, int], Qp]] = {
+        "near_singular": lambda qp, x, i: _near_singular(qp, rng),
+        "nearly_infeasible": lambda qp, x, i: _nearly_infeasible(qp, x, rng),
+        "infeasible": lambda qp, x, i: _infeasible(qp, x, CONTRADICTIONS[i % len(CONTRADICTIONS)], rng),
+    }
+    return [
+        QpSequence(
+            f"{sequence.name}+{kind}",
+            tuple(make(sequence.qps[at], answers[at], i) for i, at in enumerate(chosen)),
+            feasible=kind != "infeasible",
+            follows=False,
+        )
+        for kind, make in kinds.items()
+    ]
+
+
+def _near_singular(qp: Qp, rng: np.random.Generator) -> Qp:
+    values, vectors = np.linalg.eigh(qp.H)
+    values[: len(values) // 2] = CURVATURE * values[-1]
+    H = (vectors * values) @ vectors.T
+    turn = TURN * rng.uniform(-1, 1, qp.A.shape)
+    farthest = np.maximum(np.abs(qp.low), np.abs(qp.high))
+    room = np.abs(turn) @ np.where(np.isfinite(farthest), farthest, 1.0)
+    return replace(
+        qp,
+        H=0.5 * (H + H.T),
+        A=np.concatenate([qp.A, qp.A + turn]),
+        lower=np.concatenate([qp.lower, qp.lower - room]),
+        upper=np.concatenate([qp.upper, qp.upper + room]),
+    )
+
+
+def _nearly_infeasible(qp: Qp, x: Array, rng: np.random.Generator) -> Qp:
+    first, other = _direction(qp, rng), _direction(qp, rng)
+    rows = np.stack([first, first + 1e-3 * other])
+    return _with_rows(qp, rows, rows @ x - SLAB / 2, rows @ x + SLAB / 2)
+
+
+def _infeasible(qp: Qp, x: Array, by: float, rng: np.random.Generator) -> Qp:
+    a, b = _direction(qp, rng), _direction(qp, rng)
+    rows = np.stack([a, b, a + b])
+    at = rows @ x
+    return _with_rows(qp, rows, np.array([-np.inf, -np.inf, at[2] + by]), np.array([at[0], at[1], np.inf]))
+
+
+def _direction(qp: Qp, rng: np.random.Generator) -> Array:
+    direction = rng.normal(size=qp.size[0])
+    return direction / np.linalg.norm(direction)
+
+
+def _with_rows(qp: Qp, rows: Array, lower: Array, upper: Array) -> Qp:
+    return replace(
+        qp,
+        A=np.concatenate([qp.A, rows]),
+        lower=np.concatenate([qp.lower, lower]),
+        upper=np.concatenate([qp.upper, upper]),
+    )

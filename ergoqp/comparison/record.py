@@ -1,0 +1,191 @@
+"""The QPs of real closed loops: a run is logged, and its steps are computed again with a solver that keeps what it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.coordinates import FOREARM
+from ergoqp.costs.dataset import balanced_postures
+from ergoqp.errors import InputError
+from ergoqp.forearm import forearm_points
+from ergoqp.joints import JOINTS
+from ergoqp.limits import ArmLength, OneClassBoundary
+from ergoqp.problem import Problem
+from ergoqp.qp import FREE, TOLERANCE
+from ergoqp.simulation.loop import run_loop, start_at
+from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.points import run_points
+from ergoqp.simulation.starts import awkward_start
+from ergoqp.solvers import QpSolver, solver_named
+from ergoqp.solvers.sequence import PARTS, Qp, QpSequence
+from ergoqp.solvers.session import QpAnswer
+from ergoqp.step_function import build_step
+from ergoqp.step_inputs import OUTPUTS, input_sizes
+
+STILL: Final = 1.0
+"""A loop is over when the object rested for so long [s]: all QPs after that are the same."""
+
+TWIST: Final = 6
+"""Unknowns of a QP without slack."""
+
+_PLACES: Final = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What the control steps of some closed loops solved, and what they made of the answers.
+
+    Attributes:
+        sequence: the QPs, in order.
+        answers: what the step's solver said, for each.
+        accepted: whether the step went on with that answer: the QP was its last one, and passed its residual test.
+    """
+
+    sequence: QpSequence
+    answers: tuple[QpAnswer, ...]
+    accepted: NDArray[np.bool_]
+
+
+@dataclass
+class RecordingSolver:
+    """A solver for the step that keeps every QP it is given, and answers with another one.
+
+    Attributes:
+        inner: who answers.
+        heard: the QPs and the answers, in order.
+    """
+
+    inner: QpSolver = field(default_factory=lambda: solver_named("daqp"))
+    heard: list[tuple[Qp, QpAnswer]] = field(default_factory=list)
+    name: ClassVar[str] = "recording"
+    _kept: list[ca.Callback] = field(default_factory=list)
+
+    def function(self, n: int, m: int) -> ca.Function:
+        """Return the inner solver with an ear; see `ergoqp.solvers.QpSolver`."""
+        answer = self.inner.function(n, m)
+        ear = _Ear(answer, self.heard)
+        # CasADi does not keep the Python part of a callback alive.
+        self._kept.append(ear)
+        inputs = [ca.MX.sym(PARTS[i], answer.sparsity_in(i)) for i in range(len(PARTS))]
+        return ca.Function("recorded", inputs, list(ear(*inputs)))
+
+
+class _Ear(ca.Callback):
+    """A CasADi function that hears the numbers of every call."""
+
+    def __init__(self, answer: ca.Function, heard: list[tuple[Qp, QpAnswer]]) -> None:
+        ca.Callback.__init__(self)
+        self._answer, self._heard = answer, heard
+        self.construct("ear", {})
+
+    def get_n_in(self) -> int:
+        return self._answer.n_in()
+
+    def get_n_out(self) -> int:
+        return self._answer.n_out()
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self._answer.sparsity_in(i)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return self._answer.sparsity_out(i)
+
+    def eval(self, arguments: Any) -> Any:
+        parts = [np.array(part) for part in arguments]
+        qp = Qp(parts[0], parts[1].ravel(), parts[2], *(_bound(part) for part in parts[3:]))
+        answer = self._answer.call(arguments)
+        x, rows, box = (np.array(part).ravel() for part in answer)
+        self._heard.append((qp, QpAnswer(x, rows, box, "solved")))
+        return answer
+
+
+def _bound(values: np.ndarray) -> np.ndarray:
+    """Bounds with infinity where the step says `FREE`."""
+    values = values.ravel()
+    return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))
+
+
+def record(
+    problem: Problem,
+    steps: int,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> list[Recording]:
+    """Return the QPs that the first `steps` control steps of closed loops solve.
+
+    Loops with one simulated person after the other, each from an awkward place, until there are enough steps. Every QP of a
+    step is kept: those of its further passes, where joints yield, too. A step whose rows must give way solves a larger QP,
+    with a slack variable per row; these are sequences of their own, ``PROBLEM.LOOP.relaxed``.
+
+    Args:
+        problem: the task.
+        steps: of all loops together.
+        seed: of the first loop; the others count on from it.
+        progress: called now and then with the share that is done.
+
+    Raises:
+        InputError: for fewer than one step, or a problem whose state is neither a posture nor a forearm.
+    """
+    if steps < 1:
+        raise InputError(f"steps: got {steps}, allowed 1 or more")
+    solver, log = RecordingSolver(), list[dict[str, Any]]()
+    function, sizes = build_step(problem, solver), input_sizes(problem)
+    stepper = problem.stepper(log=log.append)
+    recordings, done = [], 0
+    for loop in range(seed, seed + steps):
+        log.clear()
+        _run(problem, stepper, loop, (steps - done) * problem.dt)
+        every: list[tuple[Qp, QpAnswer, bool]] = []
+        for entry in log:
+            solver.heard.clear()
+            # Logged as the buffers have them, column by column.
+            outputs = function(*(np.reshape(entry[name], size, order="F") for name, size in sizes.items()))
+            passed = float(outputs[OUTPUTS.index("residuals")][0]) < TOLERANCE
+            last = len(solver.heard) - 1
+            every += [(qp, answer, passed and i == last) for i, (qp, answer) in enumerate(solver.heard)]
+        recordings += _sorted(every, f"{problem.name}.{loop}")
+        done += len(log)
+        if progress is not None:
+            progress(min(1.0, done / steps))
+        if done >= steps:
+            break
+    return recordings
+
+
+def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[Recording]:
+    """The QPs of one loop by size, small ones first."""
+    found = []
+    for unknowns in sorted({qp.size[0] for qp, _, _ in every}):
+        qps, answers, accepted = zip(*(one for one in every if one[0].size[0] == unknowns), strict=True)
+        ending = "" if unknowns == TWIST else ".relaxed"
+        found.append(Recording(QpSequence(name + ending, qps), answers, np.array(accepted)))
+    return found
+
+
+def _points_start(problem: Problem, seed: int) -> np.ndarray:
+    """The worst-valued of some points inside what must hold, elbow and wrist of random postures."""
+    if problem.coordinates != FOREARM:
+        raise InputError(f"problem {problem.name}: got the state {', '.join(problem.coordinates)}, allowed JOINTS or FOREARM")
+    postures, _ = balanced_postures(_PLACES, np.random.default_rng([seed, 6]), scores=range(3, 9))
+    points = forearm_points(postures)
+    length, boundary = problem.limit_of(ArmLength), problem.limit_of(OneClassBoundary)
+    points = points if length is None else length.project(points)
+    if boundary is not None and (inside := boundary.model.margin(points) > 0).any():
+        points = points[inside]
+    return points[int(np.argmax(problem.cost(points)))]
+
+
+def _run(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
+    """Close the loop once; what matters is in the stepper's log."""
+    if tuple(problem.coordinates) != JOINTS:
+        run_points(problem, _points_start(problem, seed), duration, stepper=stepper, stop_when_still=STILL)
+        return
+    person = sample_person(problem, seed)
+    start = start_at(person, awkward_start(problem, person, seed, _PLACES))
+    run_loop(problem, person, start, duration=duration, seed=seed, stepper=stepper, stop_when_still=STILL)

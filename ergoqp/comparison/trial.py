@@ -1,0 +1,90 @@
+"""One solver on one sequence: every answer judged, every time taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.solvers.judge import NOTHING, judge
+from ergoqp.solvers.sequence import Array, QpSequence
+from ergoqp.solvers.sessions import open_session
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What one solver made of one sequence.
+
+    Attributes:
+        solver: its name.
+        sequence: the QPs.
+        warm: whether each QP but the first started from the answer before.
+        residuals: primal, dual, gap and sign of every answer (k, 4); infinite where there is none.
+        flags: what the solver said (k,).
+        seconds: time of each (k,) [s].
+        iterations: the solver's own count (k,); NaN where it does not tell.
+        points: the answers (k, n).
+    """
+
+    solver: str
+    sequence: QpSequence
+    warm: bool
+    residuals: Array
+    flags: NDArray[np.str_]
+    seconds: Array
+    iterations: Array
+    points: Array
+
+    @property
+    def worst(self) -> Array:
+        """The largest residual of each answer (k,)."""
+        return self.residuals.max(axis=1)
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Where the solver said that it had solved the QP (k,)."""
+        return self.flags == "solved"
+
+    def success(self, tolerance: float) -> NDArray[np.bool_]:
+        """Where it said so and all four residuals are within a tolerance (k,)."""
+        return self.found & (self.worst <= tolerance)
+
+    def wrong(self, tolerance: float) -> NDArray[np.bool_]:
+        """Where what it said is not so (k,): solved and it is not, or infeasible and it is not."""
+        if not self.sequence.feasible:
+            return self.found
+        return (self.found & ~(self.worst <= tolerance)) | (self.flags == "infeasible")
+
+
+def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float, passes: int = 1) -> Trial:
+    """Solve a sequence in order by one solver that stays in memory, and judge every answer.
+
+    With more than one pass each QP's time is its least: a solver takes the same way every time, other programs do not.
+
+    Args:
+        solver: one of `ergoqp.solvers.sessions.SESSIONS`.
+        sequence: the QPs.
+        warm: start each from the answer before; else as if it were the first.
+        accuracy: what the solver is set to.
+        passes: how often the whole sequence is solved, each time by a new session.
+
+    Raises:
+        MissingExtraError: if the solver is not installed.
+    """
+    session = open_session(solver, *sequence.size, accuracy)
+    residuals, flags, seconds, iterations, points = [], [], [], [], []
+    for qp in sequence:
+        answer = session.solve_qp(qp, warm)
+        found = judge(qp, answer) if answer.found else NOTHING
+        residuals.append((found.primal, found.dual, found.gap, found.sign))
+        flags.append(answer.flag)
+        seconds.append(answer.seconds)
+        iterations.append(np.nan if answer.iterations is None else answer.iterations)
+        points.append(answer.x)
+    for _ in range(passes - 1):
+        session = open_session(solver, *sequence.size, accuracy)
+        seconds = [min(least, session.solve_qp(qp, warm).seconds) for least, qp in zip(seconds, sequence, strict=True)]
+    return Trial(
+        solver, sequence, warm, np.array(residuals), np.array(flags), np.array(seconds), np.array(iterations), np.array(points)
+    )

@@ -1,0 +1,293 @@
+"""The single-level program: the object's place and the person's rest in it, with its start, its solver and its residual."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import InputError
+from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.limits import JointLimit, OneClassBoundary
+from ergoqp.optimise.place import Place
+from ergoqp.optimise.rest import Holding, Situated, rest_conditions
+from ergoqp.problem import Problem
+from ergoqp.responses.ik import IkResponse
+
+MODES: Final = ("stackelberg", "cooperative")
+"""Who chooses the posture: the person alone, as they come to rest; or the optimiser too, an optimistic bound."""
+
+EASE: Final = 1e-3
+"""Weight of the person's comfort beside the cost [points/rad^2 per unit of joint weight]: where the sheet is flat, the most
+comfortable of equally good places is taken."""
+
+NEAR: Final = 0.5
+"""How far a joint may go from its start while the program is solved once [rad]."""
+NEAR_PELVIS: Final = 0.3
+"""How far the pelvis may go [m, rad]."""
+
+N = len(JOINTS)
+_INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
+
+_QUIET: Final[dict[str, dict[str, Any]]] = {
+    "ipopt": {
+        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 60, "mu_strategy": "adaptive"},
+        "print_time": False,
+    },
+    "fatrop": {
+        "fatrop": {"print_level": 0, "tol": 1e-9, "max_iter": 100},
+        "structure_detection": "none",
+        "print_time": False,
+    },
+    "sqpmethod": {
+        "qpsol": "qrqp",
+        "qpsol_options": {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False},
+        "convexify_strategy": "regularize",
+        "max_iter": 60,
+        "tol_pr": 1e-9,
+        "tol_du": 1e-8,
+        "print_header": False,
+        "print_iteration": False,
+        "print_status": False,
+        "print_time": False,
+    },
+}
+
+SOLVERS: Final = tuple(_QUIET)
+"""Nonlinear solvers by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver left.
+
+    Attributes:
+        values: of all unknowns (n,).
+        residual: largest violation of the optimality conditions, recomputed from the program's own expressions.
+    """
+
+    values: np.ndarray
+    residual: float
+
+
+def check_names(mode: str, solver: str) -> None:
+    """Check the names of mode and solver.
+
+    Raises:
+        InputError: for one that is not known.
+    """
+    for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
+        if value not in allowed:
+            raise InputError(f"{what}: got {value!r}, allowed {', '.join(allowed)}")
+
+
+def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
+    """Return the cost of a posture (32,) [points]: the smooth score at a scale [deg], or what the problem's own cost says."""
+    cost = problem.cost
+    if isinstance(cost, SmoothReba):
+        return cost.value_at_scale(posture, float(np.radians(tau_deg)))
+    return float(np.ravel(cost(posture))[0])
+
+
+class Program:
+    """The nonlinear program of one problem and one person; what a start gives are its parameters.
+
+    Unknowns are those of the place, then, `mode="stackelberg"`, those of `ergoqp.optimise.rest.Rest`; `mode="cooperative"`: the
+    moved joints, the pelvis and each hand's turn about the tool. A solver's own word on success is not used.
+    """
+
+    def __init__(self, problem: Problem, response: IkResponse, mode: str, solver: str) -> None:
+        """Write the program down; the solver is made when it is first used.
+
+        Raises:
+            InputError: as `Place.of`, or for an unknown mode or solver.
+        """
+        check_names(mode, solver)
+        self.problem, self.response, self.mode, self.solver = problem, response, mode, solver
+        self.place = Place.of(problem)
+        self.moved = [INDEX[joint] for joint in response.joints]
+        hands, cost = len(response.hands), problem.cost
+        posture, anchor = ca.SX.sym("posture", N), ca.SX.sym("anchor", 4, 4)
+        grasp, soles = ca.SX.sym("grasp", 4, 4 * hands), ca.SX.sym("soles", 4, 8)
+        relaxation, tau = ca.SX.sym("relaxation"), ca.SX.sym("tau")
+        unknowns = ca.SX.sym("x", len(self.place.kinds))
+        position, rotation = self.place.expression(unknowns, anchor)
+        situated = Situated(posture, grasp, soles, position, rotation, relaxation)
+        own, q, self._rows = self._person(situated)
+        x = ca.vertcat(unknowns, own)
+        given = ca.vertcat(posture, ca.vec(grasp), ca.vec(soles), ca.vec(anchor), relaxation, tau)
+        cosine = ca.dot(ca.DM(self.place.direction), rotation[:, 0])
+        off = q[self.moved] - ca.DM(response.comfort[self.moved])
+        ease = EASE / 2 * ca.dot(ca.DM(response.weight_vector[self.moved]), off**2)
+        self._narrow = self._narrowed()
+        rows = ca.vertcat(self._rows, cosine, q[self._narrow])
+        self._count = x.numel()
+        boundary = problem.limit_of(OneClassBoundary)
+        self._boundary = boundary is not None
+        self._symbols = [x, given]
+        self._nlp: dict[str, Any] = {"x": x, "p": given, "g": rows}
+        if isinstance(cost, SmoothReba) and boundary is None:
+            self._nlp["f"] = cost.at_scale(q, tau) + ease
+        else:
+            # What is not made of scalars stays as it is, around the person who is.
+            model: Any = ca.Function("model", [x, given], [q, ease, rows, tau])
+            x, given = ca.MX.sym("x", x.numel()), ca.MX.sym("given", given.numel())
+            q, ease, rows, scale = model(x, given)
+            if boundary is not None:
+                margin, _ = boundary.model.margin_and_slope(boundary.model.coordinates.pick(q))
+                rows = ca.vertcat(rows, margin)
+            value = cost.at_scale(q, scale) if isinstance(cost, SmoothReba) else cost.expression(q)
+            self._nlp = {"x": x, "p": given, "g": rows, "f": value + ease}
+        self.posture: Any = ca.Function("posture", [self._nlp["x"], self._nlp["p"]], [q])
+        self._bounds = self._make_bounds()
+
+    def given(
+        self,
+        posture: np.ndarray,
+        grasp: np.ndarray,
+        soles: np.ndarray,
+        anchor: np.ndarray,
+        relaxation: float,
+        tau_deg: float,
+    ) -> np.ndarray:
+        """Return the parameters' numbers; `grasp` (k, 4, 4), `soles` (4, 8), `anchor` (4, 4)."""
+        blocks = (posture, np.hstack(list(grasp)), soles, anchor)
+        return np.concatenate([*(np.ravel(block, order="F") for block in blocks), [relaxation, np.radians(tau_deg)]])
+
+    def start(self, unknowns: np.ndarray, posture: np.ndarray, pelvis: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Return values to start from: a place (n,), the rest posture (32,) there, and the pelvis (4, 4)."""
+        x = np.zeros(self._count)
+        leader, joints = len(unknowns), len(self.moved)
+        x[:leader] = unknowns
+        x[leader : leader + joints] = np.clip(posture, LOWER + _INSIDE, UPPER - _INSIDE)[self.moved]
+        at = leader + joints
+        if self.response.stance == "standing":
+            x[at : at + 4] = *pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])
+            at += 4
+        if self.mode == "stackelberg":
+            slope, rest = (np.array(part) for part in self._forces(x, given))
+            held = self._at_end(posture)
+            # What holds a joint at its end is not known, so its equation says nothing of the hands' forces, but follows from
+            # them. The others agree on them.
+            free = np.flatnonzero(~np.append(held, np.zeros(len(rest) - joints, dtype=bool)))
+            x[at:] = np.linalg.lstsq(slope[free], -rest.ravel()[free], rcond=None)[0]
+            missing = rest.ravel() + slope @ x[at:]
+            own = leader + np.flatnonzero(held)
+            x[own] -= missing[:joints][held] / self.response.weight_vector[self.moved][held]
+        return x
+
+    def _at_end(self, posture: np.ndarray) -> np.ndarray:
+        ends = (posture <= LOWER + _INSIDE) | (posture >= UPPER - _INSIDE)
+        return ends[self.moved]
+
+    def solve(self, x: np.ndarray, given: np.ndarray) -> Solution:
+        """Improve values near to where they are, and say how far from optimal they have come.
+
+        Farther than `NEAR` and `NEAR_PELVIS` the equations lead to postures that satisfy them and that no person is at rest in.
+        The residual knows nothing of these bounds: what was stopped by one of them is not optimal.
+        """
+        (low, high), (least, most) = self._bounds
+        at = np.clip(x, low, high)
+        nearest, farthest = self._around(at)
+        found = self._solver(x0=at, p=given, lbx=np.maximum(low, nearest), ubx=np.minimum(high, farthest), lbg=least, ubg=most)
+        values, on_rows, on_bounds = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
+        return Solution(values, self.residual(values, given, on_rows, on_bounds))
+
+    def residual(self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray) -> float:
+        """Return the largest violation of the conditions of optimality; inf where something is not a number.
+
+        Of the slope of the Lagrangian [points per unit], of rows and bounds [their units], and of the products of multipliers
+        and distances to their own ends. A positive multiplier belongs to the upper end.
+        """
+        slope, rows = (np.array(part).ravel() for part in self._optimality(x, given, on_rows, on_bounds))
+        worst = [np.abs(slope).max()]
+        for (low, high), values, multipliers in zip(self._bounds, (x, rows), (on_bounds, on_rows), strict=True):
+            worst.append(np.maximum(low - values, values - high).max(initial=0.0))
+            end = np.where(multipliers > 0, high - values, values - low)
+            # Where there is no end there may be no multiplier either.
+            worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
+        largest = max(worst)
+        return float(largest) if np.isfinite(largest) else float("inf")
+
+    def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far the solver may go from where it starts, inf where it may go anywhere, (n,) each."""
+        near = np.full(self._count, np.inf)
+        leader, joints = len(self.place.kinds), len(self.moved)
+        own = slice(leader, leader + joints)
+        near[own] = NEAR
+        if self.response.stance == "standing":
+            near[leader + joints : leader + joints + 4] = NEAR_PELVIS
+        low, high = x - near, x + near
+        # Beyond the end of its range an aim only says how strongly the joint is held there.
+        low[own] = np.where(low[own] < LOWER[self.moved], -np.inf, np.minimum(low[own], UPPER[self.moved] - NEAR))
+        high[own] = np.where(high[own] > UPPER[self.moved], np.inf, np.maximum(high[own], LOWER[self.moved] + NEAR))
+        return low, high
+
+    @cached_property
+    def _solver(self) -> ca.Function:
+        options = {"error_on_fail": False, **_QUIET[self.solver]}
+        if self.solver == "fatrop":
+            (_, _), (least, most) = self._bounds
+            options["equality"] = (least == most).tolist()
+        return ca.nlpsol("program", self.solver, self._nlp, options)
+
+    @cached_property
+    def _optimality(self) -> ca.Function:
+        nlp, kind = self._nlp, type(self._nlp["x"])
+        on_rows, on_bounds = kind.sym("on_rows", nlp["g"].numel()), kind.sym("on_bounds", nlp["x"].numel())
+        slope = ca.gradient(nlp["f"] + ca.dot(on_rows, nlp["g"]), nlp["x"]) + on_bounds
+        return ca.Function("optimality", [nlp["x"], nlp["p"], on_rows, on_bounds], [slope, nlp["g"]])
+
+    def _person(self, situated: Situated) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return the person's unknowns, their posture (32,), and equations."""
+        if self.mode == "stackelberg":
+            rest = rest_conditions(self.response, situated)
+            own, equations = ca.vertcat(rest.aims, rest.pelvis, rest.multipliers), ca.vertcat(rest.balance, rest.contact)
+            # The balance is linear in the multipliers: what they are at a given posture is a least-squares problem.
+            self._balance = (rest.multipliers, rest.balance)
+            return own, rest.posture, equations
+        joints = ca.SX.sym("q", len(self.moved))
+        pelvis = ca.SX.sym("b", 4 if self.response.stance == "standing" else 0)
+        turns = ca.SX.sym("t", len(self.response.hands) if self.response.free_about_tool else 0)
+        posture = ca.SX(situated.posture)
+        for number, joint in enumerate(self.moved):
+            posture[joint] = joints[number]
+        holding = Holding(self.response, situated, posture, pelvis)
+        errors = [
+            error - (holding.about_tool(turns[i]) if turns.numel() else ca.SX(6, 1)) for i, error in enumerate(holding.errors)
+        ]
+        return ca.vertcat(joints, pelvis, turns), posture, ca.vertcat(*errors, holding.slipping())
+
+    @cached_property
+    def _forces(self) -> ca.Function:
+        multipliers, balance = self._balance
+        return ca.Function("forces", self._symbols, [ca.jacobian(balance, multipliers), balance])
+
+    def _narrowed(self) -> list[int]:
+        """Moved joints whose range the problem makes narrower than a person's."""
+        limit = self.problem.limit_of(JointLimit)
+        if limit is None:
+            return []
+        low, high = limit.range
+        return [joint for joint in self.moved if low[joint] > LOWER[joint] or high[joint] < UPPER[joint]]
+
+    def _make_bounds(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Return the bounds of unknowns and rows."""
+        low, high = np.full(self._count, -np.inf), np.full(self._count, np.inf)
+        leader = len(self.place.kinds)
+        low[:leader], high[:leader] = self.place.lower, self.place.upper
+        if self.mode == "cooperative":
+            own = slice(leader, leader + len(self.moved))
+            low[own], high[own] = LOWER[self.moved], UPPER[self.moved]
+        equal = np.zeros(self._rows.numel())
+        limit = self.problem.limit_of(JointLimit)
+        ranges = limit.range if limit is not None else (LOWER, UPPER)
+        cosines = (self.place.least_cosine, np.inf)
+        ends = [np.concatenate([equal, [end], side[self._narrow]]) for end, side in zip(cosines, ranges, strict=True)]
+        if self._boundary:
+            ends = [np.append(ends[0], 0.0), np.append(ends[1], np.inf)]
+        return (low, high), (ends[0], ends[1])

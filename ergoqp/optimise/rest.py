@@ -1,0 +1,210 @@
+"""Where the person comes to rest, as equations: the follower's conditions of optimality with relaxed complementarity.
+
+A person who holds an object comes to rest at
+
+    q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + |e(q)|^2 / d^2    s.t.  soles stay, l <= q <= u
+
+with c the comfort posture, B the weight of balance and e what is missing between grips and object, without turning about a
+free tool: the fixed point of `ergoqp.simulation.person.Follower.settle`, where damping d makes the hands yield by less than a
+millimetre. With the multiplier y = e/d^2 of the hands and m of the soles the conditions are
+
+    W (s - c) = 2 J' y - A' m,    e = d^2 y,    soles where they stand,    q = clip(s)
+
+on s, the posture before it is cut to its ranges: W (s - q) is the multiplier of the ranges (Robinson's normal map), so no
+inequality and no further unknown is needed. The cut is made smooth after Chen, Harker, Kanzow and Smale, which relaxes
+complementarity to (q - l) (q - s) = relaxation^2 / 4 exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from ergoqp.human.kinematics import base_jacobian
+from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
+from ergoqp.responses.ik import IkResponse, contact_frame
+from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
+
+_ROUND = 1e-3
+"""How smoothly straight knees go over into bent ones [rad]; see `ergoqp.responses.stance.with_bent_knees`."""
+
+
+@dataclass(frozen=True)
+class Situated:
+    """What a start gives: symbols that become numbers when a program is solved.
+
+    Attributes:
+        posture: joints that do not move stay as they are here (32,) [rad].
+        grasp: grips in the contact frame side by side (4, 4 k).
+        soles: right and left sole in the world (4, 8).
+        position: of the object's contact frame (3,) [m].
+        rotation: of the object's contact frame (3, 3).
+        relaxation: of complementarity [rad].
+    """
+
+    posture: ca.SX
+    grasp: ca.SX
+    soles: ca.SX
+    position: ca.SX
+    rotation: ca.SX
+    relaxation: ca.SX
+
+
+class Holding:
+    """A person who holds the object: contact errors and forces as expressions of a posture and of the pelvis.
+
+    Attributes:
+        response: the person.
+        posture: expression of the posture (32,).
+        pelvis: x, y, z [m] and yaw [rad] of the pelvis (4,), empty when seated.
+    """
+
+    def __init__(self, response: IkResponse, place: Situated, posture: ca.SX, pelvis: ca.SX) -> None:
+        """Find hands and soles of the posture."""
+        self.response, self.place, self.posture, self.pelvis = response, place, posture, pelvis
+        self.standing = response.stance == "standing"
+        self._base = pelvis[:3] if self.standing else ca.SX([0, 0, response.seat_height])
+        self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
+        self._hands = [response.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
+        self._axis = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)[1][:, 0]
+
+    @cached_property
+    def errors(self) -> list[ca.SX]:
+        """Of each hand, the motion (6,) that would bring it to where the object is, in pelvis axes [m, rad]."""
+        place, back = self.place, self._turned.T
+        errors = []
+        for number, (position, rotation, _) in enumerate(self._hands):
+            grip = place.grasp[:, 4 * number : 4 * number + 4]
+            wanted = back @ (place.position + place.rotation @ grip[:3, 3] - self._base)
+            errors.append(ca.vertcat(wanted - position, _turn(rotation, back @ place.rotation @ grip[:3, :3])))
+        return errors
+
+    def slipping(self) -> ca.SX:
+        """Return how far the soles are from where they stand (12,) [m, rad]; empty when seated."""
+        rows = []
+        for number, side in enumerate(SIDES if self.standing else ()):
+            position, rotation, _ = self.response.kinematics.at(f"{side}_sole", self.posture)
+            sole = self.place.soles[:, 4 * number : 4 * number + 4]
+            wanted = self._turned.T @ (sole[:3, 3] - self._base)
+            rows += [wanted - position, _turn(rotation, self._turned.T @ sole[:3, :3])]
+        return ca.vertcat(*rows)
+
+    def along_tool(self, vector: ca.SX) -> ca.SX:
+        """Return the part (6,) of a motion or a force that turns about the tool, if the hand is free to."""
+        free = self._axis * ca.dot(self._axis, vector[3:]) if self.response.free_about_tool else ca.SX(3, 1)
+        return ca.vertcat(ca.SX(3, 1), free)
+
+    def about_tool(self, angle: ca.SX) -> ca.SX:
+        """Return the turn (6,) by an angle [rad] about the tool."""
+        return ca.vertcat(ca.SX(3, 1), self._axis * angle)
+
+    def pull(self, forces: Sequence[ca.SX], joints: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+        """Return what forces at the hands (6,) each do to joints (n,) and to the pelvis (4,)."""
+        on_joints, on_pelvis = ca.SX(len(joints), 1), ca.SX(4, 1)
+        for force, (position, _, jacobian) in zip(forces, self._hands, strict=True):
+            on_joints += jacobian[:, list(joints)].T @ force
+            on_pelvis += base_jacobian(position).T @ force
+        return on_joints, on_pelvis
+
+    def legs(self, multipliers: ca.SX) -> tuple[list[ca.SX], ca.SX]:
+        """Return what multipliers of the soles (12,) do to each leg's joints (6,), and to the pelvis (4,), with balance.
+
+        Written at the hip centre and with straight knees taken as a little bent, as the response does.
+        """
+        kinematics, bent = self.response.kinematics, self._bent()
+        on_legs, on_pelvis, middle = [], ca.SX(4, 1), ca.SX(3, 1)
+        for number, side in enumerate(SIDES):
+            columns = [INDEX[name] for name in LEG_JOINTS[side]]
+            hip = kinematics.at(f"{side}_hip", bent)[0]
+            sole, _, jacobian = kinematics.at(f"{side}_sole", bent)
+            axes = jacobian[3:, columns]
+            at_hip = ca.vertcat(jacobian[:3, columns] + ca.skew(sole - hip) @ axes, axes)
+            force = multipliers[6 * number : 6 * number + 6]
+            on_legs.append(at_hip.T @ force)
+            on_pelvis += base_jacobian(hip).T @ force
+            middle += kinematics.at(f"{side}_sole", self.posture)[0] / 2
+        return on_legs, on_pelvis - self.response.balance * ca.vertcat(middle[:2], 0, 0)
+
+    def _bent(self) -> ca.SX:
+        bent = ca.SX(self.posture)
+        for side in SIDES:
+            knee = INDEX[f"{side}_knee_flexion"]
+            above = bent[knee] - STRAIGHT_KNEE
+            bent[knee] = STRAIGHT_KNEE + (above + ca.sqrt(above**2 + _ROUND**2)) / 2
+        return bent
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The conditions of rest.
+
+    Attributes:
+        moved: positions of the joints that move, in the posture.
+        aims: s of the moved joints, symbols (n,).
+        pelvis: of a standing person, symbols (4,); else empty.
+        multipliers: y of the hands, then m of the soles, symbols.
+        posture: q (32,).
+        balance: equations that are linear in the multipliers, in their order: one per joint and pelvis coordinate.
+        contact: the others: hands and soles.
+    """
+
+    moved: list[int]
+    aims: ca.SX
+    pelvis: ca.SX
+    multipliers: ca.SX
+    posture: ca.SX
+    balance: ca.SX
+    contact: ca.SX
+
+
+def rest_conditions(response: IkResponse, place: Situated) -> Rest:
+    """Return the conditions under which a person is at rest when the object is somewhere."""
+    standing, hands = response.stance == "standing", len(response.hands)
+    moved = [INDEX[joint] for joint in response.joints]
+    arms = [joint for joint in moved if joint < 20]
+    aims, pelvis = ca.SX.sym("s", len(moved)), ca.SX.sym("b", 4 if standing else 0)
+    y, m = ca.SX.sym("y", 6 * hands), ca.SX.sym("m", 12 if standing else 0)
+    wanted, posture = ca.SX(place.posture), ca.SX(place.posture)
+    for number, joint in enumerate(moved):
+        wanted[joint] = aims[number]
+        posture[joint] = soft_clip(aims[number], LOWER[joint], UPPER[joint], place.relaxation)
+    holding = Holding(response, place, posture, pelvis)
+    discomfort = ca.DM(response.weight_vector) * (wanted - ca.DM(response.comfort))
+
+    compliance, forces, contact = response.damping**2, [], []
+    for number, error in enumerate(holding.errors):
+        force = y[6 * number : 6 * number + 6]
+        free = holding.along_tool(force)
+        forces.append(2 * (force - free))
+        contact.append(compliance * force + free - (error - holding.along_tool(error)))
+    on_arms, on_pelvis = holding.pull(forces, arms)
+    balance = [discomfort[arms] - on_arms]
+    if standing:
+        on_legs, on_base = holding.legs(m)
+        for side, on_leg in zip(SIDES, on_legs, strict=True):
+            balance.append(discomfort[[INDEX[name] for name in LEG_JOINTS[side]]] + on_leg)
+        balance.append(on_base - on_pelvis)
+    contact.append(holding.slipping())
+    return Rest(moved, aims, pelvis, ca.vertcat(y, m), posture, ca.vertcat(*balance), ca.vertcat(*contact))
+
+
+def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:
+    """Return a value cut to a range, smoothly: strictly inside, and `relaxation` / 2 from an end when at it."""
+    below = ca.sqrt((value - lower) ** 2 + relaxation**2)
+    above = ca.sqrt((upper - value) ** 2 + relaxation**2)
+    return (lower + upper + below - above) / 2
+
+
+def _turn(have: ca.SX, want: ca.SX) -> ca.SX:
+    return sum((ca.cross(have[:, i], want[:, i]) for i in range(3)), ca.SX(3, 1)) / 2
+
+
+def _about_z(angle: ca.SX) -> ca.SX:
+    rotation = ca.SX.eye(3)
+    rotation[0, 0] = rotation[1, 1] = ca.cos(angle)
+    rotation[1, 0] = ca.sin(angle)
+    rotation[0, 1] = -rotation[1, 0]
+    return rotation

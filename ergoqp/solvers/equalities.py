@@ -1,0 +1,76 @@
+"""Equal bounds as equalities: for solvers that need an inside, or lose multipliers between bounds that meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.solvers.sequence import Array, Qp
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Which bounds of a QP meet, and which are there: what decides the shapes that a solver is set up for.
+
+    Attributes:
+        fixed_rows: rows whose bounds are equal (m,).
+        fixed: unknowns whose bounds are equal (n,).
+        above: other rows that have an upper bound (m,).
+        below: other rows that have a lower bound (m,).
+        high: other unknowns that have an upper bound (n,).
+        low: other unknowns that have a lower bound (n,).
+    """
+
+    fixed_rows: Mask
+    fixed: Mask
+    above: Mask
+    below: Mask
+    high: Mask
+    low: Mask
+
+    @property
+    def key(self) -> bytes:
+        """The same for the same pattern."""
+        return np.concatenate([self.fixed_rows, self.fixed, self.above, self.below, self.high, self.low]).tobytes()
+
+    def equalities(self, qp: Qp) -> tuple[Array, Array]:
+        """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
+        matrix = np.concatenate([qp.A[self.fixed_rows], np.eye(len(self.fixed))[self.fixed]])
+        return matrix, np.concatenate([qp.upper[self.fixed_rows], qp.high[self.fixed]])
+
+    def inequalities(self, qp: Qp) -> tuple[Array, Array]:
+        """Return G and h of G x <= h: rows above, rows below, unknowns above, unknowns below."""
+        unit = np.eye(len(self.fixed))
+        matrix = np.concatenate([qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]])
+        bounds = (qp.upper[self.above], -qp.lower[self.below], qp.high[self.high], -qp.low[self.low])
+        return matrix, np.concatenate(bounds)
+
+    def multipliers(self, equal: Array, unequal: Array) -> tuple[Array, Array]:
+        """Return the multipliers of rows and unknowns from those of `equalities` and `inequalities`."""
+        rows, box = np.zeros(len(self.fixed_rows)), np.zeros(len(self.fixed))
+        count = int(self.fixed_rows.sum())
+        rows[self.fixed_rows], box[self.fixed] = equal[:count], equal[count:]
+        ends = np.cumsum([mask.sum() for mask in (self.above, self.below, self.high)])
+        above, below, high, low = np.split(unequal, ends)
+        rows[self.above] += above
+        rows[self.below] -= below
+        box[self.high] += high
+        box[self.low] -= low
+        return rows, box
+
+
+def pattern_of(qp: Qp) -> Pattern:
+    """Return the pattern of a QP's bounds."""
+    fixed_rows, fixed = qp.lower == qp.upper, qp.low == qp.high
+    return Pattern(
+        fixed_rows,
+        fixed,
+        np.isfinite(qp.upper) & ~fixed_rows,
+        np.isfinite(qp.lower) & ~fixed_rows,
+        np.isfinite(qp.high) & ~fixed,
+        np.isfinite(qp.low) & ~fixed,
+    )

@@ -1,0 +1,95 @@
+"""QPs as data: one, and a sequence of one size as it comes along a trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Qp:
+    """min 1/2 x'Hx + g'x subject to lower <= A x <= upper and low <= x <= high.
+
+    Attributes:
+        H: symmetric (n, n).
+        g: (n,).
+        A: (m, n).
+        lower: least values of the rows (m,), -inf where there is none.
+        upper: greatest values of the rows (m,), inf where there is none.
+        low: least x (n,).
+        high: greatest x (n,).
+    """
+
+    H: Array
+    g: Array
+    A: Array
+    lower: Array
+    upper: Array
+    low: Array
+    high: Array
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of unknowns and of rows."""
+        return self.A.shape[1], self.A.shape[0]
+
+    def value(self, x: Array) -> float:
+        """Return the objective at `x` (n,)."""
+        return float(0.5 * x @ self.H @ x + self.g @ x)
+
+
+PARTS: tuple[str, ...] = tuple(field.name for field in fields(Qp))
+"""Names of the parts of a `Qp`, in the order in which solvers take them."""
+
+
+@dataclass(frozen=True, eq=False)
+class QpSequence:
+    """QPs of one size in the order in which they came.
+
+    Attributes:
+        name: where they come from, for example ``screwing.0``.
+        qps: one after the other.
+        feasible: whether the QPs have an answer; by construction, or because a certified one is known.
+        follows: whether each is close to the one before, so that a warm start makes sense.
+    """
+
+    name: str
+    qps: tuple[Qp, ...]
+    feasible: bool = True
+    follows: bool = True
+
+    def __post_init__(self) -> None:
+        """Check that all are of one size."""
+        sizes = {qp.size for qp in self.qps}
+        if len(sizes) != 1:
+            raise InputError(f"sequence {self.name!r}: got QPs of {len(sizes)} sizes, allowed exactly one")
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.qps)
+
+    def __iter__(self) -> Iterator[Qp]:
+        """Go through them in order."""
+        return iter(self.qps)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of unknowns and of rows."""
+        return self.qps[0].size
+
+    @property
+    def family(self) -> str:
+        """What kind of QPs: ``recorded``, or how they were derived; the end of the name after a plus sign."""
+        return self.name.partition("+")[2] or "recorded"
+
+    def thinned(self, count: int) -> QpSequence:
+        """Return at most `count` of the QPs: one stretch from the middle, so that each still follows the one before."""
+        start = max(0, (len(self) - count) // 2)
+        return replace(self, qps=self.qps[start : start + count])

@@ -1,0 +1,155 @@
+"""Numeric solvers that stay in memory: for sequences of QPs outside the control step, and for comparing solvers."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ergoqp.errors import InputError
+from ergoqp.solvers.sequence import PARTS, Array, Qp
+
+FLAGS: Final = ("solved", "infeasible", "stopped", "failed", "not a number", "bounds cross")
+"""What a solver can say: solved; no answer exists; stopped at its limit of iterations; failed for another reason, its numerics
+for example. The last two are said before the solver sees the data: NaN or infinity where a number is needed, and a lower bound
+above the upper one."""
+
+
+@dataclass(frozen=True, eq=False)
+class QpAnswer:
+    """What a solver says of one QP. Nothing of it has been checked; see `ergoqp.solvers.judge`.
+
+    Attributes:
+        x: the answer (n,); NaN where there is none.
+        rows: multipliers of the rows (m,), positive at the upper bound: H x + g + A' rows + box = 0.
+        box: multipliers of the bounds on x (n,), positive at the upper bound.
+        flag: one of `FLAGS`.
+        iterations: the solver's own count; None where it does not tell.
+        seconds: how long the solver took, setting it up or updating it with new data included [s].
+    """
+
+    x: Array
+    rows: Array
+    box: Array
+    flag: str
+    iterations: int | None = None
+    seconds: float = 0.0
+
+    @property
+    def found(self) -> bool:
+        """Whether the solver says that it is solved."""
+        return self.flag == "solved"
+
+
+class Backend(Protocol):
+    """One solver's workspace for QPs of one size; an implementation per file beside this one."""
+
+    def __init__(self, n: int, m: int, accuracy: float) -> None:
+        """Make the workspace for `n` unknowns and `m` rows, for residuals of at most `accuracy`."""
+        ...
+
+    def solve(self, qp: Qp, warm: bool) -> QpAnswer:
+        """Solve finite data whose bounds do not cross; `warm`: start from the last answer, where the solver can."""
+        ...
+
+
+class QpSession(Protocol):
+    """A solver that keeps its memory from one QP to the next, all of one size."""
+
+    name: str
+
+    def solve(
+        self,
+        H: ArrayLike,
+        g: ArrayLike,
+        A: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        warm: bool = True,
+    ) -> QpAnswer:
+        """Solve one QP; see `Session.solve`."""
+        ...
+
+
+class Session:
+    """A `QpSession` made of a solver's workspace: looks at the data first, takes the time, never raises for the data.
+
+    Args:
+        name: of the solver.
+        n: number of unknowns.
+        m: number of rows.
+        backend: the solver's workspace.
+    """
+
+    def __init__(self, name: str, n: int, m: int, backend: Backend) -> None:
+        """Keep the workspace."""
+        self.name, self._backend = name, backend
+        self._shapes = dict(zip(PARTS, ((n, n), (n,), (m, n), (m,), (m,), (n,), (n,)), strict=True))
+
+    def solve(
+        self,
+        H: ArrayLike,
+        g: ArrayLike,
+        A: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        warm: bool = True,
+    ) -> QpAnswer:
+        """Solve min 1/2 x'Hx + g'x subject to lower <= A x <= upper and low <= x <= high.
+
+        Args:
+            H: symmetric, positive definite (n, n).
+            g: (n,).
+            A: (m, n).
+            lower: (m,), -inf where a row has none.
+            upper: (m,), inf where a row has none.
+            low: (n,), -inf allowed.
+            high: (n,), inf allowed.
+            warm: start from the last answer, where the solver can; False: as if this were the first QP.
+
+        Raises:
+            InputError: for a shape that is not the session's.
+        """
+        return self.solve_qp(Qp(*self._arrays(H, g, A, lower, upper, low, high)), warm)
+
+    def solve_qp(self, qp: Qp, warm: bool = True) -> QpAnswer:
+        """Solve a QP whose parts are float arrays of the session's shapes, in C order; see `solve`."""
+        if flag := unusable(qp):
+            return no_answer(*qp.size, flag)
+        start = time.perf_counter()
+        answer = self._backend.solve(qp, warm)
+        return replace(answer, seconds=time.perf_counter() - start)
+
+    def _arrays(self, *parts: ArrayLike) -> list[Array]:
+        arrays = []
+        for (name, shape), part in zip(self._shapes.items(), parts, strict=True):
+            array = np.ascontiguousarray(part, dtype=float)
+            if array.shape != shape:
+                raise InputError(f"{name}: got shape {array.shape}, allowed {shape}")
+            arrays.append(array)
+        return arrays
+
+
+def unusable(qp: Qp) -> str:
+    """Return the flag for data that no solver should see, empty for others."""
+    # A sum of numbers is a number unless one of them is not.
+    if not math.isfinite(qp.H.sum() + qp.g.sum() + qp.A.sum()):
+        return "not a number"
+    for least, most in ((qp.lower, qp.upper), (qp.low, qp.high)):
+        # What is not a number is not in order either; and no value lies between two bounds of inf.
+        if not ((least <= most) & (least < math.inf) & (most > -math.inf)).all():
+            return "not a number" if np.isnan(least).any() or np.isnan(most).any() else "bounds cross"
+    return ""
+
+
+def no_answer(n: int, m: int, flag: str, iterations: int | None = None) -> QpAnswer:
+    """Return an answer without numbers."""
+    return QpAnswer(np.full(n, np.nan), np.full(m, np.nan), np.full(n, np.nan), flag, iterations)

@@ -1,0 +1,149 @@
+"""Solvers that come with CasADi, called through its buffers: qrqp, qpOASES, HPIPM and HiGHS."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from typing import Any, Final, cast
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.solvers.sequence import Qp
+from ergoqp.solvers.session import QpAnswer, no_answer
+
+_INPUTS: Final = ("h", "g", "a", "lba", "uba", "lbx", "ubx")
+_FLAGS: Final = {"SOLVER_RET_SUCCESS": "solved", "SOLVER_RET_LIMITED": "stopped"}
+_QUIET: Final = {"print_iter": False, "print_header": False, "print_info": False}
+
+
+def _quiet() -> contextlib.AbstractContextManager[Any]:
+    # qpOASES greets with its licence whenever memory is made, whatever it is told.
+    return contextlib.redirect_stdout(io.StringIO())
+
+
+class PluginBackend:
+    """One CasADi conic function with memory of its own; a subclass says which, with what settings.
+
+    Attributes:
+        plugin: name of the plugin.
+        remembers: whether it goes on from the last QP whatever it is given, so that a cold start needs new memory.
+        forgets: whether it must have new memory for every QP.
+    """
+
+    plugin: str
+    remembers: bool = False
+    forgets: bool = False
+
+    def __init__(self, n: int, m: int, accuracy: float) -> None:
+        """Make the function and its memory."""
+        self._n, self._m = n, m
+        shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
+        options = {"error_on_fail": False, **self.options(n, m, accuracy)}
+        with _quiet():
+            self._function = ca.conic("qp", self.plugin, shapes, options)
+        names = [self._function.name_in(i) for i in range(self._function.n_in())]
+        self._in = {name: np.zeros(self._function.numel_in(name)) for name in names}
+        self._out = {"x": np.zeros(n), "lam_a": np.zeros(m), "lam_x": np.zeros(n)}
+        self._buffer: Any = None
+        self._solved = False
+
+    def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
+        """Return the plugin's options for this size."""
+        raise NotImplementedError
+
+    def solve(self, qp: Qp, warm: bool) -> QpAnswer:
+        """Solve; warm: from the last answer, where the plugin can."""
+        warm = warm and self._solved
+        if self._buffer is None or self.forgets or (self.remembers and not warm):
+            self._renew()
+        for name, part in zip(_INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True):
+            self._in[name][:] = part.ravel(order="F")
+        self._call()
+        stats = cast("Any", self._buffer).stats()
+        flag, count = _flag(stats), self.iterations(stats)
+        self._solved = flag == "solved"
+        if not self._solved:
+            self._buffer = None
+            return no_answer(self._n, self._m, flag, count)
+        x, rows, box = (part.copy() for part in self._out.values())
+        return QpAnswer(x, rows, box, flag, count)
+
+    def iterations(self, stats: dict[str, Any]) -> int | None:
+        """Return the solver's count of iterations."""
+        return stats["iter_count"]
+
+    def _renew(self) -> None:
+        with _quiet():
+            self._buffer, self._call = self._function.buffer()
+        for name, array in self._in.items():
+            self._buffer.set_arg(self._function.index_in(name), array.data)
+        for name, array in self._out.items():
+            self._buffer.set_res(self._function.index_out(name), array.data)
+
+
+def _flag(stats: dict[str, Any]) -> str:
+    # The unified status does not know infeasible QPs; the solvers' own words do, in different ones.
+    if "infeasib" in str(stats["return_status"]).lower():
+        return "infeasible"
+    return _FLAGS.get(stats["unified_return_status"], "failed")
+
+
+class QrqpBackend(PluginBackend):
+    """CasADi's own active-set method by sparse QR; plain C.
+
+    Started from the last multipliers it was seen to cycle, and to say solved with multipliers of the wrong sign: always cold.
+    """
+
+    plugin = "qrqp"
+
+    def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
+        """Return the plugin's options; it ends where an active set fits, to its tolerance."""
+        return {**_QUIET, "constr_viol_tol": accuracy / 10, "dual_inf_tol": accuracy / 10}
+
+
+class QpoasesBackend(PluginBackend):
+    """qpOASES (Ferreau and others, Math. Prog. Comp. 6, 2014): parametric active set, goes on from the last QP by homotopy."""
+
+    plugin = "qpoases"
+    remembers = True
+
+    def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
+        """Return the plugin's options."""
+        return {"printLevel": "none", "nWSR": 1000, "enableEqualities": True}
+
+
+class HpipmBackend(PluginBackend):
+    """HPIPM (Frison and Diehl, IFAC 2020): interior point for optimal control; here a single stage without dynamics.
+
+    From buffers that stay where they are, its interface was seen to answer the first QP over and over; with new memory it
+    does not.
+    """
+
+    plugin = "hpipm"
+    forgets = True
+
+    def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
+        """Return the plugin's options; its tolerance is for each product of multiplier and distance, and there are many."""
+        # Far below that it gives up before it is there.
+        tolerance = max(accuracy / 1000, 1e-11)
+        names = ("res_g_max", "res_b_max", "res_d_max", "res_m_max")
+        return {"N": 0, "nx": [n], "nu": [0], "ng": [m], "hpipm": {"iter_max": 200} | dict.fromkeys(names, tolerance)}
+
+
+class HighsBackend(PluginBackend):
+    """HiGHS (Huangfu and Hall, Math. Prog. Comp. 10, 2018): an active-set QP solver beside its simplex method."""
+
+    plugin = "highs"
+
+    def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
+        """Return the plugin's options; its tolerances go no lower than 1e-10, and it would add 1e-7 to H."""
+        tolerance = max(1e-10, accuracy / 10)
+        names = ("primal_feasibility_tolerance", "dual_feasibility_tolerance")
+        # Without a limit it was seen to go on for ever between rows that all but meet.
+        own = {"output_flag": False, "qp_regularization_value": 0.0, "qp_iteration_limit": 1000}
+        return {"highs": own | dict.fromkeys(names, tolerance)}
+
+    def iterations(self, stats: dict[str, Any]) -> int | None:
+        """Return the count of the QP method."""
+        return stats["qp_iteration_count"]

@@ -1,0 +1,76 @@
+"""ProxQP's dense workspace (Bambade and others, RSS 2022): proximal augmented Lagrangian, warm from the last answer."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from proxsuite import proxqp
+
+from ergoqp.solvers.equalities import pattern_of
+from ergoqp.solvers.sequence import Qp
+from ergoqp.solvers.session import QpAnswer, no_answer
+
+# On infeasible data it goes on for as long as it is allowed to; what has an answer took 19 outer iterations at most.
+_MOST_ITERATIONS: Final = 50
+_MOST_INNER: Final = 100
+_FLAGS: Final = {
+    proxqp.QPSolverOutput.PROXQP_SOLVED: "solved",
+    proxqp.QPSolverOutput.PROXQP_PRIMAL_INFEASIBLE: "infeasible",
+    proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED: "stopped",
+}
+
+
+class ProxqpBackend:
+    """One `proxqp.dense.QP`; set up anew when other bounds meet, as these are its equalities."""
+
+    def __init__(self, n: int, m: int, accuracy: float) -> None:
+        """Keep the sizes; ProxQP allocates when it is known which bounds meet."""
+        self._n, self._m, self._accuracy = n, m, accuracy / 10
+        self._solver: Any = None
+        self._key = b""
+        self._solved = False
+
+    def solve(self, qp: Qp, warm: bool) -> QpAnswer:
+        """Solve; warm: from x and multipliers of the last QP."""
+        pattern = pattern_of(qp)
+        C, d = pattern.equalities(qp)
+        free = ~pattern.fixed_rows
+        # The bounds of a fixed unknown would be a row without an inside beside its equality.
+        low, high = np.where(pattern.fixed, -np.inf, qp.low), np.where(pattern.fixed, np.inf, qp.high)
+        data = (qp.H, qp.g, C, d, qp.A[free], qp.lower[free], qp.upper[free], low, high)
+        key = np.concatenate([pattern.fixed_rows, pattern.fixed]).tobytes()
+        if self._solver is None or key != self._key:
+            self._solver, self._key = self._made(len(d), int(free.sum())), key
+            self._solver.init(*data)
+        else:
+            self._solver.settings.initial_guess = (
+                # Going on with the step sizes of the last QP as well took hundreds of iterations where this takes a few.
+                proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
+                if warm and self._solved
+                else proxqp.InitialGuess.NO_INITIAL_GUESS
+            )
+            self._solver.update(*data, update_preconditioner=True)
+        self._solver.solve()
+        results = self._solver.results
+        flag = _FLAGS.get(results.info.status, "failed")
+        self._solved = flag == "solved"
+        if not self._solved:
+            self._solver = None
+            return no_answer(self._n, self._m, flag, results.info.iter)
+        rows, box = np.zeros(self._m), np.zeros(self._n)
+        count = int(pattern.fixed_rows.sum())
+        rows[pattern.fixed_rows], box[pattern.fixed] = results.y[:count], results.y[count:]
+        rows[free], box[~pattern.fixed] = results.z[: int(free.sum())], results.z[int(free.sum()) :][~pattern.fixed]
+        return QpAnswer(np.array(results.x), rows, box, flag, results.info.iter)
+
+    def _made(self, equalities: int, rows: int) -> Any:
+        solver = proxqp.dense.QP(self._n, equalities, rows, True)
+        settings = solver.settings
+        settings.eps_abs, settings.eps_rel, settings.max_iter = self._accuracy, 0.0, _MOST_ITERATIONS
+        settings.max_iter_in = _MOST_INNER
+        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, self._accuracy, 0.0
+        # Looser, feasible QPs whose slack is dear were seen to be called infeasible.
+        settings.eps_primal_inf = 1e-12
+        settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+        return solver

@@ -1,0 +1,91 @@
+"""What must hold for the whole body, as limits of mink: rows on the displacement of one period, G Delta <= h."""
+
+from __future__ import annotations
+
+import mink
+import numpy as np
+
+from ergoqp.qp import FREE
+from ergoqp.whole_body.moment import Moment
+from ergoqp.whole_body.scene import Columns
+
+
+class _MomentLimit(mink.Limit):
+    """A limit that reads the present moment."""
+
+    def __init__(self, scene: Columns) -> None:
+        """Keep where its columns are."""
+        self.scene = scene
+        self.moment: Moment | None = None
+
+    def _now(self) -> Moment:
+        assert self.moment is not None  # set at the begin of every step
+        return self.moment
+
+    def _on_arm(self, rows: np.ndarray, bounds: np.ndarray, dt: float) -> mink.Constraint:
+        """Rows on the arm's speeds; what bounds nothing is left out."""
+        real = bounds < FREE / 2
+        if not real.any():
+            return mink.Constraint()
+        G = np.zeros((int(real.sum()), self.scene.model.nv))
+        G[:, self.scene.arm] = rows[real]
+        return mink.Constraint(G, dt * bounds[real])
+
+
+class TwistBounds(_MomentLimit):
+    """Speed and acceleration of the object, axis by axis."""
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        """Return two rows per axis that has a choice."""
+        now = self._now()
+        free = now.high - now.low >= 1e-12
+        J, aside = now.jacobian[free], now.offset[free]
+        return self._on_arm(np.vstack([J, -J]), np.concatenate([now.high[free] + aside, -now.low[free] - aside]), dt)
+
+
+class StepRows(_MomentLimit):
+    """The rows of the control step (person's joints, workspace, tool axis ...), lower <= A xi <= upper.
+
+    Where the step relaxes a row, because braking itself would pass it, the row is widened by the slack that the step needs.
+    """
+
+    def __init__(self, scene: Columns) -> None:
+        """Start without slack."""
+        super().__init__(scene)
+        self.slack: np.ndarray | float = 0.0
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        """Return up to two rows per row of the step."""
+        now = self._now()
+        rows = now.terms["A"] @ now.jacobian
+        moved = now.terms["side"] * self.slack + now.terms["A"] @ now.offset
+        upper, lower = now.terms["upper"] + moved, now.terms["lower"] + moved
+        return self._on_arm(np.vstack([rows, -rows]), np.concatenate([upper, -lower]), dt)
+
+
+class ArmBounds(_MomentLimit):
+    """Ranges with the exact stopping bound, rates and accelerations of the arm, see `ergoqp.whole_body.stopping`."""
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        """Return two rows per joint."""
+        now = self._now()
+        eye = np.eye(len(now.arm_high))
+        return self._on_arm(np.vstack([eye, -eye]), np.concatenate([now.arm_high, -now.arm_low]), dt)
+
+
+class Distance(_MomentLimit):
+    """Pairs that are near approach no faster than they are allowed to.
+
+    Two rows per pair with the person: one in which the person follows as the model says, and one in which they have not
+    noticed yet and stand still.
+    """
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        """Return the rows, in displacements: the rate times the period."""
+        now = self._now()
+        if now.close is None or not len(now.close.pairs):
+            return mink.Constraint()
+        following = -now.close.gradients
+        standing = following.copy()
+        standing[:, self.scene.person] = 0.0
+        return mink.Constraint(np.vstack([following, standing]), dt * np.tile(now.approach, 2))

@@ -1,0 +1,136 @@
+"""The closed loop of person, robot and object: a person who follows, and an arm whose joints do exactly what they are told."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import Start
+from ergoqp.simulation.people import Senses, frames
+from ergoqp.simulation.person import Follower
+from ergoqp.whole_body.scene import Scene
+from ergoqp.whole_body.separation import Separation
+from ergoqp.whole_body.whole_body import WholeBody, WholeBodyStep
+
+EXACT = Senses(noise_deg=0.0, drift_deg=0.0, lost=0.0)
+"""Sensors without error; the person still follows late."""
+
+
+@dataclass
+class WholeBodyTrace:
+    """What one loop left behind, sample by sample.
+
+    Attributes:
+        time: [s].
+        postures: of the person (32,) [rad].
+        arms: joint positions of the arm (k,) [rad].
+        poses: of the object (4, 4) [m].
+        steps: the answers.
+        distances: smallest kept distance to the true person, not the measured one [m].
+    """
+
+    time: list[float] = field(default_factory=list)
+    postures: list[np.ndarray] = field(default_factory=list)
+    arms: list[np.ndarray] = field(default_factory=list)
+    poses: list[np.ndarray] = field(default_factory=list)
+    steps: list[WholeBodyStep] = field(default_factory=list)
+    distances: list[float] = field(default_factory=list)
+
+    def broken_limits(self, whole: WholeBody) -> int:
+        """Return how many samples break a range, rate or acceleration of the arm, by plain comparison."""
+        robot, dt = whole.robot, whole.dt
+        arms, speeds = np.array(self.arms), np.array([step.joint_velocities for step in self.steps])
+        before = np.vstack([np.zeros(speeds.shape[1]), speeds[:-1]])
+        beyond = (arms < robot.lower - 1e-9) | (arms > robot.upper + 1e-9) | (np.abs(speeds) > robot.velocity + 1e-9)
+        return int((beyond | (np.abs(speeds - before) > robot.acceleration * dt + 1e-9)).any(axis=1).sum())
+
+
+class Ruler:
+    """Measures the kept distances of a scene with the true person in it.
+
+    Args:
+        whole: whose robot, base and load.
+        person: whose body, which need not be the controller's.
+    """
+
+    def __init__(self, whole: WholeBody, person: Follower) -> None:
+        """Build the true scene."""
+        known = whole.scene
+        self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
+        self._separation, self._data, self._person = Separation(self.scene), mujoco.MjData(self.scene.model), person
+
+    def __call__(self, posture: np.ndarray, arm: np.ndarray) -> float:
+        """Return the smallest distance [m] at a posture (32,) and joints of the arm (k,)."""
+        pelvis = self._person.contact(posture)[1]
+        place = np.array([*pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])])
+        self._data.qpos[:] = self.scene.qpos(place, posture, arm)
+        mujoco.mj_kinematics(self.scene.model, self._data)
+        return self._separation.smallest(self._data)[0]
+
+    def contact(self, arm: np.ndarray) -> np.ndarray:
+        """Return the contact frame (4, 4) where the arm holds it."""
+        self._data.qpos[self.scene.arm_qpos] = arm
+        mujoco.mj_kinematics(self.scene.model, self._data)
+        pose, site = np.eye(4), self.scene.contact_site
+        pose[:3, :3] = self._data.site_xmat[site].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[site]
+        return pose
+
+
+def run_whole_body(
+    whole: WholeBody,
+    person: Follower,
+    start: Start,
+    *,
+    duration: float,
+    seed: int = 0,
+    senses: Senses = EXACT,
+    checker: Checker | None = None,
+) -> WholeBodyTrace:
+    """Run the loop from `WholeBody.start` and return its trace.
+
+    Args:
+        whole: the step, made for the start's posture; reset here.
+        person: who follows.
+        start: of the person; its grasp is taken at the robot's contact frame.
+        duration: [s].
+        seed: of noise and lost frames.
+        senses: what lies between person and controller.
+        checker: judges the object's motion; None: nobody does.
+    """
+    whole.reset()
+    dt, posture, arm = whole.dt, start.posture.copy(), whole.start.copy()
+    ruler = Ruler(whole, person)
+    pose = ruler.contact(arm)
+    late = deque([pose] * (1 + round(senses.delay / dt)))
+    follow = 1.0 - float(np.exp(-dt / senses.hand_time))
+    errors = frames(senses, dt, np.random.default_rng([seed, 2]))
+    trace, previous, speeds, age = WholeBodyTrace(), np.zeros(6), np.zeros(len(arm)), 0.0
+    measured = posture.copy()
+    for number in range(round(duration / dt)):
+        error, arrives = next(errors)
+        age = 0.0 if arrives or number == 0 else age + dt
+        if age == 0.0:
+            measured = posture + error
+        step = whole.step(measured, arm, speeds, age=age)
+        if checker is not None:
+            rate = step.object_step.posture_rate
+            checker.check(step.twist, previous, pose, measured, rate, dt, None, step.object_step.slack)
+        trace.time.append(number * dt)
+        trace.postures.append(posture)
+        trace.arms.append(arm)
+        trace.poses.append(pose)
+        trace.steps.append(step)
+        trace.distances.append(ruler(posture, arm))
+        previous, speeds = step.twist, step.joint_velocities
+        arm = arm + speeds * dt
+        pose = ruler.contact(arm)
+        late.append(pose)
+        followed = late.popleft()
+        held = np.hstack([followed @ grip for grip in start.grasp])
+        posture, _, _ = person.move(posture, held, start.soles, follow, dt)
+    return trace

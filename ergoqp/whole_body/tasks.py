@@ -1,0 +1,151 @@
+"""What the whole body minimises and ties together, as tasks of mink; the unknown is the displacement of one period."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mink
+import numpy as np
+from mink.tasks import BaseTask
+
+from ergoqp.whole_body.moment import Moment
+from ergoqp.whole_body.scene import Columns
+
+TIE_WEIGHT = 1.0
+"""Weight of the tie as a term beside the constraint [1/s^2]: it is zero wherever the constraint holds and changes nothing, but
+makes the objective curved in the person's unknowns, which solvers want."""
+
+NULL_WEIGHT = 1e-3
+"""Weight of the arm's null space, against the object's effort of 1 and more [points / (rad/s)^2]."""
+
+
+class _MomentTask(BaseTask):
+    """A task that reads the present moment."""
+
+    def __init__(self, scene: Columns) -> None:
+        self.scene = scene
+        self.moment: Moment | None = None
+
+    def _now(self) -> Moment:
+        assert self.moment is not None  # set at the begin of every step
+        return self.moment
+
+    def _objective(self, columns: np.ndarray, H: np.ndarray, c: np.ndarray) -> mink.Objective:
+        """Put a small objective into that of all velocities."""
+        nv = self.scene.model.nv
+        full_H, full_c = np.zeros((nv, nv)), np.zeros(nv)
+        full_H[np.ix_(columns, columns)], full_c[columns] = H, c
+        return mink.Objective(full_H, full_c)
+
+
+class ErgonomicTask(_MomentTask):
+    """The posture's cost over the look-ahead T, in the person's joints: T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
+
+    B is Gauss-Newton on V with the step's caution, see DESIGN section 7 and `ergoqp.step_objective`. It acts on the posture's
+    own unknowns, as a cost of the posture should; the tie makes the object feel it through S.
+    """
+
+    def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
+        """Return curvature and slope in displacements."""
+        now = self._now()
+        root = now.terms["root"] / now.dt
+        return self._objective(self.scene.person[4:], root.T @ root, now.terms["slope"] / now.dt)
+
+
+class ObjectTask(_MomentTask):
+    """An objective of the object's twist, 1/2 xi' H xi + g' xi: effort R, smoothing, and contact that would be lost."""
+
+    def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
+        """Return curvature and slope in displacements of the arm."""
+        now = self._now()
+        J = now.jacobian / now.dt
+        return self._objective(self.scene.arm, J.T @ now.H @ J, J.T @ (now.g - now.H @ now.offset))
+
+
+class NullSpaceTask(_MomentTask):
+    """The second level: what the arm does beside the twist, 1/2 |N (dq - wish)|^2 with N = I - J^+ J.
+
+    N takes everything out that moves the object, so the two levels do not see each other and one QP solves both, exactly, as
+    long as no limit of the robot is active. Where one is, the twist may give way by about `NULL_WEIGHT` over the effort.
+    """
+
+    def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
+        """Return curvature and slope in displacements of the arm."""
+        now = self._now()
+        N = np.eye(len(now.arm_wish)) - np.linalg.pinv(now.jacobian) @ now.jacobian
+        weighted = NULL_WEIGHT * N / now.dt**2
+        return self._objective(self.scene.arm, weighted, -weighted @ now.arm_wish * now.dt)
+
+
+class _Rows(mink.Task):
+    """Linear rows that hold exactly when given to mink as constraints."""
+
+    def __init__(self, scene: Columns, count: int) -> None:
+        super().__init__(cost=np.full(count, np.sqrt(TIE_WEIGHT)))
+        self.scene = scene
+        self.moment: Moment | None = None
+
+    def _now(self) -> Moment:
+        assert self.moment is not None  # set at the begin of every step
+        return self.moment
+
+
+class Tie(_Rows):
+    """The person follows the object: pelvis and joints move by (carried, S) xi with xi = J dq - offset, in no other way.
+
+    Contact alone would let the QP choose among all postures that keep the contact, as if the robot moved the person.
+    """
+
+    def __init__(self, scene: Columns) -> None:
+        """Make 36 rows."""
+        super().__init__(scene, len(scene.person))
+
+    def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
+        """Return what the offset would make them do; nothing drifts, the posture is measured anew in every step."""
+        return self._follows() @ self._now().offset
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
+        """Return the rows, scaled by the period as all terms are."""
+        now = self._now()
+        rows = np.zeros((len(self.cost), self.scene.model.nv))
+        rows[:, self.scene.person] = np.eye(len(self.cost))
+        rows[:, self.scene.arm] = -self._follows() @ now.jacobian
+        return rows / now.dt
+
+    def _follows(self) -> np.ndarray:
+        """How pelvis and joints follow the twist (36, 6)."""
+        terms = self._now().terms
+        return np.vstack([terms["carried"], terms["S"]])
+
+
+class Held(_Rows):
+    """Axes of the object that have no choice, and joints of the robot's file that the arm does not use."""
+
+    def __init__(self, scene: Columns) -> None:
+        """Start with the idle joints."""
+        super().__init__(scene, 0)
+
+    def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
+        """Return how far each row is from what it must be, at no motion."""
+        now = self._now()
+        axes = fixed_axes(now)
+        return np.concatenate([np.zeros(len(self.scene.idle)), -(now.low + now.offset)[axes]])
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
+        """Return the rows."""
+        now = self._now()
+        axes, nv = fixed_axes(now), self.scene.model.nv
+        idle, moving = np.eye(nv)[self.scene.idle], np.zeros((len(axes), nv))
+        moving[:, self.scene.arm] = now.jacobian[axes] / now.dt
+        return np.vstack([idle, moving])
+
+
+def fixed_axes(now: Moment) -> np.ndarray:
+    """Return the numbers of the axes whose least and greatest twist are the same."""
+    return np.flatnonzero(now.high - now.low < 1e-12)
+
+
+def at_moment(parts: list[Any], moment: Moment) -> None:
+    """Let tasks and limits read a moment."""
+    for part in parts:
+        part.moment = moment

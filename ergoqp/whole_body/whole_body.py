@@ -1,0 +1,301 @@
+"""The control step of person, robot and object together: posture and robot in, joint velocities of the robot out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
+from ergoqp.problem import Problem
+from ergoqp.step import Step
+from ergoqp.whole_body.causes import held_back
+from ergoqp.whole_body.formulation import Formulation
+from ergoqp.whole_body.grasp import grasp
+from ergoqp.whole_body.inputs import check_length, numbers, rigid, start_of
+from ergoqp.whole_body.moment import Moment
+from ergoqp.whole_body.placing import default_base, pose_error
+from ergoqp.whole_body.robot import Robot, load_robot
+from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
+from ergoqp.whole_body.separation import Closeness, Separation
+from ergoqp.whole_body.stopping import joint_bounds
+from ergoqp.whole_body.terms import SAME, StepTerms, own_objective, pelvis_function, person_of
+
+_REST_TIME: Final = 1.0
+_REST_SPEED: Final = 0.5
+_RETREAT: Final = 0.05
+_LOOK: Final = 0.15
+_OFFSET: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class WholeBodyStep:
+    """The answer of one step.
+
+    Attributes:
+        joint_velocities: of the arm (k,) [rad/s]: send these.
+        twist: what the object really does with them (6,) [m/s, rad/s].
+        status: that of the object's own step where the robot does the same; ``slower`` where limits of the robot or the
+            distance hold it back; ``braking`` and ``invalid`` as there.
+        reason: one sentence that names the cause, empty for a plain optimal step.
+        min_distance: smallest of all kept distances where everything is now [m]; infinite where none is kept.
+        object_step: the object's own step (`ergoqp.step.Step`), in which the robot has no limits.
+        solve_time: duration of the call [s].
+    """
+
+    joint_velocities: np.ndarray
+    twist: np.ndarray
+    status: str
+    reason: str
+    min_distance: float
+    object_step: Step
+    solve_time: float
+
+
+class WholeBody:
+    """One control loop's whole-body step. Make one per loop.
+
+    Args:
+        problem: the task; its state must be a person's posture.
+        robot: ``"panda"``, the path of an MJCF or URDF file, or what `load_robot` gave.
+        frame: the robot's end-effector frame; None: ``"flange"``.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it, the tool's axis pointing
+            back into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
+        base: of the robot in the world of the problem (4, 4) [m]; None: see `ergoqp.whole_body.placing.default_base`.
+        posture: with which the loop starts (32,) [rad]; None: the comfort posture.
+        start: joints with which the arm holds the object then (k,) [rad]; None: found, see `ergoqp.whole_body.grasp`. Where
+            they are given, the object begins where they hold it.
+        distance: that robot and object keep from the person, and the object from the arm [m], see `Scene.pairs`; None: none.
+        reserve: kept beyond `distance`, for what the person does by themselves within the robot's reaction [m].
+        object_size: side lengths of the box on the end-effector frame [m].
+        dt: control period [s]; None: the problem's.
+
+    Attributes:
+        scene: the one MuJoCo model.
+        start: joints with which the arm holds the object at the start (k,) [rad].
+
+    Raises:
+        ProblemError: if the state of the problem is not a person's posture.
+        InputError: if an argument is unusable, or the arm cannot hold the object at the start.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        robot: str | Path | Robot = "panda",
+        *,
+        frame: str | None = None,
+        tool_frame: Any = None,
+        base: Any = None,
+        posture: Any = None,
+        start: Any = None,
+        distance: float | None = 0.05,
+        reserve: float = 0.01,
+        object_size: tuple[float, float, float] = (0.12, 0.12, 0.10),
+        dt: float | None = None,
+    ) -> None:
+        """Build the model, the functions and the QP's terms once; this takes about a second."""
+        self._person = person_of(problem)
+        self.stepper = problem.stepper(dt=dt)
+        self.problem, self.dt = self.stepper.problem, self.stepper.dt
+        self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
+        self.robot = robot if isinstance(robot, Robot) else load_robot(robot, frame or "flange")
+        check_length("distance", distance if distance is not None else 0.0, 0.0, 0.5)
+        check_length("reserve", reserve, 0.0, 0.2)
+        self.distance, self.reserve = distance, reserve
+        placed = default_base(problem, 0.20) if base is None else rigid("base", base)
+        held = rigid("tool_frame", tool_frame) if tool_frame is not None else None
+        begin = self._person.comfort if posture is None else numbers(posture, len(JOINTS))
+        if begin is None:
+            raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} finite numbers")
+        apart = None if distance is None else distance + reserve
+        if start is None:
+            self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
+        else:
+            load = Load(default_tool_frame(0.0) if held is None else held, object_size)
+            self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
+            self.start = start_of(start, self.robot)
+        self._formulation = Formulation(self.scene)
+        self._separation = Separation(self.scene)
+        limit = self.problem.twist_limit
+        self._pace = float(np.max(limit.speed / limit.acceleration))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the loop: it starts again from standstill."""
+        self.stepper.reset()
+        self._posture = self._person.comfort.copy()
+        self._sent = np.zeros(len(self.robot.joints))
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
+        self._offset = np.zeros(6)
+
+    def step(
+        self,
+        posture: Any,
+        arm: Any,
+        arm_speed: Any = None,
+        pose: Any = None,
+        *,
+        age: float = 0.0,
+        enable: bool = True,
+        observed: Any = None,
+    ) -> WholeBodyStep:
+        """Return the arm's next joint velocities; never an exception.
+
+        Args:
+            posture: joint angles of the person (32,) [rad]; None when no frame arrived.
+            arm: joint positions of the arm (k,) [rad].
+            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was sent.
+            pose: measured contact frame in the world (4, 4) [m]; None: where the arm holds it.
+            age: of the posture [s].
+            enable: False decelerates to rest.
+            observed: (32,) bool, joints of the person that the sensors see; None: all.
+        """
+        begin = time.perf_counter()
+        k = len(self.robot.joints)
+        positions, speeds = numbers(arm, k), self._sent if arm_speed is None else numbers(arm_speed, k)
+        if positions is None or speeds is None:
+            return self._blind(begin, posture, "arm" if positions is None else "arm_speed")
+        contact, jacobian = self._look(positions, speeds)
+        done = self._done(contact, jacobian, speeds)
+        seen = contact if pose is None else pose
+        object_step = self.stepper.step(posture, seen, done, age=age, enable=enable, observed=observed)
+        usable = object_step.status != "invalid"
+        sees = np.ones(len(JOINTS)) if observed is None or not usable else np.asarray(observed, dtype=float)
+        if usable and posture is not None:
+            self._posture = np.where(sees > 0.5, np.asarray(posture, dtype=float), self._person.comfort)
+        self._place(positions)
+        close, least = self._near()
+        moment = self._moment(object_step, positions, speeds, jacobian, done, close, sees)
+        velocities, status, why = self._solve(object_step, moment, done)
+        velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
+        self._sent = velocities
+        reason = "; ".join(part for part in (object_step.reason, why) if part)
+        twist = jacobian @ velocities - self._offset
+        return WholeBodyStep(velocities, twist, status, reason, least, object_step, time.perf_counter() - begin)
+
+    def _done(self, contact: np.ndarray, jacobian: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        """Return the object's twist in the last period (6,), and find what the arm missed of it: see `Moment.offset`."""
+        if self._before is None:
+            done = jacobian @ speeds
+        else:
+            there, then = self._before
+            done = then @ speeds - self._offset
+            missed = (self._offset + done) * self.dt - pose_error(there[:3, 3], there[:3, :3], contact)
+            self._offset = np.clip(missed / self.dt, -_OFFSET, _OFFSET)
+        self._before = contact, jacobian
+        return done
+
+    def _solve(self, object_step: Step, moment: Moment, done: np.ndarray) -> tuple[np.ndarray, str, str]:
+        """The ladder: the whole QP, then only the robot's limits, then every joint's own stop."""
+        formulation, arm = self._formulation, self.scene.arm
+        whole = object_step.status in ("optimal", "relaxed", "recovering") and object_step.residuals["accepted"] == 1.0
+        if whole:
+            solved = formulation.solve(moment, follow=True)
+            if solved is not None:
+                twist = moment.jacobian @ solved[arm] - moment.offset
+                if np.abs(twist - object_step.twist).max() < SAME:
+                    return solved[arm], object_step.status, ""
+                return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
+        # The object brakes, rests, or cannot have all of its rows: the robot does what comes nearest to it.
+        wanted = object_step.twist if not whole else self._braking(done)
+        effort = np.diag(np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3))
+        moment.H, moment.g = effort, -effort @ wanted
+        solved = formulation.solve(moment, follow=False)
+        if solved is not None:
+            twist = moment.jacobian @ solved[arm] - moment.offset
+            if not whole and np.abs(twist - wanted).max() < SAME:
+                return solved[arm], object_step.status, ""
+            if not whole:
+                return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
+            return solved[arm], "braking", "robot and object cannot keep all limits: " + held_back(self, moment, solved)
+        stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
+        return stop, "braking", "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+
+    def _braking(self, previous: np.ndarray) -> np.ndarray:
+        """The object's braking twist after the last one: as much slower as its acceleration allows."""
+        stop = float(np.max(np.abs(previous) / self.problem.twist_limit.acceleration))
+        return previous * max(0.0, 1 - self.dt / stop) if stop > 0 else previous
+
+    def _moment(
+        self,
+        object_step: Step,
+        positions: np.ndarray,
+        speeds: np.ndarray,
+        jacobian: np.ndarray,
+        done: np.ndarray,
+        close: Closeness | None,
+        sees: np.ndarray,
+    ) -> Moment:
+        robot = self.robot
+        terms, slack = self._terms(object_step, self._posture, done, sees)
+        self._formulation.rows.slack = slack
+        ranges = (robot.lower, robot.upper)
+        low, high = joint_bounds(positions, speeds, ranges, robot.velocity, robot.acceleration, self.dt, self._pace)
+        smooth = self.problem.control.smoothing / self.dt
+        home = np.clip((self.start - positions) / _REST_TIME, -_REST_SPEED, _REST_SPEED)
+        wish = (home + smooth * speeds) / (1 + smooth)
+        H, g = own_objective(terms)
+        moment = Moment(
+            self.dt, jacobian, terms, H, g, terms["low"], terms["high"], speeds, low, high, wish, self._offset, close
+        )
+        if close is not None:
+            moment.approach = self._approach(close, low, high)
+        return moment
+
+    def _look(self, positions: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the contact frame (4, 4), and its Jacobian after the arm's joints (6, k) in the middle of the coming period.
+
+        The arm turns while it moves: with the Jacobian of the begin the object would leave its straight way by what the
+        Jacobian changes in half a period, again and again to the same side. The last speeds tell where the middle will be.
+        """
+        scene, site = self.scene, self.scene.contact_site
+        data = self._place(positions)
+        contact, jacobian = np.eye(4), np.zeros((6, scene.model.nv))
+        contact[:3, :3], contact[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+        data = self._place(positions + speeds * self.dt / 2)
+        mujoco.mj_jacSite(scene.model, data, jacobian[:3], jacobian[3:], site)
+        return contact, jacobian[:, scene.arm]
+
+    def _place(self, positions: np.ndarray) -> mujoco.MjData:
+        """Put person and arm where they are."""
+        configuration = self._formulation.configuration
+        pelvis = np.array(self._pelvis(self._posture)[0]).ravel()
+        configuration.update(self.scene.qpos(pelvis, self._posture, positions))
+        return configuration.data
+
+    def _near(self) -> tuple[Closeness | None, float]:
+        if self.distance is None:
+            return None, float("inf")
+        data = self._formulation.configuration.data
+        close = self._separation.near(data, self.distance + self.reserve + _LOOK)
+        least = float(close.distances.min()) if len(close.pairs) else self._separation.smallest(data)[0]
+        return close, least
+
+    def _approach(self, close: Closeness, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Largest speeds of approach: what is left, over the time that the object takes to stop from full speed.
+
+        So the distance is come to ever more slowly, with no more deceleration than the object has. Nearer than that, the robot
+        retreats, as fast as its joints allow and at most by 0.05 m/s.
+        """
+        left = close.distances - (self.distance or 0.0) - self.reserve
+        allowed = np.where(left >= 0, left, np.maximum(left, -_RETREAT * self._pace)) / self._pace
+        arm = -close.gradients[:, self.scene.arm]
+        least = np.minimum(arm * low, arm * high).sum(axis=1)
+        return np.maximum(allowed, least)
+
+    def _blind(self, begin: float, posture: Any, what: str) -> WholeBodyStep:
+        """Without knowing the arm: its joints slow down from what was sent."""
+        k = len(self.robot.joints)
+        slower = np.sign(self._sent) * np.maximum(np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0)
+        self._sent = slower
+        object_step = self.stepper.step(posture, enable=False)
+        reason = f"{what} is not {k} finite numbers: every joint of the robot stops by itself"
+        return WholeBodyStep(
+            slower, object_step.twist, "invalid", reason, float("nan"), object_step, time.perf_counter() - begin
+        )

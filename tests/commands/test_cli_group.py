@@ -1,0 +1,49 @@
+"""The command line's places for a group and a population."""
+
+import csv
+import json
+
+import pytest
+from command_line import mistake
+
+
+def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    done = ergoqp("optimise", "desk", "--group", "1.6,1.9", "--starts", "1", "--load-kg", "6", "--out", tmp_path / "out")
+    assert done.status == 0, done.err
+    summary = json.loads((tmp_path / "out" / "group.json").read_text(encoding="utf-8"))
+    assert [member["label"] for member in summary["members"]] == ["1.60 m", "1.90 m"]
+    # 5 to 10 kg are one point in score A.
+    assert all("load of 6 kg +1" in " ".join(member["reasons"]) for member in summary["members"])
+    for word in ("1.60 m", "alone", "highest", "adjustable", "height", "group.npz", "report.html"):
+        assert word in done.out
+    assert "One place for 2 people" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_population_has_a_row_each(ergoqp, tmp_path):
+    done = ergoqp("optimise", "desk", "--population", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out")
+    assert done.status == 0, done.err
+    with (tmp_path / "out" / "population.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["person"] for row in rows] == ["1.60 m", "1.90 m"]
+    assert all(1 <= int(row["reba_best"]) <= int(row["reba_before"]) for row in rows)
+    assert "1.60 m" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--group", "tall,small"), "--group: got 'tall,small', allowed statures in metres with commas between, or how many"),
+        (("--group", "1.6,9"), "stature: got 9.0 m"),
+        (("--group", "0"), "got 0 people"),
+        (("--group", "1.7", "--objective", "best"), "--objective: got 'best', allowed minimax, mean"),
+        (("--group", "1.7", "--load-kg", "1,2"), "--load-kg: got 2 numbers, allowed one"),
+        (("--group", "1.7", "--hands", "three"), "hands: got 'three', allowed right, left, both"),
+        (("--group", "1.7", "--population", "1.7"), "--population: not allowed with --group"),
+        (("--population", "1.7,x"), "--population: got '1.7,x'"),
+        (("--population", "1.7", "--person", "1.8"), "--person: not allowed with --population"),
+        (("--hands", "both"), "allowed with --group or --population"),
+    ],
+)
+def test_mistakes_of_groups(ergoqp, arguments, words):
+    assert words in mistake(ergoqp("optimise", "desk", *arguments))

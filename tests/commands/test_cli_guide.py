@@ -1,0 +1,45 @@
+"""``ergoqp run --guide``: what it writes, and what it says about mistakes."""
+
+import json
+
+import numpy as np
+import pytest
+from command_line import mistake
+
+from ergoqp.problem_file import load_problem
+
+
+@pytest.fixture(scope="module")
+def optimum(tmp_path_factory):
+    problem = load_problem("desk")
+    folder = tmp_path_factory.mktemp("optimum")
+    found = problem.optimise(problem.response.comfort, starts=2)
+    found.save(folder)
+    return found, folder
+
+
+def test_a_run_is_told_the_place(ergoqp, tmp_path, optimum):
+    found, folder = optimum
+    outcome = ergoqp("run", "desk", "--duration", "1", "--guide", folder / "optimum.json", "--out", tmp_path / "out")
+    assert outcome.status == 0, outcome.err
+    place = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))["guide"]
+    np.testing.assert_allclose(place["position_m"], found.pose[:3, 3])
+    assert np.linalg.norm(place["quaternion_xyzw"]) == pytest.approx(1)
+    assert place["promise"] == pytest.approx(float(load_problem("desk").cost(found.posture)[0]))
+    assert "is given the place" in " ".join(outcome.out.split())
+
+
+def test_the_best_place_is_looked_for(ergoqp, tmp_path):
+    outcome = ergoqp("run", "desk", "--duration", "0.5", "--guide", "best", "--out", tmp_path)
+    assert outcome.status == 0, outcome.err
+    assert "looking for the best place" in outcome.err
+    assert json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))["guide"]["promise"] < 2
+
+
+def test_mistakes(ergoqp, tmp_path, optimum):
+    _, folder = optimum
+    assert "'nowhere.json' cannot be read" in mistake(ergoqp("run", "desk", "--guide", "nowhere.json"))
+    assert "--guide: got a place of problem desk, allowed one of problem screwing" in mistake(
+        ergoqp("run", "screwing", "--guide", folder)
+    )
+    assert not (tmp_path / "ergoqp-out").exists()

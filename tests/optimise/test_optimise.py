@@ -1,0 +1,163 @@
+"""The best place: verified by the person and the sheet, the same wherever it is computed, and clear about what is wrong."""
+
+import numpy as np
+import pytest
+
+import ergoqp
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.optimise.optimum import Optimum
+from ergoqp.simulation.best import workspace_map
+from ergoqp.simulation.people import sample_person
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return ergoqp.load_problem("dentist")
+
+
+@pytest.fixture(scope="module")
+def best(problem) -> Optimum:
+    return problem.optimise(starts=6, seed=1)
+
+
+def with_limit(problem, limit):
+    return problem.replace(limits=[*(each for each in problem.limits if not isinstance(each, type(limit))), limit])
+
+
+def same(one, other):
+    for trial, again in zip(one.trials, other.trials, strict=True):
+        np.testing.assert_array_equal(trial.pose, again.pose)
+        np.testing.assert_array_equal(trial.posture, again.posture)
+        assert (trial.reba, trial.kkt_residual, trial.note) == (again.reba, again.kkt_residual, again.note)
+
+
+class TestBest:
+    def test_better_and_optimal(self, best):
+        assert best.reba_after < best.reba_before
+        assert best.kkt_residual <= 1e-6
+        assert best.reba_after == min(trial.reba for trial in best.trials if trial.reba)
+        assert best.mode == "stackelberg"
+
+    def test_within_its_limits(self, problem, best):
+        box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        assert (best.pose[:3, 3] >= np.asarray(box.lower) - 1e-9).all()
+        assert (best.pose[:3, 3] <= np.asarray(box.upper) + 1e-9).all()
+        assert best.pose[:3, 0] @ cone.direction >= np.cos(np.radians(cone.half_angle_deg)) - 1e-6
+        np.testing.assert_allclose(best.pose[:3, :3].T @ best.pose[:3, :3], np.eye(3), atol=1e-12)
+
+    def test_the_person_comes_to_rest_there(self, problem, best):
+        from ergoqp.simulation.person import Follower
+
+        person = Follower(problem.response)
+        grasp, soles = person.grasp(best.posture_before), person.stand(best.posture_before)
+        settled, reached = person.settle(best.posture, best.pose, grasp, soles, steps=1000)
+        assert reached
+        np.testing.assert_allclose(settled, best.posture, atol=1e-4)
+        assert problem.assess(settled).final[0] == best.reba_after
+
+    def test_as_low_as_brute_force(self):
+        problem = ergoqp.load_problem("desk")
+        person = sample_person(problem, 5)
+        found = problem.optimise(starts=4, person=person)
+        assert found.reba_after <= workspace_map(problem, person, cache=False).best
+
+    def test_cooperative_is_no_worse(self, problem, best):
+        bound = problem.optimise(starts=6, seed=1, mode="cooperative")
+        assert bound.mode == "cooperative"
+        assert bound.reba_after <= best.reba_after
+        assert bound.kkt_residual <= 1e-6
+        assert bound.cost_after <= best.cost_after + 1e-3
+
+    @pytest.mark.parametrize("solver", ["fatrop", "sqpmethod"])
+    def test_other_solvers(self, problem, best, solver):
+        found = problem.optimise(starts=2, seed=1, solver=solver)
+        assert found.reba_after == best.reba_after
+        assert found.kkt_residual <= 1e-6
+
+    def test_start_of_ones_own(self, problem, best):
+        again = problem.optimise(best.posture_before, starts=6, seed=1, pose=best.pose_before)
+        np.testing.assert_allclose(again.pose, best.pose, atol=1e-6)
+
+    def test_another_body(self, problem):
+        found = problem.optimise(starts=2, person=Body.of_stature(1.55))
+        assert found.response.body.stature == 1.55
+        assert any("1.55 m" in sentence for sentence in found.assumptions)
+
+    def test_saved_and_loaded(self, best, tmp_path):
+        assert Optimum.load(best.save(tmp_path)).as_dict() == best.as_dict()
+
+    def test_progress(self, problem):
+        shares = []
+        problem.optimise(starts=2, progress=shares.append)
+        assert shares == [0.5, 1.0]
+
+
+class TestLimits:
+    def test_object_that_only_rises_keeps_its_other_axes(self, problem, best):
+        lift = with_limit(problem, TwistLimit(axes=("z",)))
+        found = lift.optimise(best.posture_before, starts=2)
+        np.testing.assert_allclose(found.pose[:2, 3], best.pose_before[:2, 3], atol=1e-9)
+        np.testing.assert_allclose(found.pose[:3, :3], best.pose_before[:3, :3], atol=1e-9)
+
+    def test_narrower_range_holds(self, problem, best):
+        limit = JointLimit(ranges_deg={"right_elbow_flexion": (100, 140)})
+        found = with_limit(problem, limit).optimise(starts=4, seed=1)
+        elbow = ergoqp.JOINTS.index("right_elbow_flexion")
+        assert best.posture[elbow] < np.radians(99)
+        assert found.posture[elbow] >= np.radians(100) - 1e-3
+        assert found.kkt_residual <= 1e-6
+
+    def test_learned_cost_and_boundary(self):
+        problem = ergoqp.load_problem("screwing_learned")
+        found = problem.optimise(starts=2)
+        assert found.tau_deg is None
+        assert found.reba_after < found.reba_before
+        boundary = problem.limits[-1]
+        assert float(np.ravel(np.array(boundary.measure()(found.posture)))[0]) >= -0.051
+
+
+class TestMistakes:
+    @pytest.mark.parametrize(
+        ("wrong", "words"),
+        [
+            (dict(mode="nice"), "mode: got 'nice', allowed stackelberg, cooperative"),
+            (dict(solver="cplex"), "solver: got 'cplex', allowed ipopt, fatrop, sqpmethod"),
+            (dict(starts=0), "starts: got 0"),
+            (dict(starts=2.5), "starts: got 2.5"),
+            (dict(seed=-1), "seed: got -1"),
+            (dict(jobs=0), "jobs: got 0"),
+            (dict(tau_deg=0.0), "tau_deg: got 0.0"),
+            (dict(posture=np.zeros(31)), "posture: got shape"),
+            (dict(posture=np.zeros(32), pose=np.zeros((4, 4))), "pose: got"),
+            (dict(person="me"), "person: got str"),
+        ],
+    )
+    def test_arguments(self, problem, wrong, words):
+        with pytest.raises(InputError, match=words):
+            problem.optimise(**wrong)
+
+    def test_nothing_in_reach(self, problem, best):
+        far = with_limit(problem, WorkspaceBox((5, 5, 5), (6, 6, 6)))
+        with pytest.raises(InputError, match=r"none of 2 starts ended .* \(2 out of reach\)"):
+            far.optimise(best.posture_before, starts=2)
+
+    def test_no_workspace(self, problem):
+        limits = [limit for limit in problem.limits if not isinstance(limit, WorkspaceBox)]
+        with pytest.raises(InputError, match=r"no limits\.workspace"):
+            problem.replace(limits=limits).optimise()
+
+    def test_nothing_to_choose(self, problem):
+        point = with_limit(with_limit(problem, WorkspaceBox((0.4, 0, 1), (0.4, 0, 1))), TwistLimit(axes=("x", "z")))
+        with pytest.raises(InputError, match="nothing to choose"):
+            point.optimise()
+
+    def test_object_where_it_may_not_be(self, problem, best):
+        lift = with_limit(with_limit(problem, TwistLimit(axes=("z",))), WorkspaceBox((0.9, -0.2, 0.6), (1.0, 0.2, 1.2)))
+        with pytest.raises(InputError, match="where it cannot move"):
+            lift.optimise(best.posture_before)
+
+    def test_no_person(self):
+        with pytest.raises(InputError, match="LinearResponse"):
+            ergoqp.load_problem("forearm").optimise()

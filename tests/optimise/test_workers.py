@@ -1,0 +1,132 @@
+"""The same trials whoever solves the starts, and none of them lost when a run is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import ergoqp
+from ergoqp.errors import InputError
+from ergoqp.optimise.ledger import FILE
+from ergoqp.simulation.starts import awkward_start
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return ergoqp.load_problem("dentist")
+
+
+@pytest.fixture(scope="module")
+def alone(problem):
+    return problem.optimise(starts=6, seed=3)
+
+
+def same(one, other):
+    assert len(one.trials) == len(other.trials)
+    for trial, again in zip(one.trials, other.trials, strict=True):
+        np.testing.assert_array_equal(trial.pose, again.pose)
+        np.testing.assert_array_equal(trial.posture, again.posture)
+        assert (trial.number, trial.reba, trial.kkt_residual) == (again.number, again.reba, again.kkt_residual)
+    np.testing.assert_array_equal(one.pose, other.pose)
+
+
+def test_same_in_two_processes(problem, alone):
+    same(problem.optimise(starts=6, seed=3, jobs=2), alone)
+
+
+def test_another_seed_begins_elsewhere(problem, alone):
+    other = problem.optimise(alone.posture_before, starts=6, seed=4, pose=alone.pose_before)
+    assert any(np.abs(a.pose - b.pose).max() > 0 for a, b in zip(other.trials[1:], alone.trials[1:], strict=True))
+
+
+def test_same_on_a_cluster(problem, alone):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", silence_logs=50
+    )
+    with cluster:
+        same(problem.optimise(starts=6, seed=3, scheduler=cluster.scheduler_address), alone)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ftp://127.0.0.1:8786"])
+def test_no_cluster_there(problem, alone, address, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("ergoqp.optimise.workers.TIMEOUT", 0.5)
+    with pytest.raises(InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"):
+        problem.optimise(alone.posture_before, starts=2, scheduler=address)
+
+
+def test_what_cannot_be_sent(problem, alone):
+    class Own:
+        name, minimum = "own", 1.0
+        symbol = ca.MX.sym("not to be sent")
+
+        def __call__(self, postures):
+            return 1 + (np.atleast_2d(postures) ** 2).sum(axis=1)
+
+        def expression(self, q):
+            return 1 + ca.sumsqr(q)
+
+    with pytest.raises(InputError, match=r"jobs: the terms of problem dentist cannot be sent to other processes"):
+        problem.replace(cost=Own()).optimise(alone.posture_before, starts=2, jobs=2)
+
+
+CHILD = """
+import sys, ergoqp
+ergoqp.load_problem("dentist").optimise(starts=200, seed=3, out=sys.argv[1])
+"""
+
+
+def test_a_killed_run_goes_on(problem, alone, tmp_path):
+    ledger = tmp_path / FILE
+    child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path)])
+    try:
+        give_up = time.monotonic() + 60
+        while not (ledger.is_file() and len(ledger.read_text(encoding="utf-8").splitlines()) >= 3):
+            assert child.poll() is None
+            assert time.monotonic() < give_up
+            time.sleep(0.01)
+    finally:
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+    finished = [json.loads(line) for line in ledger.read_text(encoding="utf-8").splitlines()]
+    assert 3 <= len(finished) < 200
+    with ledger.open("a", encoding="utf-8") as file:
+        file.write('{"key": "cut off in the mid')
+    solved = []
+    again = problem.optimise(starts=len(finished) + 2, seed=3, out=tmp_path, progress=solved.append)
+    # Only the two that were missing were solved, and the others are the ones that were finished.
+    assert len(solved) == 2
+    for entry in finished:
+        assert again.trials[entry["trial"]["number"]].seconds == entry["trial"]["seconds"]
+    for trial, once in zip(again.trials, alone.trials, strict=False):
+        np.testing.assert_array_equal(trial.pose, once.pose)
+    nothing = problem.optimise(
+        starts=len(finished) + 2, seed=3, out=tmp_path, progress=lambda share: pytest.fail("solved again")
+    )
+    same(nothing, again)
+
+
+def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tmp_path):
+    problem.optimise(alone.posture_before, starts=1, out=tmp_path)
+    for options in ({"seed": 1}, {"mode": "cooperative"}, {"tau_deg": 1.0}, {"posture": problem.response.comfort}):
+        solved = []
+        arguments = {"posture": alone.posture_before, "starts": 1, "out": tmp_path, "progress": solved.append, **options}
+        problem.optimise(**arguments)
+        assert solved == [1.0]
+    heavier = ergoqp.load_problem("dentist").replace(task={**problem.task, "load_kg": 8})
+    solved = []
+    heavier.optimise(alone.posture_before, starts=1, out=tmp_path, progress=solved.append)
+    assert solved == [1.0]
+
+
+def test_awkward_start_is_that_of_run(problem, alone):
+    from ergoqp.simulation.person import Follower
+
+    np.testing.assert_array_equal(alone.posture_before, awkward_start(problem, Follower(problem.response), 3))

@@ -1,0 +1,204 @@
+"""The pages of an optimum and of a group's place in a browser, and the pictures on them."""
+
+import shutil
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_samples import AWKWARD, EASY, posture
+
+from ergoqp.human import Body
+from ergoqp.optimise.group import best_for_group
+from ergoqp.optimise.people import read_people
+from ergoqp.optimise.place_search import Placing
+from ergoqp.optimise.slices import Slice, slices_through
+from ergoqp.problem_file import load_problem
+from ergoqp.report import palette
+from ergoqp.report.group_page import write_group_page
+from ergoqp.report.lineup import Standing, lineup
+from ergoqp.report.optimum_page import change_of, place_words, write_optimum_page
+from ergoqp.report.score_map import Spot, score_map
+from ergoqp.simulation.person import Follower
+
+CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+PATIENCE = 120_000  # of a busy machine [ms]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no chromium executable on the PATH")
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--headless=new", "--no-sandbox", "--no-first-run"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def desk():
+    return load_problem("desk")
+
+
+@pytest.fixture(scope="module")
+def pages(desk, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages")
+    best = replace(desk.optimise(starts=2), title="<i>Desk</i> & more")
+    write_optimum_page(best, desk, folder / "optimum.html", cooperative=desk.optimise(starts=1, mode="cooperative"))
+    people = read_people(desk, (1.5, 1.9))
+    found = replace(best_for_group(desk, people, starts=1, cache=False), title="<i>Desk</i> & more")
+    write_group_page(found, desk, people, folder / "group.html")
+    return {"optimum": folder / "optimum.html", "group": folder / "group.html"}
+
+
+SECTIONS = {
+    "optimum": ["Postures", "Map", "Segments and reasons", "At rest, and with the posture chosen", "Starts", "Options"],
+    "group": ["Postures", "People", "What could be made adjustable", "Map of the highest score", "Map of the mean score",
+              "Reasons", "Options"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["optimum", "group"])
+@pytest.mark.parametrize("width", [390, 1000])
+def test_page_in_a_browser(browser, pages, name, width):
+    context = browser.new_context(viewport={"width": width, "height": 900})
+    page = context.new_page()
+    requests, errors = [], []
+    page.on("request", lambda request: requests.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.goto(pages[name].as_uri(), wait_until="load", timeout=PATIENCE)
+    assert page.locator("h2").all_inner_texts() == [*SECTIONS[name], "Assumptions"]
+    charts = page.locator("svg.chart[role=img]")
+    assert charts.count() >= 3
+    for i in range(charts.count()):
+        box = charts.nth(i).bounding_box()
+        assert box["width"] > 50
+        assert box["height"] > 20
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    context.close()
+    assert errors == []
+    assert requests == [pages[name].as_uri()]
+
+
+@pytest.mark.parametrize("name", ["optimum", "group"])
+def test_words_are_escaped_and_the_page_is_small(pages, name):
+    text = pages[name].read_text(encoding="utf-8")
+    assert "<i>Desk" not in text
+    assert "&lt;i&gt;Desk&lt;/i&gt; &amp; more" in text
+    assert "<iframe" not in text
+    assert len(text) < 500_000
+
+
+def test_a_slice_is_what_the_person_does_there(desk):
+    follower = Follower(desk.response)
+    pose = np.eye(4)
+    pose[:3, 3] = (0.42, 1e-8, 0.7)  # on an end of the workspace, to rounding
+    (found,) = slices_through(desk, [follower], pose, spacing=0.15)
+    assert (found.across, found.up) == (3, 2)
+    comfort = follower.response.comfort
+    soles, grasp = follower.stand(comfort), follower.grasp(comfort)
+    for row, column in ((0, 5), (2, 0), (5, 9)):
+        there = np.eye(4)
+        there[:3, 3] = (0.42, 0.0, found.vertical[row])
+        angle = found.horizontal[column]
+        there[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        rest, reached = follower.settle(comfort, there, grasp, soles)
+        assert found.scores[0, row, column] == (desk.assess(rest).final[0] if reached else 0)
+
+
+def test_tilts_outside_the_cone_are_no_places():
+    dentist = load_problem("dentist")
+    follower = Follower(dentist.response)
+    box = next(limit for limit in dentist.limits if hasattr(limit, "lower"))
+    height = replace(box, lower=(0.4, 0.0, 0.8), upper=(0.4, 0.0, 0.8))
+    fixed = dentist.replace(limits=[height if limit is box else limit for limit in dentist.limits])
+    middle = Placing.of(fixed).pose(np.array([0.4, 0.0, 0.8, 0.0, 0.0]))
+    (found,) = slices_through(fixed, [follower], middle)
+    assert (found.across, found.up) == (3, 4)
+    assert found.scores[0, 0, 0] == -1
+    assert found.scores[0, 5, 5] >= 0
+
+
+def made_slice(scores, across=0, up=2):
+    rows, columns = scores.shape[1:]
+    return Slice(across, up, np.linspace(-0.2, 0.2, columns), np.linspace(0.5, 1.0, rows), scores, np.zeros(5))
+
+
+def parsed(svg):
+    assert "nan" not in svg.lower()
+    return ET.fromstring(svg)
+
+
+def test_a_map_has_a_numbered_cell_per_place():
+    scores = np.array([[[1, 4, 0], [2, 9, -1]]])
+    values = scores[0].astype(float)
+    root = parsed(score_map(made_slice(scores), values, "map", [Spot(np.array([0.2, 0, 1.0, 0, 0]), "best")]))
+    cells = [(rect.get("class"), rect.find("title").text) for rect in root.iter("rect") if rect.find("title") is not None]
+    assert [style for style, _ in cells] == ["level0", "level2", "missed", "level1", "level3"]
+    assert [words.rpartition(": ")[2] for _, words in cells] == ["1", "4", "not reached", "2", "9"]
+    assert cells[0][1].startswith("x −0.2, z 0.5")
+    texts = [text.text for text in root.iter("text")]
+    assert {"1", "4", "2", "9", "best", "x, forward, m", "z, height, m"} <= set(texts)
+    assert "80 % of the places reached" in root.find("desc").text
+
+
+def test_up_is_up_and_who_cannot_reach_is_told():
+    scores = np.array([[[1, 2, 3], [4, 4, 4]]])
+    root = parsed(
+        score_map(
+            made_slice(scores, across=3),
+            np.array([[1.0, 0.0, 2.4], [4, 4, 4]]),
+            "map",
+            missing=lambda row, column: f"p{column}",
+        )
+    )
+    cells = [rect for rect in root.iter("rect") if rect.find("title") is not None]
+    # Turning about y by a negative angle tilts up, and up is to the right.
+    assert float(cells[0].get("x")) > float(cells[2].get("x"))
+    assert cells[1].find("title").text.endswith("not reached by p1")
+    assert cells[2].get("class") == "level1"
+    assert "2.4" in [text.text for text in root.iter("text")]
+
+
+def standing(label, stature, angles, score):
+    body = Body.of_stature(stature)
+    base, contact = np.eye(4), np.eye(4)
+    base[2, 3], contact[:3, 3] = 0.53 * stature, (0.4, -0.2, 1.0)
+    segments = dict.fromkeys(palette.SEGMENTS, 1)
+    return Standing(body, posture(angles), base, segments, label, score, contact)
+
+
+def test_a_row_of_people_is_on_one_scale():
+    root = parsed(lineup([standing("small", 1.5, EASY, 2), standing("tall", 2.0, EASY, 5)], "row"))
+    lines = [line for line in root.iter("line") if line.get("stroke")]
+    highest = []
+    for left, right in ((0.0, 0.5), (0.5, 1.0)):
+        width = float(root.get("viewBox").split()[2])
+        tops = [float(line.get("y1")) for line in lines if left * width <= float(line.get("x1")) < right * width]
+        highest.append(min(tops))
+    floor = next(float(line.get("y1")) for line in root.iter("line") if line.get("class") == "axis")
+    assert (floor - highest[0]) / (floor - highest[1]) == pytest.approx(1.5 / 2.0, rel=0.02)
+    dots = [circle for circle in root.iter("circle") if circle.get("class") == "dot"]
+    assert len({circle.get("cy") for circle in dots}) == 1
+    assert {"REBA 2", "REBA 5", "small", "tall"} <= {text.text for text in root.iter("text")}
+
+
+def test_a_long_row_is_broken():
+    people = [standing(f"person {i}", 1.7, AWKWARD, 8) for i in range(11)]
+    root = parsed(lineup(people, "row"))
+    assert float(root.get("viewBox").split()[2]) <= 800
+    floors = {line.get("y1") for line in root.iter("line") if line.get("class") == "axis"}
+    assert len(floors) >= 2
+
+
+def test_words():
+    assert change_of(7, 3) == "4 points better."
+    assert change_of(2, 3) == "1 point worse."
+    assert change_of(2, 2) == "The score is what it was."
+    pose = np.eye(4)
+    pose[:3, 3] = (-0.001, -0.25, 1.0)
+    assert place_words(pose).replace("\u00a0", " ") == "x 0.00, y −0.25, z 1.00 m"

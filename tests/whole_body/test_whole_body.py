@@ -1,0 +1,137 @@
+"""The whole body's step: the object's own twist where the robot has no limits, and one within its limits where it has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mink")
+
+import ergoqp
+from ergoqp.errors import InputError, ProblemError
+from ergoqp.simulation.best import draw_starts
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.whole_body import WholeBody, load_robot
+from ergoqp.whole_body.loop import run_whole_body
+from ergoqp.whole_body.terms import Evaluator, own_objective, terms_function
+
+
+def without_limits():
+    """The Panda's tree without ranges, rates and accelerations to speak of."""
+    robot = load_robot("panda")
+    k = np.ones(len(robot.joints))
+    return replace(robot, lower=robot.lower - 50, upper=robot.upper + 50, velocity=1e3 * k, acceleration=1e6 * k)
+
+
+@pytest.mark.parametrize("name", ["screwing", "desk", "low_bin"])
+def test_without_limits_of_the_robot_it_is_the_twist_of_the_fast_step(name):
+    problem = ergoqp.load_problem(name)
+    person = sample_person(problem, 0, body=problem.response.body)
+    start = draw_starts(problem, person, 1, 0, 3)[0]
+    whole = WholeBody(problem, without_limits(), posture=start.posture, distance=None)
+    trace = run_whole_body(whole, person, start, duration=1.5, senses=Senses())
+    compared = [step for step in trace.steps if step.object_step.status in ("optimal", "relaxed", "recovering")]
+    compared = [step for step in compared if step.object_step.residuals["accepted"] == 1]
+    assert len(compared) > 100
+    assert max(np.abs(step.twist).max() for step in compared) > 0.04
+    assert max(np.abs(step.twist - step.object_step.twist).max() for step in compared) < 1e-8
+
+
+@pytest.fixture(scope="module")
+def near_the_thigh():
+    """A dentist's start from which the object would come down onto the thigh."""
+    problem = ergoqp.load_problem("dentist")
+    person = sample_person(problem, 0, body=problem.response.body)
+    return problem, person, draw_starts(problem, person, 1, 0, 3)[0]
+
+
+def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
+    problem, person, start = near_the_thigh
+    careless = WholeBody(problem, posture=start.posture, distance=None)
+    without = run_whole_body(careless, person, start, duration=4.5)
+    assert min(without.distances) < 0.045
+    checker = Checker(problem)
+    careful = WholeBody(problem, posture=start.posture, distance=0.05)
+    trace = run_whole_body(careful, person, start, duration=4.5, checker=checker)
+    assert min(trace.distances) >= 0.05 - 1e-4
+    assert trace.broken_limits(careful) == 0
+    assert not any(checker.violations.values())
+    held = [step for step in trace.steps if step.status == "slower"]
+    assert held
+    assert "distance of" in held[0].reason
+    before, after = problem.assess(np.array([trace.postures[0], trace.postures[-1]])).final
+    assert after < before
+
+
+def test_slow_joints_make_a_slower_object_and_are_named(near_the_thigh):
+    problem, person, start = near_the_thigh
+    slow = replace(load_robot("panda"), velocity=np.full(7, 0.1), acceleration=np.full(7, 1.0))
+    whole = WholeBody(problem, slow, posture=start.posture)
+    trace = run_whole_body(whole, person, start, duration=1.0)
+    assert trace.broken_limits(whole) == 0
+    speeds = np.array([step.joint_velocities for step in trace.steps])
+    assert np.abs(speeds).max() > 0.0999
+    assert any(step.status == "slower" and "rate of joint" in step.reason for step in trace.steps)
+
+
+def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
+    problem, _, start = near_the_thigh
+    whole = WholeBody(problem, posture=start.posture)
+    for _ in range(15):
+        moving = whole.step(start.posture, whole.start)
+    assert np.abs(moving.joint_velocities).max() > 0.01
+    bad_posture = start.posture.copy()
+    bad_posture[3] = np.nan
+    odd = (
+        ((None, whole.start), {}, "braking"),
+        ((bad_posture, whole.start), {}, "invalid"),
+        (("no posture", whole.start), {}, "invalid"),
+        ((start.posture, whole.start), {"age": 9.0}, "braking"),
+        ((start.posture, whole.start), {"enable": False}, "braking"),
+        ((start.posture, whole.start), {"pose": np.zeros((4, 4))}, "invalid"),
+        ((start.posture, whole.start), {"observed": "all"}, "invalid"),
+        ((start.posture, np.full(7, np.nan)), {}, "invalid"),
+        ((start.posture, None), {}, "invalid"),
+        ((start.posture, whole.start, [1, 2]), {}, "invalid"),
+    )
+    for arguments, options, status in odd:
+        before = moving.joint_velocities
+        moving = whole.step(*arguments, **options)
+        assert moving.status == status
+        assert moving.reason
+        assert np.isfinite(moving.joint_velocities).all()
+        assert (np.abs(moving.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
+    unseen = np.ones(32, dtype=bool)
+    unseen[4] = False
+    bad_posture[3], bad_posture[4] = start.posture[3], np.nan
+    step = whole.step(bad_posture, whole.start, observed=unseen)
+    assert step.status in ("optimal", "recovering")
+
+
+def test_what_cannot_be_built_is_said_in_one_sentence():
+    problem = ergoqp.load_problem("screwing")
+    far = np.eye(4)
+    far[:3, 3] = [3.0, 0, 0]
+    with pytest.raises(InputError, match=r"from a base at \[3\.0, 0\.0, 0\.0\] the arm cannot hold the object"):
+        WholeBody(problem, base=far)
+    with pytest.raises(InputError, match="distance: got -1, allowed 0"):
+        WholeBody(problem, distance=-1)
+    with pytest.raises(InputError, match="tool_frame: got an array of shape"):
+        WholeBody(problem, tool_frame=np.zeros((4, 4)))
+    with pytest.raises(InputError, match="posture: got"):
+        WholeBody(problem, posture=[0.0])
+    with pytest.raises(ProblemError, match="allowed IkResponse"):
+        WholeBody(ergoqp.load_problem("forearm"))
+
+
+def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
+    problem = ergoqp.load_problem("screwing")
+    rng, posture = np.random.default_rng(0), problem.response.comfort + 0.1
+    given = {"posture": posture, "observed": np.ones(32), "pose": np.eye(4), "previous": 0.1 * rng.normal(size=6)}
+    terms = Evaluator(terms_function(problem))(given | {"dt": 0.01, "locked": np.zeros(32), "final": 0.0})
+    H, g = own_objective(terms)
+    effort = np.repeat([problem.control.effort_linear, problem.control.effort_angular], 3)
+    smoothing, E = problem.control.smoothing / 0.01, terms["E"]
+    assert np.allclose(H, np.diag(effort * (1 + smoothing)) + problem.control.contact * E.T @ E, rtol=0, atol=1e-10)
+    assert np.allclose(g, -smoothing * effort * given["previous"], rtol=0, atol=1e-10)
