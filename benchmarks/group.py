@@ -12,6 +12,8 @@ given by stature, with the weights and the comfort of the problem. Nothing comes
   alone, as if the workplace were designed for the average; how many do not reach it (left out of the two scores).
 - ``own_mean``: mean score if everybody had their own best place. ``pays_mean``, ``pays_most``: points above that at the place
   for ``mean``, of everybody and of who pays most.
+- ``own_above_optimise``, ``own_below_optimise``: people whose own best score is above, and below, the one that
+  ``problem.optimise`` finds for them, by another method, from 16 starts.
 - ``free_z_highest``: on the grid, for ``minimax``, the highest score if everybody could set the height themselves.
 - ``seconds``: whole search for ``minimax`` with two processes. ``half_grid_seconds``: the finer grid, likewise.
 """
@@ -53,6 +55,8 @@ def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: fl
     search = PlaceSearch(problem, people, mean.grid, "mean")
     there = search.coming(search.at(search.placing.point(average.pose)))
     scores = there.scores[there.scores > 0]
+    alone = [problem.optimise(starts=16, person=person.follower).reba_after for person in people]
+    own = np.array([member.own_reba for member in mean.members])
     pays = [member.pays for member in mean.members]
     figures = {
         "minimax_highest": minimax.maximum,
@@ -65,6 +69,8 @@ def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: fl
         "average_mean": scores.mean(),
         "average_unreached": np.sum(there.scores == 0),
         "own_mean": mean.own_mean,
+        "own_above_optimise": np.sum(own > alone),
+        "own_below_optimise": np.sum(own < alone),
         "pays_mean": np.mean(pays),
         "pays_most": max(pays),
         "seconds": seconds,

@@ -13,6 +13,7 @@ SAYS = {
     "03_score_a_recording": ["negligible", "worst: REBA", "trunk"],
     "04_learned_cost": ["480 to learn from", "within one point", "boundary margin"],
     "05_best_place": ["best place: REBA", "if the posture could be chosen too", "a person of 1.95 m", "limits broken 0 times"],
+    "06_place_for_a_group": ["one place for all: x", "1.60 m: REBA", "adjustable z: highest"],
 }
 
 

@@ -31,6 +31,7 @@ NEAR_PELVIS: Final = 0.3
 """How far the pelvis may go [m, rad]."""
 
 N = len(JOINTS)
+_LITTLE = 0.03  # how much what the hands miss counts beside the balance of forces, where multipliers are guessed
 _INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
 
 _QUIET: Final[dict[str, dict[str, Any]]] = {
@@ -83,6 +84,9 @@ def check_names(mode: str, solver: str) -> None:
     for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
         if value not in allowed:
             raise InputError(f"{what}: got {value!r}, allowed {', '.join(allowed)}")
+    if not ca.has_nlpsol(solver):
+        others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
+        raise InputError(f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}")
 
 
 def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
@@ -169,16 +173,23 @@ class Program:
             x[at : at + 4] = *pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])
             at += 4
         if self.mode == "stackelberg":
-            slope, rest = (np.array(part) for part in self._forces(x, given))
+            x[at:] = self._multipliers(x, given, posture)
             held = self._at_end(posture)
-            # What holds a joint at its end is not known, so its equation says nothing of the hands' forces, but follows from
-            # them. The others agree on them.
-            free = np.flatnonzero(~np.append(held, np.zeros(len(rest) - joints, dtype=bool)))
-            x[at:] = np.linalg.lstsq(slope[free], -rest.ravel()[free], rcond=None)[0]
-            missing = rest.ravel() + slope @ x[at:]
-            own = leader + np.flatnonzero(held)
-            x[own] -= missing[:joints][held] / self.response.weight_vector[self.moved][held]
+            missing = np.array(self._forces(x, given)[1]).ravel()[:joints]
+            x[leader + np.flatnonzero(held)] -= (missing / self.response.weight_vector[self.moved])[held]
         return x
+
+    def _multipliers(self, x: np.ndarray, given: np.ndarray, posture: np.ndarray) -> np.ndarray:
+        """Return the multipliers that come nearest to the balance of forces.
+
+        What holds a joint at its end is not known, so its equation says nothing of the hands' forces. Where the others do not
+        say enough, it is what is missing in the hands that tells, a little.
+        """
+        slope, rest, yielding, missing = (np.array(part) for part in self._forces(x, given))
+        held = np.append(self._at_end(posture), np.zeros(len(rest) - len(self.moved), dtype=bool))
+        little = _LITTLE / self.response.damping**2
+        rows = np.vstack([slope[~held], little * yielding])
+        return np.linalg.lstsq(rows, -np.vstack([rest[~held], little * missing]).ravel(), rcond=None)[0]
 
     def _at_end(self, posture: np.ndarray) -> np.ndarray:
         ends = (posture <= LOWER + _INSIDE) | (posture >= UPPER - _INSIDE)
@@ -247,8 +258,8 @@ class Program:
         if self.mode == "stackelberg":
             rest = rest_conditions(self.response, situated)
             own, equations = ca.vertcat(rest.aims, rest.pelvis, rest.multipliers), ca.vertcat(rest.balance, rest.contact)
-            # The balance is linear in the multipliers: what they are at a given posture is a least-squares problem.
-            self._balance = (rest.multipliers, rest.balance)
+            # Linear in the multipliers: what they are at a given posture is a least-squares problem.
+            self._balance = (rest.multipliers, rest.balance, rest.contact[: 6 * len(self.response.hands)])
             return own, rest.posture, equations
         joints = ca.SX.sym("q", len(self.moved))
         pelvis = ca.SX.sym("b", 4 if self.response.stance == "standing" else 0)
@@ -264,8 +275,9 @@ class Program:
 
     @cached_property
     def _forces(self) -> ca.Function:
-        multipliers, balance = self._balance
-        return ca.Function("forces", self._symbols, [ca.jacobian(balance, multipliers), balance])
+        multipliers, balance, contact = self._balance
+        outputs = [ca.jacobian(balance, multipliers), balance, ca.jacobian(contact, multipliers), contact]
+        return ca.Function("forces", self._symbols, [ca.densify(part) for part in outputs])
 
     def _narrowed(self) -> list[int]:
         """Moved joints whose range the problem makes narrower than a person's."""

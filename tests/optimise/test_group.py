@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import ergoqp.optimise
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.optimise.group import best_for_group
@@ -227,3 +228,15 @@ def test_the_files(mean, tmp_path):
     with np.load(tmp_path / "out" / "group.npz", allow_pickle=False) as arrays:
         assert arrays["scores"].shape == (3, *mean.grid.shape)
         assert arrays["labels"].tolist() == ["1.50 m", "1.70 m", "2.00 m"]
+
+
+def test_one_person_alone_is_the_single_optimum(low_bin):
+    """Two methods that share nothing but the person and the sheet find the same score."""
+    (member,) = best_for_group(low_bin, (1.75,), "mean", starts=2).members
+    assert member.reba == member.own_reba == low_bin.optimise(starts=6).reba_after
+
+
+def test_the_package_offers_what_it_says():
+    assert all(callable(getattr(ergoqp.optimise, name)) for name in ergoqp.optimise.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'worst'"):
+        ergoqp.optimise.worst  # noqa: B018
