@@ -5,9 +5,20 @@ noisy postures, measured poses, ages. Then those very calls are made again, in o
 `time.perf_counter`: the whole call, from the user's arrays to the `Step`. The first pass over the trajectory warms up and is
 not counted. ``median_us`` and the percentiles are of ``screwing``; every problem's own figures follow as ``PROBLEM.median_us``.
 
-``function_us`` is the CasADi function alone on the same inputs, ``python_us`` what the call costs around it. For comparison,
-``qpsolvers_us`` is one call of qpsolvers on a random QP of the step's size (six unknowns, 46 rows, bounds): the solve alone,
-without the kinematics, cost, gradient, certification and account that the step includes.
+``function_us`` is the CasADi function alone on the same inputs, ``python_us`` what the call costs around it; ``phase_...`` are
+its parts (`benchmarks.step_phases`), which add up to ``median_us``.
+
+- ``compiled_...``: the same calls with ``compiled=True``. ``c_...``: the exported step in C, timed in C (`benchmarks.step_c`);
+  ``c_max_difference`` is the largest difference of any of its twists from Python's.
+- ``mink_us``: mink on the same QP, from the inputs to the twist, the arm's joints as unknowns (`benchmarks.mink_peer`), the leanest
+  there is: its terms come from the step's own CasADi functions. ``mink_whole_us``: posture and arm as unknowns, as in
+  `ergoqp.whole_body`. The ratios are of each to the step's three forms, all in this run. ``mink_max_difference``: of its twists
+  from the step's.
+- ``qpsolvers_us``: one call of qpsolvers with DAQP on the step's own QPs, the solve alone.
+- ``plain_us``: the EPFL report's way in NumPy and scikit-learn, without any constraint (`benchmarks.plain_peer`).
+
+pink has no term that is not a task's squared error, so the posture's cost has no place in it; what it would spend on the same
+QP is qpsolvers' call and the building in Python, as in mink.
 """
 
 from __future__ import annotations
@@ -17,13 +28,18 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.mink_peer import mink_steps
+from benchmarks.plain_peer import plain_step_us
 from benchmarks.report import Report, run
+from benchmarks.step_c import c_times
+from benchmarks.step_phases import phases_us
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.step import Stepper
+from ergoqp.step_data import qp_data
 
 Call = tuple[Any, Any, float]
 
@@ -79,22 +95,26 @@ def time_calls(stepper: Stepper, calls: list[Call]) -> tuple[np.ndarray, np.ndar
     return 1e6 * whole, 1e6 * alone
 
 
-def qpsolvers_us(count: int) -> float | None:
-    """Return the median time [us] of one qpsolvers call on a QP of the step's size and kind, None without qpsolvers."""
+def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
+    """Return the median time [us] of one qpsolvers call on the QPs of a recorded loop, None without qpsolvers and DAQP."""
     try:
         import qpsolvers
     except ImportError:
         return None
     if "daqp" not in qpsolvers.available_solvers:
         return None
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(6, 6))
-    H, g, G = root @ root.T + np.eye(6), rng.normal(size=6), rng.normal(size=(46, 6))
-    h, box, times = 1 + rng.random(46), np.full(6, 0.5), []
-    for _ in range(count):
-        start = time.perf_counter()
-        qpsolvers.solve_problem(qpsolvers.Problem(H, g, G, h, lb=-box, ub=box), solver="daqp")
-        times.append(time.perf_counter() - start)
+    data, n, times, previous = qp_data(problem), len(problem.coordinates), [], np.zeros(6)
+    stepper = problem.stepper()
+    for posture, pose, age in calls:
+        step = stepper.step(posture, pose, age=age)
+        if step.status == "optimal":
+            parts = data(posture, np.ones(n), step.pose, previous, problem.dt, np.zeros(n), 0.0)
+            H, g, A, lower, upper, _, _, low, high = (np.array(part) for part in parts[:9])
+            G, h = np.vstack([A, -A]), np.concatenate([upper, -lower]).ravel()
+            start = time.perf_counter()
+            qpsolvers.solve_problem(qpsolvers.Problem(H, g.ravel(), G, h, lb=low.ravel(), ub=high.ravel()), solver="daqp")
+            times.append(time.perf_counter() - start)
+        previous = step.twist
     return 1e6 * float(np.median(times))
 
 
@@ -121,11 +141,44 @@ def measure(report: Report) -> None:
             report.figure("steps", len(whole))
         medians[name] = float(np.median(whole))
     report.figure("worst_median_us", max(medians.values()), max(medians, key=medians.__getitem__))
-    peer = qpsolvers_us(report.pick(2000, 20_000))
-    if peer is None:
-        report.say("qpsolvers with daqp (extra 'solvers') is absent: no comparison")
+    _peers(report, medians["screwing"])
+
+
+def _peers(report: Report, median: float) -> None:
+    """The other forms of the step, and what others need for the same, on one recorded loop of ``screwing``."""
+    problem = load_problem("screwing")
+    calls = trajectory(problem, problem.stepper(), report.pick(20.0, 100.0)).calls
+    phases = phases_us(problem, calls)
+    for name, value in phases.items():
+        report.figure(f"phase_{name}_us", value)
+    report.figure("phase_other_us", median - sum(phases.values()), "copying, certification, account, Python: the rest")
+
+    compiled = time_calls(problem.stepper(compiled=True), calls)[0]
+    report.figure("compiled_median_us", float(np.median(compiled)), "whole Stepper.step call, compiled=True")
+    report.figure("compiled_p99_us", float(np.percentile(compiled, 99)))
+    report.figure("compiled_p999_us", float(np.percentile(compiled, 99.9)))
+    forms = {"mink_ratio": median, "mink_ratio_compiled": float(np.median(compiled))}
+    if (c := c_times(problem, calls, report.pick(10, 20))) is None:
+        report.say("no CMake or no C compiler: the exported step is not measured")
     else:
-        report.figure("qpsolvers_us", peer, "one random QP of 6 unknowns and 46 rows by qpsolvers, the solve alone")
+        for name in ("median", "p99", "p999", "max"):
+            report.figure(f"c_{name}_us", getattr(c, f"{name}_us"), "exported step, timed in C" if name == "median" else "")
+        report.figure("c_max_difference", c.difference, f"largest difference from Python over {c.states} steps [m/s, rad/s]")
+        forms["mink_ratio_c"] = c.median_us
+    peer = mink_steps(problem, calls, "arm")
+    report.figure("mink_us", float(np.median(peer.whole_us)), "mink on the same QP, arm as unknowns, inputs to twist")
+    report.figure("mink_own_us", float(np.median(peer.mink_us)), "of it in mink: building and solving the QP")
+    report.figure("mink_max_difference", peer.difference)
+    some = calls[: report.pick(300, 2000)]
+    whole = float(np.median(mink_steps(problem, some, "whole").whole_us))
+    report.figure("mink_whole_us", whole, "posture and arm as unknowns")
+    for name, value in forms.items():
+        report.figure(name, float(np.median(peer.whole_us)) / value)
+        report.figure(name.replace("mink", "mink_whole"), whole / value)
+    if (us := qpsolvers_us(problem, calls)) is not None:
+        report.figure("qpsolvers_us", us, "one qpsolvers call on the step's own QP, the solve alone")
+    if (plain := plain_step_us(problem, some)) is not None:
+        report.figure("plain_us", float(np.median(plain)), "NumPy and scikit-learn, the EPFL report's way, no constraints")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,96 @@
+"""The exported step, built by its own CMake file and fed the calls of a recorded loop: its times, and its answers.
+
+Times are taken in C around every call of `ergoqp_step`, by the exported `replay` program; nothing of Python is in them.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ergoqp.native.export import export_step
+from ergoqp.problem import Problem
+
+Call = tuple[Any, Any, float]
+
+
+@dataclass(frozen=True)
+class CTimes:
+    """What the exported step took, and how far its answers are from those in Python.
+
+    Attributes:
+        median_us: of all calls [us].
+        p99_us: 99th percentile [us].
+        p999_us: 99.9th percentile [us].
+        max_us: the longest [us].
+        difference: largest difference of any twist from Python's [m/s, rad/s].
+        states: number of calls that were compared.
+    """
+
+    median_us: float
+    p99_us: float
+    p999_us: float
+    max_us: float
+    difference: float
+    states: int
+
+
+def c_times(problem: Problem, calls: Sequence[Call], passes: int) -> CTimes | None:
+    """Export, build, answer and time; None without CMake or a compiler.
+
+    Args:
+        problem: the task.
+        calls: (posture, pose, age) of every step.
+        passes: how often to go through them; the first is not counted.
+    """
+    if shutil.which("cmake") is None or shutil.which("cc") is None:
+        return None
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "step"
+        export_step(problem, folder)
+        for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
+            subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        wrapper = _wrapper(folder)
+        (folder / "inputs").write_bytes(b"".join(bytes(_input(wrapper, *call)) for call in calls))
+        run = ["build/replay", "inputs", "outputs", str(passes)]
+        shown = subprocess.run(run, cwd=folder, check=True, capture_output=True, text=True).stdout
+        told = {name: float(value) for name, value in map(str.split, shown.splitlines())}
+        answers = (folder / "outputs").read_bytes()
+    size = len(answers) // len(calls)
+    outputs = [wrapper.Output.from_buffer_copy(answers, i * size) for i in range(len(calls))]
+    stepper, difference = problem.stepper(), 0.0
+    for (posture, pose, age), output in zip(calls, outputs, strict=True):
+        twist = stepper.step(posture, pose, age=age).twist
+        difference = max(difference, float(np.abs(twist - output.twist[:]).max()))
+    median, p99, p999, longest = (told[f"{name}_ns"] / 1e3 for name in ("median", "p99", "p999", "max"))
+    return CTimes(median, p99, p999, longest, difference, len(calls))
+
+
+def _wrapper(folder: Path) -> ModuleType:
+    """The exported wrapper for Python, for the layout of its structs."""
+    spec = importlib.util.spec_from_file_location("exported_step", folder / "python" / "ergoqp_step.py")
+    if spec is None or spec.loader is None:
+        raise RuntimeError("the export holds no Python wrapper")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _input(wrapper: ModuleType, posture: Any, pose: Any, age: float) -> Any:
+    given = wrapper.Input(frame=int(posture is not None and np.ndim(posture) > 0), enable=1, age=age)
+    given.observed[:] = [1.0] * len(given.observed)
+    given.dt = wrapper.DT
+    if given.frame:
+        given.posture[:] = posture
+    if np.ndim(pose) == 2:
+        given.pose[:], given.has_pose = np.ravel(pose).tolist(), 1
+    return given

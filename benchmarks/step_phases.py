@@ -1,0 +1,72 @@
+"""Where the time of the interpreted step goes: its functions one by one, on the inputs of a recorded loop.
+
+Each function is called by itself at the same postures, so that its instructions are nearer at hand than in the whole step; the
+rest of the whole call, `other`, holds what that hides, copying, branches and further passes. The phases add up to the total.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.problem import Problem
+from ergoqp.qp import build_qp
+from ergoqp.solvers import solver_named
+from ergoqp.step_data import QP_DATA, qp_data
+from ergoqp.step_objective import cost_function, gain_function
+
+
+def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict[str, float]:
+    """Return the median time [us] of cost, response, rows and objective, QP with its check, and gain."""
+    data = qp_data(problem)
+    solver = build_qp(solver_named("daqp"), data.size1_out("A"))
+    cost, response, gain = cost_function(problem), problem.response.sensitivity(), gain_function(problem)
+    everything = {"cost": cost, "response": response, "data": data, "qp": solver, "gain": gain}
+    timers = {name: _Timer(function) for name, function in everything.items()}
+    n = len(problem.coordinates)
+    stepper, previous = problem.stepper(), np.zeros(6)
+    for posture, pose, age in calls:
+        step = stepper.step(posture, pose, age=age)
+        if step.status == "invalid" or np.ndim(posture) == 0:
+            previous = step.twist
+            continue
+        _, total, _ = timers["cost"](posture, np.ones(n))
+        S, _ = timers["response"](posture, np.zeros(n))
+        parts = timers["data"](posture, np.ones(n), step.pose, previous, problem.dt, np.zeros(n), 0.0)
+        timers["qp"](*parts[: len(QP_DATA)])
+        timers["gain"](posture, total, step.twist, S)
+        previous = step.twist
+    times = {name: timer.median_us for name, timer in timers.items()}
+    times["rows_and_objective"] = times.pop("data") - times["cost"] - times["response"]
+    return times
+
+
+class _Timer:
+    """Calls a CasADi function through its buffers and remembers how long each call took."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._buffer, self._call = function.buffer()
+        self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        for i, array in enumerate(self._inputs):
+            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+        for i, array in enumerate(self._outputs):
+            self._buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
+        self._times: list[float] = []
+
+    def __call__(self, *values: Any) -> list[np.ndarray]:
+        for array, value in zip(self._inputs, values, strict=True):
+            array[:] = np.ravel(value, order="F")
+        start = time.perf_counter()
+        self._call()
+        self._times.append(time.perf_counter() - start)
+        return [array.copy() for array in self._outputs]
+
+    @property
+    def median_us(self) -> float:
+        """Median time of all calls [us]."""
+        return 1e6 * float(np.median(self._times))
