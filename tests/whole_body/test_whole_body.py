@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -135,3 +136,19 @@ def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     smoothing, E = problem.control.smoothing / 0.01, terms["E"]
     assert np.allclose(H, np.diag(effort * (1 + smoothing)) + problem.control.contact * E.T @ E, rtol=0, atol=1e-10)
     assert np.allclose(g, -smoothing * effort * given["previous"], rtol=0, atol=1e-10)
+
+
+def test_joints_that_the_arm_does_not_use_stay_where_they_are(near_the_thigh):
+    problem, _, posture = near_the_thigh
+    robot, plain = load_robot("panda"), WholeBody(problem, posture=posture, distance=None)
+    finger = robot.spec.body("link7").add_body(name="finger", pos=[0, 0.05, 0.1])
+    finger.add_joint(name="finger", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0], range=[0, 0.04])
+    finger.add_geom(name="finger", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0])
+    whole = WholeBody(problem, robot, posture=posture, distance=None)
+    assert len(whole.scene.idle) == 1
+    assert whole.scene.model.nv == plain.scene.model.nv + 1
+    for _ in range(5):
+        step, same = whole.step(posture, whole.start), plain.step(posture, plain.start)
+        assert step.status == "optimal"
+        assert np.abs(step.twist).max() > 1e-3
+        assert np.allclose(step.joint_velocities, same.joint_velocities, rtol=0, atol=1e-9)
