@@ -14,7 +14,7 @@ given by stature, with the weights and the comfort of the problem. Nothing comes
   for ``mean``, of everybody and of who pays most.
 - ``own_above_optimise``, ``own_below_optimise``: people whose own best score is above, and below, the one that
   ``problem.optimise`` finds for them, by another method, from 16 starts.
-- ``free_z_highest``: on the grid, for ``minimax``, the highest score if everybody could set the height themselves.
+- ``free_z_highest``, ``free_z_mean``: the scores, for ``minimax``, if everybody could set the height themselves.
 - ``seconds``: whole search for ``minimax`` with two processes. ``half_grid_seconds``: the finer grid, likewise.
 """
 
@@ -77,7 +77,7 @@ def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: fl
         "half_grid_seconds": half_seconds,
     }
     if "z" in minimax.free:
-        figures["free_z_highest"] = minimax.free["z"][0]
+        figures["free_z_highest"], figures["free_z_mean"] = minimax.free["z"]
     for figure, value in figures.items():
         report.figure(f"{name}.{figure}", float(value))
 

@@ -1,9 +1,9 @@
 """Person, robot and object in one model: is the twist that of the fast step, and are distance and joint limits kept?
 
 Run ``python -m benchmarks.whole_body [--quick | --full] [--json FILE]``. Every problem is run with the Panda of
-``models/panda.xml``, its base where `ergoqp.whole_body.placing.default_base` puts it, from random reachable starts (at a score
-of 3 or more) of simulated people whose joint weights are not the controller's, whose body is; they follow with a delay of
-150 ms. Starts at which the arm cannot hold the object, with the distance kept, are counted as ``unreachable`` and left out.
+``models/panda.xml``, its base where `ergoqp.whole_body.placing.default_base` puts it, from awkward starts (each the worst
+of ten random places) of simulated people whose joint weights are not the controller's, whose body is; they follow with a delay
+of 150 ms. Starts at which the arm cannot hold the object, with the distance kept, are counted as ``unreachable`` and left out.
 
 - ``max_twist_difference``: with the robot's limits and distances inactive, noisy angles: largest difference of any entry of
   the object's twist from `Stepper.step` on the same inputs, over the steps whose twist is the QP's answer (status optimal,
@@ -37,11 +37,10 @@ from benchmarks.step import time_calls, trajectory
 from ergoqp.errors import InputError
 from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.simulation.best import draw_starts
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Start
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
+from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import Robot, WholeBody, load_robot
 from ergoqp.whole_body.loop import EXACT, WholeBodyTrace, run_whole_body
 
@@ -49,8 +48,8 @@ DISTANCE = 0.05
 """Stated distance [m]."""
 ROUNDING = 1e-6
 """Of a limit of the object that counts as kept, in its unit."""
-LEAST_SCORE = 3
-"""Starts are at this score or above."""
+PLACES = 10
+"""Every start is the worst of so many places."""
 
 
 @dataclass
@@ -89,16 +88,17 @@ def loops_of_person(name: str, seed: int, count: int, duration: float) -> tuple[
     """Run all loops of one person in one problem."""
     problem, found = load_problem(name), Found()
     person = sample_person(problem, seed, body=problem.response.body)  # pyright: ignore[reportAttributeAccessIssue] (IkResponse)
-    for number, start in enumerate(draw_starts(problem, person, count, seed, LEAST_SCORE)):
+    for number in range(count):
+        posture = awkward_start(problem, person, 1000 * seed + number, PLACES)
         try:
-            whole = WholeBody(problem, posture=start.posture, distance=DISTANCE)
+            whole = WholeBody(problem, posture=posture, distance=DISTANCE)
         except InputError:
             found.unreachable += 1
             continue
         found.loops += 1
-        _with_distance(found, problem, whole, person, start, duration, 1000 * seed + number)
-        free = WholeBody(problem, unlimited(), posture=start.posture, distance=None)
-        trace = run_whole_body(free, person, start, duration=duration / 2, seed=1000 * seed + number, senses=Senses())
+        _with_distance(found, problem, whole, person, posture, duration, 1000 * seed + number)
+        free = WholeBody(problem, unlimited(), posture=posture, distance=None)
+        trace = run_whole_body(free, person, posture, duration=duration / 2, seed=1000 * seed + number, senses=Senses())
         found.differences += differences(trace)
     return name, found
 
@@ -111,10 +111,10 @@ def differences(trace: WholeBodyTrace) -> list[float]:
 
 
 def _with_distance(
-    found: Found, problem: Problem, whole: WholeBody, person: Follower, start: Start, duration: float, seed: int
+    found: Found, problem: Problem, whole: WholeBody, person: Follower, posture: np.ndarray, duration: float, seed: int
 ) -> None:
     checker = Checker(problem)
-    trace = run_whole_body(whole, person, start, duration=duration, seed=seed, senses=EXACT, checker=checker)
+    trace = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=EXACT, checker=checker)
     found.kept.append(min(trace.distances))
     found.robot_violations += trace.broken_limits(whole)
     worst = max(checker.max_violation.values())
@@ -127,24 +127,24 @@ def _with_distance(
     found.start.append(int(scores[0]))
     found.end.append(int(scores[1]))
     found.slower.append(float(np.mean([step.status == "slower" for step in trace.steps])))
-    noisy = run_whole_body(whole, person, start, duration=duration, seed=seed, senses=Senses())
+    noisy = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=Senses())
     found.noisy.append(min(noisy.distances))
     found.robot_violations += noisy.broken_limits(whole)
     # The same joints at the begin, and the same way of holding the object.
     blind = WholeBody(
         problem,
-        posture=start.posture,
+        posture=posture,
         distance=None,
         base=whole.scene.base,
         tool_frame=whole.scene.load.tool_frame,
         start=whole.start,
     )
-    found.careless.append(min(run_whole_body(blind, person, start, duration=duration, seed=seed, senses=EXACT).distances))
+    found.careless.append(min(run_whole_body(blind, person, posture, duration=duration, seed=seed, senses=EXACT).distances))
 
 
 def measure(report: Report) -> None:
     """Run everything in two processes and print the figures of all problems together, then of each."""
-    people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(3, 4, 12.0))
+    people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(2, 3, 10.0))
     jobs = [(name, seed, starts, duration) for seed in range(people) for name in TASKS]
     found = {name: Found() for name in TASKS}
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
@@ -186,8 +186,8 @@ def _figures(report: Report, prefix: str, found: Found) -> None:
 
 def _times(report: Report, duration: float) -> None:
     problem = load_problem("screwing")
-    whole, person, start = _first_loop(problem)
-    taken = [step.solve_time for step in run_whole_body(whole, person, start, duration=duration, senses=Senses()).steps]
+    whole, person, posture = _first_loop(problem)
+    taken = [step.solve_time for step in run_whole_body(whole, person, posture, duration=duration, senses=Senses()).steps]
     report.figure("step_us", 1e6 * float(np.median(taken)), "the whole body's step, median")
     report.figure("step_p99_us", 1e6 * float(np.percentile(taken, 99)))
     stepper = problem.stepper()
@@ -198,10 +198,10 @@ def _times(report: Report, duration: float) -> None:
         report.figure(name, float(np.median(times.whole_us)), meaning)
 
 
-def _first_loop(problem: Problem) -> tuple[WholeBody, Follower, Start]:
+def _first_loop(problem: Problem) -> tuple[WholeBody, Follower, np.ndarray]:
     person = sample_person(problem, 0, body=problem.response.body)  # pyright: ignore[reportAttributeAccessIssue] (IkResponse)
-    start = draw_starts(problem, person, 1, 0, LEAST_SCORE)[0]
-    return WholeBody(problem, posture=start.posture, distance=DISTANCE), person, start
+    posture = awkward_start(problem, person, 0, PLACES)
+    return WholeBody(problem, posture=posture, distance=DISTANCE), person, posture
 
 
 if __name__ == "__main__":

@@ -13,6 +13,6 @@ print(f"one place for all: x {x:.2f}, y {y:.2f}, z {z:.2f} m, highest score {pla
 for member in place.members:
     print(f"{member.label}: REBA {member.reba}, alone {member.own_reba}, pays {member.pays}")
 
-# What a designer may make adjustable instead: the best on the grid if everybody could set one thing.
+# What a designer may make adjustable instead: what it would be worth if everybody could set one thing.
 for axis, (highest, mean) in place.free.items():
     print(f"adjustable {axis}: highest {highest}, mean {mean:.2f}")

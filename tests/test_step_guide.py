@@ -20,7 +20,7 @@ from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import moved
 from ergoqp.step import Step, Stepper
-from ergoqp.step_guide import AFTER, BACK, THERE
+from ergoqp.step_guide import AFTER, BACK, DESCENT, THERE, pull_function
 
 STEPPERS: dict[str, Stepper] = {}
 
@@ -87,6 +87,26 @@ def test_a_journey_arrives_and_only_then_descends(name: str) -> None:
     # As straight as the cost lets it be.
     left = np.array([np.linalg.norm(step.pose[:3, 3] - goal[:3, 3]) for step in steps])
     assert np.all(np.diff(left) < 1e-3)
+
+
+def test_what_is_added_to_the_objective_is_convex_and_none_where_nobody_travels() -> None:
+    rng, pull = np.random.default_rng(2), pull_function(problem_of("screwing"))
+    for phase in range(BACK + 1):
+        for _ in range(20):
+            pose, goal = (moved(held_pose("screwing"), 0.3 * rng.normal(size=6)) for _ in range(2))
+            H, g, distance, on, drawn = (
+                np.array(part) for part in pull(pose, goal, 1, [phase, *np.zeros(6), *rng.normal(size=6)])
+            )
+            about = np.concatenate([np.zeros(3), pose[:3, 0]])
+            np.testing.assert_allclose(H, H.T)
+            assert np.linalg.eigvalsh(H).min() > -1e-9
+            np.testing.assert_allclose(H @ about, 0, atol=1e-9)
+            assert about @ g == pytest.approx(0, abs=1e-9)
+            assert bool(H.any()) == bool(g.any()) == (phase in (THERE, BACK))
+            assert on == 1
+            assert distance > 0
+            assert drawn == (0 if phase in (DESCENT, AFTER) else phase)
+            assert not any(np.array(part).any() for part in pull(pose, goal, 0, np.r_[phase, rng.normal(size=12)])[:2])
 
 
 def test_turning_about_the_tool_is_nobodys_business() -> None:

@@ -87,7 +87,7 @@ def group_table(found: GroupOptimum) -> RenderableType:
     people.add_row("highest", str(found.maximum), "", "", "")
     people.add_row("mean", f"{found.mean:.2f}", f"{found.own_mean:.2f}", f"{found.mean - found.own_mean:.2f}", "")
     free = Table(box=None, pad_edge=False)
-    free.add_column(f"adjustable, on a grid of {100 * found.spacing:.0f} cm")
+    free.add_column("adjustable")
     for name in ("highest", "mean"):
         free.add_column(name, justify="right")
     for axis, (highest, mean) in found.free.items():

@@ -15,8 +15,8 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.optimise.find import optimise
+from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.optimum import Optimum
-from ergoqp.optimise.program import check_names
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.recordings.person import given_person

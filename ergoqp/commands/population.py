@@ -12,8 +12,8 @@ from rich.text import Text
 
 from ergoqp.commands.common import console, make_folder, print_assumptions, working, writing
 from ergoqp.errors import InputError
+from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.population import Found, best_of_population, population
-from ergoqp.optimise.program import check_names
 from ergoqp.problem_file import load_problem
 
 COLUMNS = ("person", "reba_before", "reba_best", "x_m", "y_m", "z_m", "cost", "kkt_residual", "starts_at_best", "starts")

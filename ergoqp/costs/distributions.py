@@ -35,8 +35,8 @@ def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the noise (the scale parameter
     of the same logistic law is tau / 2).
     """
-    if 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
-        # The tanh form cannot overflow.
+    if isinstance(tau, ca.SX) or 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
+        # The tanh form cannot overflow, and may be of any scale.
         return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
     # All edges of a joint share one exponential, which is found to be the same when the whole expression is simplified.
     scale = math.exp(-2 * edge / tau)

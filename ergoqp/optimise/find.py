@@ -16,9 +16,10 @@ from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.optimise.ledger import Ledger, key_of
+from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.optimum import Optimum, Trial
 from ergoqp.optimise.place import Place
-from ergoqp.optimise.program import check_names, smooth_cost
+from ergoqp.optimise.program import smooth_cost
 from ergoqp.optimise.start import FINAL_TAU_DEG, RESIDUAL, Task, begin_from
 from ergoqp.optimise.workers import trials_of
 from ergoqp.problem import Problem

@@ -35,6 +35,7 @@ OWN_STARTS = 2
 Progress = Callable[[float], None]
 """Told the share that is done, 0 to 1."""
 
+_NUMBERS = dict(zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True))  # of a point, by the grid's axis
 _SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the search is
 
 
@@ -101,7 +102,7 @@ def best_for_group(
         spacing=spacing,
         grid_pose=search.placing.pose(on_grid.point),
         grid_reba=on_grid.scores,
-        free=_free(grid, objective),
+        free=_free(search, best),
         placements=placements,
         seconds=time.perf_counter() - begin,
         seated=bool(problem.task.get("seated", False)),
@@ -180,17 +181,23 @@ def _members(
     return tuple(members)
 
 
-def _free(grid: SharedGrid, objective: Objective) -> dict[str, tuple[int, float]]:
-    choices = {"none": grid.scores} | {
-        axis: grid.with_free(axis) for axis, places in zip(AXES, grid.shape, strict=True) if places > 1
-    }
-    found = {}
-    for axis, scores in choices.items():
-        reached = scores[:, (scores > 0).all(axis=0)]
-        if reached.size:
-            two = np.stack([reached.max(axis=0), reached.mean(axis=0)])
-            order = np.lexsort(two[::-1] if objective == "minimax" else two)
-            found[axis] = (int(two[0, order[0]]), float(two[1, order[0]]))
+def _free(search: PlaceSearch, best: Stay) -> dict[str, tuple[int, float]]:
+    """Return the highest and the mean score for every axis that could be left to everybody."""
+    grid, objective = search.grid, search.objective
+    found = {"none": (int(best.scores.max()), float(best.scores.mean()))}
+    for axis, numbers in _NUMBERS.items():
+        # At the group's place everybody is as they are; along the axis from there they may be better off.
+        here = best.scores.copy()
+        moves = [stay for number in numbers for stay in search.line(best.point, number)]
+        if not moves:
+            continue
+        for stay in moves:
+            here = np.where(stay.scores > 0, np.minimum(here, stay.scores), here)
+        on_grid = grid.with_free(axis)
+        scores = np.column_stack([here, on_grid[:, (on_grid > 0).all(axis=0)]])
+        two = np.stack([scores.max(axis=0), scores.mean(axis=0)])
+        order = np.lexsort(two[::-1] if objective == "minimax" else two)
+        found[axis] = (int(two[0, order[0]]), float(two[1, order[0]]))
     return found
 
 

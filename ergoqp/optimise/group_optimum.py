@@ -62,8 +62,8 @@ class GroupOptimum:
         spacing: of the grid [m].
         grid_pose: best pose of the grid (4, 4).
         grid_reba: exact scores of the people there (people,).
-        free: highest and mean exact score on the grid if everybody could choose their own place along one axis, by its name
-            (``"none"`` first: everything fixed); without those axes that have one place only, or leave somebody out of reach.
+        free: highest and mean exact score if everybody could set one thing for themselves, by its name (``"none"`` first:
+            everything fixed); the better of what the grid holds and of moving from the group's place.
         placements: how often the whole group was put to rest beyond the grid.
         seconds: time that it took, without what came from the cache.
         seated: whether the people sit.

@@ -12,6 +12,7 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
+from ergoqp.optimise.poses import pose_as_dict, pose_from_dict
 from ergoqp.optimise.who import response_as_dict, response_from_dict
 from ergoqp.responses.ik import IkResponse
 
@@ -129,11 +130,16 @@ class Optimum:
         return path
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what the file holds: plain numbers, texts, lists and dicts; poses as rows, angles in rad."""
+        """Return what the file holds: plain numbers, texts, lists and dicts; angles in rad. See ``docs/optimum_json.md``."""
         from ergoqp import __version__
 
         values = {name: _plain(value) for name, value in vars(self).items()}
-        values |= {"response": response_as_dict(self.response), "trials": [trial.as_dict() for trial in self.trials]}
+        values |= {
+            "response": response_as_dict(self.response),
+            "pose": pose_as_dict(self.pose),
+            "pose_before": pose_as_dict(self.pose_before),
+            "trials": [trial.as_dict() | {"pose": pose_as_dict(trial.pose)} for trial in self.trials],
+        }
         return {"version": __version__, "joints": list(JOINTS), **values}
 
     @classmethod
@@ -152,6 +158,8 @@ class Optimum:
             values = json.loads(path.read_text(encoding="utf-8"))
             values = {name: values[name] for name in cls.__dataclass_fields__}
             values["response"] = response_from_dict(values["response"])
+            for entry in (values, *values["trials"]):
+                entry |= {name: pose_from_dict(entry[name]) for name in ("pose", "pose_before") if name in entry}
             values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
             values["assumptions"] = tuple(values["assumptions"])
             return cls(**_with_arrays(values))

@@ -228,6 +228,16 @@ class PlaceSearch:
                 scale /= 2
         return [best, first]
 
+    def line(self, point: np.ndarray, number: int, count: int = 9) -> list[Stay]:
+        """Return everybody at rest at places along one of the five numbers from a point, where the object may be.
+
+        Empty where the number is fixed.
+        """
+        low, high = self.placing.lower[number], self.placing.upper[number]
+        points = np.tile(point, (count if high - low > 1e-9 else 0, 1))
+        points[:, number] = np.linspace(low, high, len(points))
+        return [self.at(each) for each in points if self.placing.holds(each)]
+
     def _first_lengths(self) -> np.ndarray:
         """Half of the grid's spacing along each number, 0 where it is fixed (5,)."""
         wide = self.placing.upper - self.placing.lower

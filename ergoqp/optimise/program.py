@@ -10,16 +10,13 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import JointLimit, OneClassBoundary
+from ergoqp.optimise.nlp_solvers import SETTINGS, check_names
 from ergoqp.optimise.place import Place
 from ergoqp.optimise.rest import Holding, Situated, rest_conditions
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
-
-MODES: Final = ("stackelberg", "cooperative")
-"""Who chooses the posture: the person alone, as they come to rest; or the optimiser too, an optimistic bound."""
 
 EASE: Final = 1e-3
 """Weight of the person's comfort beside the cost [points/rad^2 per unit of joint weight]: where the sheet is flat, the most
@@ -34,33 +31,6 @@ N = len(JOINTS)
 _LITTLE = 0.03  # how much what the hands miss counts beside the balance of forces, where multipliers are guessed
 _INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
 
-_QUIET: Final[dict[str, dict[str, Any]]] = {
-    "ipopt": {
-        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 60, "mu_strategy": "adaptive"},
-        "print_time": False,
-    },
-    "fatrop": {
-        "fatrop": {"print_level": 0, "tol": 1e-9, "max_iter": 100},
-        "structure_detection": "none",
-        "print_time": False,
-    },
-    "sqpmethod": {
-        "qpsol": "qrqp",
-        "qpsol_options": {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False},
-        "convexify_strategy": "regularize",
-        "max_iter": 60,
-        "tol_pr": 1e-9,
-        "tol_du": 1e-8,
-        "print_header": False,
-        "print_iteration": False,
-        "print_status": False,
-        "print_time": False,
-    },
-}
-
-SOLVERS: Final = tuple(_QUIET)
-"""Nonlinear solvers by name."""
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -73,20 +43,6 @@ class Solution:
 
     values: np.ndarray
     residual: float
-
-
-def check_names(mode: str, solver: str) -> None:
-    """Check the names of mode and solver.
-
-    Raises:
-        InputError: for one that is not known.
-    """
-    for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
-        if value not in allowed:
-            raise InputError(f"{what}: got {value!r}, allowed {', '.join(allowed)}")
-    if not ca.has_nlpsol(solver):
-        others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
-        raise InputError(f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}")
 
 
 def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
@@ -204,7 +160,12 @@ class Program:
         (low, high), (least, most) = self._bounds
         at = np.clip(x, low, high)
         nearest, farthest = self._around(at)
-        found = self._solver(x0=at, p=given, lbx=np.maximum(low, nearest), ubx=np.minimum(high, farthest), lbg=least, ubg=most)
+        near, far = np.maximum(low, nearest), np.minimum(high, farthest)
+        try:
+            found = self._solver(x0=at, p=given, lbx=near, ubx=far, lbg=least, ubg=most)
+        except RuntimeError:
+            # Some solvers raise when they meet what is not a number: this start got no farther.
+            return Solution(at, float("inf"))
         values, on_rows, on_bounds = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
         return Solution(values, self.residual(values, given, on_rows, on_bounds))
 
@@ -221,8 +182,8 @@ class Program:
             end = np.where(multipliers > 0, high - values, values - low)
             # Where there is no end there may be no multiplier either.
             worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
-        largest = max(worst)
-        return float(largest) if np.isfinite(largest) else float("inf")
+        largest = float(np.max(worst))
+        return largest if np.isfinite(largest) else float("inf")
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the solver may go from where it starts, inf where it may go anywhere, (n,) each."""
@@ -240,7 +201,7 @@ class Program:
 
     @cached_property
     def _solver(self) -> ca.Function:
-        options = {"error_on_fail": False, **_QUIET[self.solver]}
+        options = {"error_on_fail": False, **SETTINGS[self.solver]}
         if self.solver == "fatrop":
             (_, _), (least, most) = self._bounds
             options["equality"] = (least == most).tolist()

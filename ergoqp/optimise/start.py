@@ -52,8 +52,8 @@ class Task:
         problem: the task.
         person: who holds the object.
         begin: in which posture, where the object is, how it is held, where the soles stand.
-        mode: of `ergoqp.optimise.program.MODES`.
-        solver: of `ergoqp.optimise.program.SOLVERS`.
+        mode: of `ergoqp.optimise.nlp_solvers.MODES`.
+        solver: of `ergoqp.optimise.nlp_solvers.SOLVERS`.
         seed: of the places.
         tau_deg: scale of the smooth score in the last stage [deg].
     """

@@ -120,9 +120,8 @@ def _adjustable(found: GroupOptimum) -> Section:
     rows = [(_AXES[axis], str(highest), f"{mean:.2f}") for axis, (highest, mean) in found.free.items()]
     return Section(
         "What could be made adjustable",
-        f"The best that the grid of {100 * found.spacing:.0f} cm holds if everybody could set one thing for themselves and "
-        "the rest stayed fixed. The place above was looked for between the grid's places too, and can be better than "
-        "the first line.",
+        "The scores if everybody could set one thing for themselves and the rest stayed fixed: the better of moving from the "
+        f"group's place and of the grid of {100 * found.spacing:.0f} cm.",
         tables=[Table(("to be set", "highest", "mean"), rows, numeric=(1, 2))],
     )
 

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Start
 from ergoqp.simulation.people import Senses, frames
 from ergoqp.simulation.person import Follower
 from ergoqp.whole_body.scene import Scene
@@ -84,7 +83,7 @@ class Ruler:
 def run_whole_body(
     whole: WholeBody,
     person: Follower,
-    start: Start,
+    posture: np.ndarray,
     *,
     duration: float,
     seed: int = 0,
@@ -94,18 +93,20 @@ def run_whole_body(
     """Run the loop from `WholeBody.start` and return its trace.
 
     Args:
-        whole: the step, made for the start's posture; reset here.
+        whole: the step, made for this posture; reset here.
         person: who follows.
-        start: of the person; its grasp is taken at the robot's contact frame.
+        posture: with which the person holds the tool at the begin (32,) [rad]; soles and grasp stay as they are then.
         duration: [s].
         seed: of noise and lost frames.
         senses: what lies between person and controller.
         checker: judges the object's motion; None: nobody does.
     """
     whole.reset()
-    dt, posture, arm = whole.dt, start.posture.copy(), whole.start.copy()
+    dt, arm = whole.dt, whole.start.copy()
     ruler = Ruler(whole, person)
     pose = ruler.contact(arm)
+    grips, soles = [person.contact(posture)[0] @ grip for grip in person.grasp(posture)], person.stand(posture)
+    grasp = [np.linalg.solve(pose, grip) for grip in grips]
     late = deque([pose] * (1 + round(senses.delay / dt)))
     follow = 1.0 - float(np.exp(-dt / senses.hand_time))
     errors = frames(senses, dt, np.random.default_rng([seed, 2]))
@@ -131,6 +132,6 @@ def run_whole_body(
         pose = ruler.contact(arm)
         late.append(pose)
         followed = late.popleft()
-        held = np.hstack([followed @ grip for grip in start.grasp])
-        posture, _, _ = person.move(posture, held, start.soles, follow, dt)
+        held = np.hstack([followed @ grip for grip in grasp])
+        posture, _, _ = person.move(posture, held, soles, follow, dt)
     return trace

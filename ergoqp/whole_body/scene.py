@@ -143,7 +143,7 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     root = mujoco.MjSpec()
     root.modelname = "whole body"
     world = root.worldbody
-    world.add_light(pos=[-1.0, -2.0, 3.5], dir=[0.3, 0.5, -0.9])
+    world.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 4], dir=[0.1, 0.15, -1], diffuse=[0.4, 0.4, 0.4])
     floor = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [4, 4, 0.1], "rgba": [0.93, 0.93, 0.91, 1]}
     world.add_geom(name="floor", contype=0, conaffinity=0, **floor)
     root.attach(body.spec(), prefix="person/", frame=world.add_frame())

@@ -93,23 +93,25 @@ class _Rows(mink.Task):
 class Tie(_Rows):
     """The person follows the object: pelvis and joints move by (carried, S) xi with xi = J dq - offset, in no other way.
 
-    Contact alone would let the QP choose among all postures that keep the contact, as if the robot moved the person.
+    Contact alone would let the QP choose among all postures that keep the contact, as if the robot moved the person. Joints of
+    the robot's file that the arm does not use, such as fingers, are tied to rest.
     """
 
     def __init__(self, scene: Columns) -> None:
-        """Make 36 rows."""
-        super().__init__(scene, len(scene.person))
+        """Make 36 rows, and one per idle joint."""
+        super().__init__(scene, len(scene.person) + len(scene.idle))
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
         """Return what the offset would make them do; nothing drifts, the posture is measured anew in every step."""
-        return self._follows() @ self._now().offset
+        return np.concatenate([self._follows() @ self._now().offset, np.zeros(len(self.scene.idle))])
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows, scaled by the period as all terms are."""
-        now = self._now()
+        now, count = self._now(), len(self.scene.person)
         rows = np.zeros((len(self.cost), self.scene.model.nv))
-        rows[:, self.scene.person] = np.eye(len(self.cost))
-        rows[:, self.scene.arm] = -self._follows() @ now.jacobian
+        rows[:count, self.scene.person] = np.eye(count)
+        rows[:count, self.scene.arm] = -self._follows() @ now.jacobian
+        rows[count:, self.scene.idle] = np.eye(len(self.scene.idle))
         return rows / now.dt
 
     def _follows(self) -> np.ndarray:
@@ -119,25 +121,24 @@ class Tie(_Rows):
 
 
 class Held(_Rows):
-    """Axes of the object that have no choice, and joints of the robot's file that the arm does not use."""
+    """Axes of the object that have no choice: those that cannot move."""
 
     def __init__(self, scene: Columns) -> None:
-        """Start with the idle joints."""
+        """Start without rows; how many there are, the moment tells."""
         super().__init__(scene, 0)
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
         """Return how far each row is from what it must be, at no motion."""
         now = self._now()
-        axes = fixed_axes(now)
-        return np.concatenate([np.zeros(len(self.scene.idle)), -(now.low + now.offset)[axes]])
+        return -(now.low + now.offset)[fixed_axes(now)]
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows."""
         now = self._now()
-        axes, nv = fixed_axes(now), self.scene.model.nv
-        idle, moving = np.eye(nv)[self.scene.idle], np.zeros((len(axes), nv))
+        axes = fixed_axes(now)
+        moving = np.zeros((len(axes), self.scene.model.nv))
         moving[:, self.scene.arm] = now.jacobian[axes] / now.dt
-        return np.vstack([idle, moving])
+        return moving
 
 
 def fixed_axes(now: Moment) -> np.ndarray:

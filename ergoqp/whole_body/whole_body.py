@@ -40,6 +40,7 @@ class WholeBodyStep:
     Attributes:
         joint_velocities: of the arm (k,) [rad/s]: send these.
         twist: what the object really does with them (6,) [m/s, rad/s].
+        posture_rate: how the model person follows that (32,) [rad/s].
         status: that of the object's own step where the robot does the same; ``slower`` where limits of the robot or the
             distance hold it back; ``braking`` and ``invalid`` as there.
         reason: one sentence that names the cause, empty for a plain optimal step.
@@ -50,6 +51,7 @@ class WholeBodyStep:
 
     joint_velocities: np.ndarray
     twist: np.ndarray
+    posture_rate: np.ndarray
     status: str
     reason: str
     min_distance: float
@@ -177,7 +179,8 @@ class WholeBody:
         self._sent = velocities
         reason = "; ".join(part for part in (object_step.reason, why) if part)
         twist = jacobian @ velocities - self._offset
-        return WholeBodyStep(velocities, twist, status, reason, least, object_step, time.perf_counter() - begin)
+        rate, took = moment.terms["S"] @ twist, time.perf_counter() - begin
+        return WholeBodyStep(velocities, twist, rate, status, reason, least, object_step, took)
 
     def _done(self, contact: np.ndarray, jacobian: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         """Return the object's twist in the last period (6,), and find what the arm missed of it: see `Moment.offset`."""
@@ -293,9 +296,10 @@ class WholeBody:
         """Without knowing the arm: its joints slow down from what was sent."""
         k = len(self.robot.joints)
         slower = np.sign(self._sent) * np.maximum(np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0)
-        self._sent = slower
         object_step = self.stepper.step(posture, enable=False)
+        twist = np.zeros(6) if self._before is None else self._before[1] @ slower
+        # Where the object goes meanwhile is not known, so nothing is to be made good.
+        self._sent, self._before, self._offset = slower, None, np.zeros(6)
         reason = f"{what} is not {k} finite numbers: every joint of the robot stops by itself"
-        return WholeBodyStep(
-            slower, object_step.twist, "invalid", reason, float("nan"), object_step, time.perf_counter() - begin
-        )
+        took = time.perf_counter() - begin
+        return WholeBodyStep(slower, twist, object_step.posture_rate, "invalid", reason, float("nan"), object_step, took)

@@ -90,6 +90,12 @@ def test_a_fixed_place_is_never_better_than_one_that_can_be_adjusted(low_bin):
     assert grid.with_free("z")[1].reshape(grid.shape[0], grid.shape[1], grid.shape[3])[0, 0, 0] == column[column > 0].min()
 
 
+def test_what_can_be_set_is_never_worse_than_fixed(mean):
+    assert list(mean.free) == ["none", *AXES]
+    assert mean.free["none"] == (mean.maximum, mean.mean)
+    assert all(score <= mean.mean for _, score in mean.free.values())
+
+
 def test_the_grid_is_the_maps_own_in_the_order_of_the_poses(low_bin):
     people = read_people(low_bin, STATURES)
     grid = shared_grid(low_bin, people, 0.25)

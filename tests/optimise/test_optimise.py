@@ -26,13 +26,6 @@ def with_limit(problem, limit):
     return problem.replace(limits=[*(each for each in problem.limits if not isinstance(each, type(limit))), limit])
 
 
-def same(one, other):
-    for trial, again in zip(one.trials, other.trials, strict=True):
-        np.testing.assert_array_equal(trial.pose, again.pose)
-        np.testing.assert_array_equal(trial.posture, again.posture)
-        assert (trial.reba, trial.kkt_residual, trial.note) == (again.reba, again.kkt_residual, again.note)
-
-
 class TestBest:
     def test_better_and_optimal(self, best):
         assert best.reba_after < best.reba_before
@@ -70,10 +63,12 @@ class TestBest:
         assert bound.kkt_residual <= 1e-6
         assert bound.cost_after <= best.cost_after + 1e-3
 
+    @pytest.mark.parametrize("name", ["dentist", "desk"])
     @pytest.mark.parametrize("solver", ["fatrop", "sqpmethod"])
-    def test_other_solvers(self, problem, best, solver):
+    def test_other_solvers(self, solver, name):
+        problem = ergoqp.load_problem(name)
         found = problem.optimise(starts=2, seed=1, solver=solver)
-        assert found.reba_after == best.reba_after
+        assert found.reba_after == problem.optimise(starts=2, seed=1).reba_after
         assert found.kkt_residual <= 1e-6
 
     def test_start_of_ones_own(self, problem, best):
@@ -86,7 +81,10 @@ class TestBest:
         assert any("1.55 m" in sentence for sentence in found.assumptions)
 
     def test_saved_and_loaded(self, best, tmp_path):
-        assert Optimum.load(best.save(tmp_path)).as_dict() == best.as_dict()
+        again = Optimum.load(best.save(tmp_path))
+        np.testing.assert_allclose(again.pose, best.pose, atol=1e-14)
+        np.testing.assert_array_equal(again.posture, best.posture)
+        assert repr(again) == repr(best)
 
     def test_progress(self, problem):
         shares = []

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,9 +10,9 @@ pytest.importorskip("mink")
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.simulation.best import draw_starts
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body
 from ergoqp.whole_body.terms import Evaluator, own_objective, terms_function
@@ -28,9 +29,9 @@ def without_limits():
 def test_without_limits_of_the_robot_it_is_the_twist_of_the_fast_step(name):
     problem = ergoqp.load_problem(name)
     person = sample_person(problem, 0, body=problem.response.body)
-    start = draw_starts(problem, person, 1, 0, 3)[0]
-    whole = WholeBody(problem, without_limits(), posture=start.posture, distance=None)
-    trace = run_whole_body(whole, person, start, duration=1.5, senses=Senses())
+    posture = awkward_start(problem, person, 0, 10)
+    whole = WholeBody(problem, without_limits(), posture=posture, distance=None)
+    trace = run_whole_body(whole, person, posture, duration=1.5, senses=Senses())
     compared = [step for step in trace.steps if step.object_step.status in ("optimal", "relaxed", "recovering")]
     compared = [step for step in compared if step.object_step.residuals["accepted"] == 1]
     assert len(compared) > 100
@@ -43,17 +44,17 @@ def near_the_thigh():
     """A dentist's start from which the object would come down onto the thigh."""
     problem = ergoqp.load_problem("dentist")
     person = sample_person(problem, 0, body=problem.response.body)
-    return problem, person, draw_starts(problem, person, 1, 0, 3)[0]
+    return problem, person, awkward_start(problem, person, 1, 10)
 
 
 def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
-    problem, person, start = near_the_thigh
-    careless = WholeBody(problem, posture=start.posture, distance=None)
-    without = run_whole_body(careless, person, start, duration=4.5)
+    problem, person, posture = near_the_thigh
+    careless = WholeBody(problem, posture=posture, distance=None)
+    without = run_whole_body(careless, person, posture, duration=4.5)
     assert min(without.distances) < 0.045
     checker = Checker(problem)
-    careful = WholeBody(problem, posture=start.posture, distance=0.05)
-    trace = run_whole_body(careful, person, start, duration=4.5, checker=checker)
+    careful = WholeBody(problem, posture=posture, distance=0.05)
+    trace = run_whole_body(careful, person, posture, duration=4.5, checker=checker)
     assert min(trace.distances) >= 0.05 - 1e-4
     assert trace.broken_limits(careful) == 0
     assert not any(checker.violations.values())
@@ -65,10 +66,10 @@ def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
 
 
 def test_slow_joints_make_a_slower_object_and_are_named(near_the_thigh):
-    problem, person, start = near_the_thigh
+    problem, person, posture = near_the_thigh
     slow = replace(load_robot("panda"), velocity=np.full(7, 0.1), acceleration=np.full(7, 1.0))
-    whole = WholeBody(problem, slow, posture=start.posture)
-    trace = run_whole_body(whole, person, start, duration=1.0)
+    whole = WholeBody(problem, slow, posture=posture)
+    trace = run_whole_body(whole, person, posture, duration=1.0)
     assert trace.broken_limits(whole) == 0
     speeds = np.array([step.joint_velocities for step in trace.steps])
     assert np.abs(speeds).max() > 0.0999
@@ -76,24 +77,24 @@ def test_slow_joints_make_a_slower_object_and_are_named(near_the_thigh):
 
 
 def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
-    problem, _, start = near_the_thigh
-    whole = WholeBody(problem, posture=start.posture)
+    problem, _, posture = near_the_thigh
+    whole = WholeBody(problem, posture=posture)
     for _ in range(15):
-        moving = whole.step(start.posture, whole.start)
+        moving = whole.step(posture, whole.start)
     assert np.abs(moving.joint_velocities).max() > 0.01
-    bad_posture = start.posture.copy()
+    bad_posture = posture.copy()
     bad_posture[3] = np.nan
     odd = (
         ((None, whole.start), {}, "braking"),
         ((bad_posture, whole.start), {}, "invalid"),
         (("no posture", whole.start), {}, "invalid"),
-        ((start.posture, whole.start), {"age": 9.0}, "braking"),
-        ((start.posture, whole.start), {"enable": False}, "braking"),
-        ((start.posture, whole.start), {"pose": np.zeros((4, 4))}, "invalid"),
-        ((start.posture, whole.start), {"observed": "all"}, "invalid"),
-        ((start.posture, np.full(7, np.nan)), {}, "invalid"),
-        ((start.posture, None), {}, "invalid"),
-        ((start.posture, whole.start, [1, 2]), {}, "invalid"),
+        ((posture, whole.start), {"age": 9.0}, "braking"),
+        ((posture, whole.start), {"enable": False}, "braking"),
+        ((posture, whole.start), {"pose": np.zeros((4, 4))}, "invalid"),
+        ((posture, whole.start), {"observed": "all"}, "invalid"),
+        ((posture, np.full(7, np.nan)), {}, "invalid"),
+        ((posture, None), {}, "invalid"),
+        ((posture, whole.start, [1, 2]), {}, "invalid"),
     )
     for arguments, options, status in odd:
         before = moving.joint_velocities
@@ -104,7 +105,7 @@ def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
         assert (np.abs(moving.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
     unseen = np.ones(32, dtype=bool)
     unseen[4] = False
-    bad_posture[3], bad_posture[4] = start.posture[3], np.nan
+    bad_posture[3], bad_posture[4] = posture[3], np.nan
     step = whole.step(bad_posture, whole.start, observed=unseen)
     assert step.status in ("optimal", "recovering")
 
@@ -135,3 +136,19 @@ def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     smoothing, E = problem.control.smoothing / 0.01, terms["E"]
     assert np.allclose(H, np.diag(effort * (1 + smoothing)) + problem.control.contact * E.T @ E, rtol=0, atol=1e-10)
     assert np.allclose(g, -smoothing * effort * given["previous"], rtol=0, atol=1e-10)
+
+
+def test_joints_that_the_arm_does_not_use_stay_where_they_are(near_the_thigh):
+    problem, _, posture = near_the_thigh
+    robot, plain = load_robot("panda"), WholeBody(problem, posture=posture, distance=None)
+    finger = robot.spec.body("link7").add_body(name="finger", pos=[0, 0.05, 0.1])
+    finger.add_joint(name="finger", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0], range=[0, 0.04])
+    finger.add_geom(name="finger", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0])
+    whole = WholeBody(problem, robot, posture=posture, distance=None)
+    assert len(whole.scene.idle) == 1
+    assert whole.scene.model.nv == plain.scene.model.nv + 1
+    for _ in range(5):
+        step, same = whole.step(posture, whole.start), plain.step(posture, plain.start)
+        assert step.status == "optimal"
+        assert np.abs(step.twist).max() > 1e-3
+        assert np.allclose(step.joint_velocities, same.joint_velocities, rtol=0, atol=1e-9)
