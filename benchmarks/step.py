@@ -10,7 +10,7 @@ its parts (`benchmarks.step_phases`), which add up to ``median_us``.
 
 - ``compiled_...``: the same calls with ``compiled=True``. ``c_...``: the exported step in C, timed in C (`benchmarks.step_c`);
   ``c_max_difference`` is the largest difference of any of its twists from Python's.
-- ``mink_us``: mink on the same QP, from the inputs to the twist, the arm's joints as unknowns (`benchmarks.mink_peer`), the leanest
+- ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns (`benchmarks.mink_peer`), the leanest
   there is: its terms come from the step's own CasADi functions. ``mink_whole_us``: posture and arm as unknowns, as in
   `ergoqp.whole_body`. The ratios are of each to the step's three forms, all in this run. ``mink_max_difference``: of its twists
   from the step's.
