@@ -20,7 +20,7 @@ of 150 ms. Starts at which the arm cannot hold the object, with the distance kep
 - ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops with distances.
 - ``step_us``, ``step_p99_us``: the whole call in a loop of screwing, distances and fast step included, one process.
 - ``mink_us``: the formulation alone on steps of screwing, see `benchmarks.mink_peer`; ``mink_arm_us`` with the arm's joints as
-  the only unknowns; ``fast_us`` the fast step on the same trajectory.
+  the only unknowns, ``pink_arm_us`` the same through pink; ``fast_us`` the fast step on the same trajectory.
 """
 
 from __future__ import annotations
@@ -193,8 +193,15 @@ def _times(report: Report, duration: float) -> None:
     stepper = problem.stepper()
     calls = trajectory(problem, stepper, duration).calls
     report.figure("fast_us", float(np.median(time_calls(stepper, calls)[0])), "the fast step, median")
-    for name, times in (("mink_us", mink_steps(problem, calls, "whole")), ("mink_arm_us", mink_steps(problem, calls, "arm"))):
-        meaning = f"median of {len(times.whole_us)} steps, {np.median(times.mink_us):.0f} us of it in mink"
+    peers = {"mink_us": mink_steps(problem, calls, "whole"), "mink_arm_us": mink_steps(problem, calls, "arm")}
+    try:
+        from benchmarks.pink_peer import pink_steps
+    except ImportError:
+        report.say("pink or Pinocchio (packages 'pin-pink' and 'pin') is absent: no comparison")
+    else:
+        peers["pink_arm_us"] = pink_steps(problem, calls)
+    for name, times in peers.items():
+        meaning = f"median of {len(times.whole_us)} steps, {np.median(times.own_us):.0f} us of it building and solving"
         report.figure(name, float(np.median(times.whole_us)), meaning)
 
 
