@@ -26,8 +26,9 @@ Of the control step itself:
 - ``derived_accepted_above_1e-6``: the same of the step's QP on the near singular and nearly infeasible ones;
   ``derived_refused``: those out of ``derived`` that it did not accept (the step brakes then).
 - ``infeasible_accepted``: of ``infeasible`` QPs, those that the step's QP accepts.
-- ``contradictory_steps``, ``contradictory_unnamed``: steps of problems whose limits contradict each other, and those of them
-  that do not say which limit is broken.
+- ``contradictory_steps``: steps of problems whose limits contradict each other. ``contradictory_unreported``: those of them that
+  do not say so; ``contradictory_braking``: those that brake and say that no other twist keeps every limit. The rest name the
+  limit that is broken.
 """
 
 from __future__ import annotations
@@ -95,22 +96,24 @@ def contradictory(problem: Problem) -> Problem:
     return problem.replace(limits=[*problem.limits, SecondBox(tuple(lower + aside), tuple(upper + aside))])
 
 
-def unnamed_steps(problem: Problem, steps: int) -> int:
-    """Return how many steps of a contradictory problem do not name a broken limit."""
+def contradicted_steps(problem: Problem, steps: int) -> tuple[int, int]:
+    """Return how many steps of a contradictory problem do not report it, and how many brake with the reason for it."""
     response = problem.response
     assert isinstance(response, IkResponse)
     stepper, rng = contradictory(problem).stepper(), np.random.default_rng(0)
-    unnamed = 0
+    unreported = braking = 0
     for _ in range(steps):
         step = stepper.step(response.comfort + np.radians(4) * rng.normal(size=len(problem.coordinates)))
-        named = step.status in ("recovering", "relaxed", "braking") and "workspace" in step.reason
-        unnamed += not named
-    return unnamed
+        named = step.status in ("recovering", "relaxed") and "workspace" in step.reason
+        brakes = step.status == "braking" and "keeps every limit" in step.reason
+        unreported += not (named or brakes)
+        braking += brakes
+    return unreported, braking
 
 
 def measure(report: Report) -> None:
     """Record, derive, try every solver, and judge the step."""
-    steps, derive, stretch, slack = report.pick((150, 5, 45, 12), (1000, 30, 400, 120))
+    steps, derive, stretch, slack = report.pick((150, 5, 45, 12), (1000, 20, 200, 30))
     recordings: list[Recording] = []
     for name in PROBLEMS:
         recordings += record(load_problem(name), steps)
@@ -121,7 +124,7 @@ def measure(report: Report) -> None:
     report.figure("recorded", sum(map(len, plain)), f"of them tried, in {len(plain)} sequences")
     _step_itself(report, recordings, made)
     _contradictions(report, report.pick(40, 400))
-    _solvers(report, sequences, report.pick(4, 40))
+    _solvers(report, sequences, report.pick(4, 20))
 
 
 def _step_itself(report: Report, recordings: Sequence[Recording], made: Sequence[QpSequence]) -> None:
@@ -154,7 +157,9 @@ def _step_itself(report: Report, recordings: Sequence[Recording], made: Sequence
 
 def _contradictions(report: Report, steps: int) -> None:
     report.figure("contradictory_steps", steps * len(TASKS), "steps of problems whose limits contradict each other")
-    report.figure("contradictory_unnamed", sum(unnamed_steps(load_problem(name), steps) for name in TASKS))
+    counts = np.sum([contradicted_steps(load_problem(name), steps) for name in TASKS], axis=0)
+    report.figure("contradictory_unreported", counts[0])
+    report.figure("contradictory_braking", counts[1], "say that no other twist keeps every limit")
 
 
 def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> None:

@@ -53,7 +53,7 @@ class Comparison:
     missing: tuple[str, ...]
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``compare.json``, the picture, and the sequences in qpbenchmark's format.
+        """Write ``compare.json``, the picture, and the sequences for qpbenchmark; see ``docs/compare_json.md``.
 
         Returns:
             The path of ``compare.json``.

@@ -83,6 +83,13 @@ def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+def test_every_key_and_figure_is_documented() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "compare_json.md").read_text(encoding="utf-8")
+    found = small()
+    keys = {*found.as_dict(), *found.as_dict()["sequences"][0], *(key for one in found.figures.values() for key in one)}
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_qpbenchmark_and_qpsolvers_solve_what_is_saved(tmp_path: Path) -> None:
     pytest.importorskip("qpbenchmark", reason="qpbenchmark is absent")
