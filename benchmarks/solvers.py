@@ -27,8 +27,8 @@ Of the control step itself:
   ``derived_refused``: those out of ``derived`` that it did not accept (the step brakes then).
 - ``infeasible_accepted``: of ``infeasible`` QPs, those that the step's QP accepts.
 - ``contradictory_steps``: steps of problems whose limits contradict each other. ``contradictory_unreported``: those of them
-  that do not say so; ``contradictory_braking``: those that brake and say that no other twist keeps every limit. The rest name the
-  limit that is broken.
+  that do not say so; ``contradictory_braking``: those that brake and say that no other twist keeps every limit. The rest
+  name the limit that is broken.
 """
 
 from __future__ import annotations
