@@ -144,7 +144,7 @@ def _with_distance(
 
 def measure(report: Report) -> None:
     """Run everything in two processes and print the figures of all problems together, then of each."""
-    people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(2, 3, 10.0))
+    people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(2, 2, 8.0))
     jobs = [(name, seed, starts, duration) for seed in range(people) for name in TASKS]
     found = {name: Found() for name in TASKS}
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
