@@ -16,6 +16,8 @@ Per solver S, of those that are installed:
   infeasible. ``S.infeasible_named``: share of the infeasible QPs that it called so, and did not just give up.
 - ``S.sgm_us``: shifted geometric mean of the cold times, a QP that was not solved counting 10 ms at least; ``S.sgm_time``:
   that over the best solver's. ``S.p50_us``, ``S.p99_us``, ``S.max_us``: the times as they were.
+- ``S.farthest``: largest distance in any entry from the certified answer (DAQP's, every residual within 1e-9 by the judge),
+  of the recorded QPs that it solved.
 - ``S.warm_ratio``, ``S.warm_iterations_ratio``: warm over cold along the trajectories, of time and of the mean iterations; only
   for solvers that can start warm.
 
@@ -33,7 +35,7 @@ Of the control step itself:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -52,7 +54,7 @@ from ergoqp.qp import FREE, TOLERANCE, build_qp
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.solvers.sequence import Array, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions
 
@@ -61,7 +63,7 @@ ACCURACY = 1e-6
 HIGH = 1e-9
 PASSES = 2
 
-_SHOWN = ("success_1e-3", "success_1e-6", "wrong_flags", "infeasible_named", "sgm_us", "p50_us", "p99_us", "max_us")
+_SHOWN = ("success_1e-3", "success_1e-6", "wrong_flags", "infeasible_named", "farthest", "sgm_us", "p50_us", "p99_us", "max_us")
 
 
 @dataclass(frozen=True)
@@ -164,10 +166,14 @@ def _contradictions(report: Report, steps: int) -> None:
 
 def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> None:
     found: dict[str, dict[str, float]] = {}
+    certified: dict[str, Array] = {}
     for name in installed_sessions():
         trials = _trials(name, sequences)
         high = [try_solver(name, one.thinned(stretch), False, HIGH) for one in sequences if one.feasible]
+        if name == "daqp":
+            certified = {one.sequence.name: np.where(one.success(HIGH)[:, None], one.points, np.nan) for one in trials}
         found[name] = figures_of(trials, ACCURACY) | {"high": figures_of(high, HIGH)["success_1e-9"]}
+        found[name]["farthest"] = max(_distance(one, certified) for one in trials if one.sequence.family == "recorded")
         report.say(f"{name}: {found[name]['qps']:.0f} QPs, {SESSIONS[name].method}")
     best = min(one["sgm_us"] for one in found.values())
     for name, one in found.items():
@@ -181,6 +187,11 @@ def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> N
     for name in SESSIONS:
         if name not in found:
             report.say(f"{name} (extra 'solvers') is absent")
+
+
+def _distance(trial: Trial, certified: Mapping[str, Array]) -> float:
+    apart = np.abs(trial.points - certified[trial.sequence.name]).max(axis=1)
+    return float(np.max(apart[trial.success(ACCURACY) & np.isfinite(apart)], initial=0.0))
 
 
 def _trials(name: str, sequences: Sequence[QpSequence]) -> list[Trial]:
