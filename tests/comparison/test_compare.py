@@ -127,9 +127,11 @@ def _module(path: Path) -> ModuleType:
 
 def test_without_matplotlib_everything_else_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    (tmp_path / "compare.png").write_text("of another comparison")
     with pytest.raises(MissingExtraError, match=r"picture of a comparison needs the package 'matplotlib'.*ergoqp\[solvers\]"):
         small().save(tmp_path)
     assert (tmp_path / "compare.json").is_file()
+    assert not (tmp_path / "compare.png").exists()
     assert len(list((tmp_path / "sequences").glob("*.npz"))) == len(small().sequences)
 
 
