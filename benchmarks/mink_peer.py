@@ -12,7 +12,7 @@ input checks, certification, locking.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -34,27 +34,29 @@ from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
 from ergoqp.whole_body.terms import Evaluator, own_objective, pelvis_function, person_of, terms_function
 
 Call = tuple[Any, Any, float]
+Solver = Callable[[dict[str, Any]], tuple[np.ndarray, float]]
 
 
 @dataclass(frozen=True)
-class MinkTimes:
-    """What mink took for the steps of a trajectory.
+class PeerTimes:
+    """What a peer took for the steps of a trajectory.
 
     Attributes:
         whole_us: from the inputs to the twist, one entry per step [us].
-        mink_us: mink's own part of it, building and solving the QP [us].
+        own_us: the peer's own part of it, building and solving the QP [us].
         difference: largest difference of any twist from that of the fast step [m/s, rad/s].
     """
 
     whole_us: np.ndarray
-    mink_us: np.ndarray
+    own_us: np.ndarray
     difference: float
 
 
-class _Arm:
+class ArmColumns:
     """The arm alone, with its load, as tasks and limits see a model."""
 
     def __init__(self) -> None:
+        """Load the arm and give it an object."""
         self.robot = load_robot("panda")
         carry(self.robot.spec, self.robot, Load(default_tool_frame(0.0)))
         self.model = self.robot.spec.compile()
@@ -62,7 +64,7 @@ class _Arm:
         self.person = self.idle = np.zeros(0, dtype=int)
 
 
-def mink_steps(problem: Problem, calls: Sequence[Call], unknowns: Literal["arm", "whole"] = "arm") -> MinkTimes:
+def mink_steps(problem: Problem, calls: Sequence[Call], unknowns: Literal["arm", "whole"] = "arm") -> PeerTimes:
     """Time mink on the QPs of a recorded trajectory.
 
     Counted are the steps in which the fast step's answer is that of its first QP and goes out as it is: status ``optimal``, no
@@ -74,8 +76,18 @@ def mink_steps(problem: Problem, calls: Sequence[Call], unknowns: Literal["arm",
         calls: (posture, pose, age) of every step, as `benchmarks.step.trajectory` records them.
         unknowns: ``"arm"`` or ``"whole"``, see above.
     """
-    given = _questions(problem, calls)
-    solver = _ArmSolver(problem) if unknowns == "arm" else _WholeSolver(problem)
+    return timed(problem, calls, _ArmSolver(problem) if unknowns == "arm" else _WholeSolver(problem))
+
+
+def timed(problem: Problem, calls: Sequence[Call], solver: Solver) -> PeerTimes:
+    """Return the times of a peer, and how far its twists are from those of the fast step.
+
+    Args:
+        problem: the task.
+        calls: of the trajectory.
+        solver: answers what `questions` gives with a twist (6,), and the seconds that the peer itself took.
+    """
+    given = questions(problem, calls)
     whole, part, difference = np.zeros(len(given)), np.zeros(len(given)), 0.0
     for _ in ("warm-up", "counted"):
         for i, (question, answer) in enumerate(given):
@@ -83,10 +95,10 @@ def mink_steps(problem: Problem, calls: Sequence[Call], unknowns: Literal["arm",
             twist, part[i] = solver(question)
             whole[i] = time.perf_counter() - begin
             difference = max(difference, float(np.abs(twist - answer).max()))
-    return MinkTimes(1e6 * whole, 1e6 * part, difference)
+    return PeerTimes(1e6 * whole, 1e6 * part, difference)
 
 
-def _questions(problem: Problem, calls: Sequence[Call]) -> list[tuple[dict[str, Any], np.ndarray]]:
+def questions(problem: Problem, calls: Sequence[Call]) -> list[tuple[dict[str, Any], np.ndarray]]:
     """What `qp_data` takes in every counted step, and the fast step's twist."""
     stepper, data, given = Stepper(problem), Evaluator(qp_data(problem)), []
     previous = np.zeros(6)
@@ -105,7 +117,7 @@ class _ArmSolver:
     """The arm alone: one trajectory's tasks and limits, kept over the steps."""
 
     def __init__(self, problem: Problem) -> None:
-        self._dt, self._terms, self._scene = problem.dt, Evaluator(qp_data(problem)), _Arm()
+        self._dt, self._terms, self._scene = problem.dt, Evaluator(qp_data(problem)), ArmColumns()
         self._configuration = mink.Configuration(self._scene.model)
         self._tasks = [ObjectTask(self._scene), NullSpaceTask(self._scene)]
         self._limits = [TwistBounds(self._scene), StepRows(self._scene), ArmBounds(self._scene)]
@@ -119,7 +131,7 @@ class _ArmSolver:
         terms, J, configuration = self._terms(question), self._jacobian, self._configuration
         configuration.update(self._scene.robot.rest)
         mujoco.mj_jacSite(self._scene.model, configuration.data, J[:3], J[3:], self._site)
-        moment = _moment(self._scene.robot, self._dt, J, terms, terms["H"], terms["g"])
+        moment = resting(self._scene.robot, self._dt, J, terms, terms["H"], terms["g"])
         begin = time.perf_counter()
         at_moment([*self._tasks, *self._limits, *self._constraints], moment)
         settings = {"limits": self._limits, "constraints": self._constraints, "damping": 0.0} | SETTINGS
@@ -146,7 +158,7 @@ class _WholeSolver:
         jacobian = np.zeros((6, scene.model.nv))
         mujoco.mj_jacSite(scene.model, formulation.configuration.data, jacobian[:3], jacobian[3:], scene.contact_site)
         H, g = own_objective(terms)
-        moment = _moment(scene.robot, self._dt, jacobian[:, scene.arm], terms, H, g)
+        moment = resting(scene.robot, self._dt, jacobian[:, scene.arm], terms, H, g)
         begin = time.perf_counter()
         velocity = formulation.solve(moment, follow=True)
         took = time.perf_counter() - begin
@@ -155,7 +167,7 @@ class _WholeSolver:
         return moment.jacobian @ velocity[scene.arm], took
 
 
-def _moment(robot: Robot, dt: float, J: np.ndarray, terms: dict[str, np.ndarray], H: np.ndarray, g: np.ndarray) -> Moment:
+def resting(robot: Robot, dt: float, J: np.ndarray, terms: dict[str, np.ndarray], H: np.ndarray, g: np.ndarray) -> Moment:
     """A moment in which the arm rests and has no limit near: those of the twist alone decide, as in the fast step."""
     still = np.zeros(len(robot.joints))
     fast, ranges = np.full(len(still), 1e3), (robot.lower - 50, robot.upper + 50)

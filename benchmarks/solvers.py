@@ -16,6 +16,8 @@ Per solver S, of those that are installed:
   infeasible. ``S.infeasible_named``: share of the infeasible QPs that it called so, and did not just give up.
 - ``S.sgm_us``: shifted geometric mean of the cold times, a QP that was not solved counting 10 ms at least; ``S.sgm_time``:
   that over the best solver's. ``S.p50_us``, ``S.p99_us``, ``S.max_us``: the times as they were.
+- ``S.farthest``: largest distance in any entry from the certified answer (DAQP's, every residual within 1e-9 by the judge),
+  of the recorded QPs that it solved.
 - ``S.warm_ratio``, ``S.warm_iterations_ratio``: warm over cold along the trajectories, of time and of the mean iterations; only
   for solvers that can start warm.
 
@@ -26,13 +28,14 @@ Of the control step itself:
 - ``derived_accepted_above_1e-6``: the same of the step's QP on the near singular and nearly infeasible ones;
   ``derived_refused``: those out of ``derived`` that it did not accept (the step brakes then).
 - ``infeasible_accepted``: of ``infeasible`` QPs, those that the step's QP accepts.
-- ``contradictory_steps``, ``contradictory_unnamed``: steps of problems whose limits contradict each other, and those of them
-  that do not say which limit is broken.
+- ``contradictory_steps``: steps of problems whose limits contradict each other. ``contradictory_unreported``: those of them
+  that do not say so; ``contradictory_braking``: those that brake and say that no other twist keeps every limit. The rest
+  name the limit that is broken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -51,7 +54,7 @@ from ergoqp.qp import FREE, TOLERANCE, build_qp
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.judge import judge
-from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.solvers.sequence import Array, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions
 
@@ -60,7 +63,7 @@ ACCURACY = 1e-6
 HIGH = 1e-9
 PASSES = 2
 
-_SHOWN = ("success_1e-3", "success_1e-6", "wrong_flags", "infeasible_named", "sgm_us", "p50_us", "p99_us", "max_us")
+_SHOWN = ("success_1e-3", "success_1e-6", "wrong_flags", "infeasible_named", "farthest", "sgm_us", "p50_us", "p99_us", "max_us")
 
 
 @dataclass(frozen=True)
@@ -95,22 +98,24 @@ def contradictory(problem: Problem) -> Problem:
     return problem.replace(limits=[*problem.limits, SecondBox(tuple(lower + aside), tuple(upper + aside))])
 
 
-def unnamed_steps(problem: Problem, steps: int) -> int:
-    """Return how many steps of a contradictory problem do not name a broken limit."""
+def contradicted_steps(problem: Problem, steps: int) -> tuple[int, int]:
+    """Return how many steps of a contradictory problem do not report it, and how many brake with the reason for it."""
     response = problem.response
     assert isinstance(response, IkResponse)
     stepper, rng = contradictory(problem).stepper(), np.random.default_rng(0)
-    unnamed = 0
+    unreported = braking = 0
     for _ in range(steps):
         step = stepper.step(response.comfort + np.radians(4) * rng.normal(size=len(problem.coordinates)))
-        named = step.status in ("recovering", "relaxed", "braking") and "workspace" in step.reason
-        unnamed += not named
-    return unnamed
+        named = step.status in ("recovering", "relaxed") and "workspace" in step.reason
+        brakes = step.status == "braking" and "keeps every limit" in step.reason
+        unreported += not (named or brakes)
+        braking += brakes
+    return unreported, braking
 
 
 def measure(report: Report) -> None:
     """Record, derive, try every solver, and judge the step."""
-    steps, derive, stretch, slack = report.pick((150, 5, 45, 12), (1000, 30, 400, 120))
+    steps, derive, stretch, slack = report.pick((150, 5, 45, 12), (1000, 20, 200, 30))
     recordings: list[Recording] = []
     for name in PROBLEMS:
         recordings += record(load_problem(name), steps)
@@ -121,7 +126,7 @@ def measure(report: Report) -> None:
     report.figure("recorded", sum(map(len, plain)), f"of them tried, in {len(plain)} sequences")
     _step_itself(report, recordings, made)
     _contradictions(report, report.pick(40, 400))
-    _solvers(report, sequences, report.pick(4, 40))
+    _solvers(report, sequences, report.pick(4, 20))
 
 
 def _step_itself(report: Report, recordings: Sequence[Recording], made: Sequence[QpSequence]) -> None:
@@ -154,15 +159,21 @@ def _step_itself(report: Report, recordings: Sequence[Recording], made: Sequence
 
 def _contradictions(report: Report, steps: int) -> None:
     report.figure("contradictory_steps", steps * len(TASKS), "steps of problems whose limits contradict each other")
-    report.figure("contradictory_unnamed", sum(unnamed_steps(load_problem(name), steps) for name in TASKS))
+    counts = np.sum([contradicted_steps(load_problem(name), steps) for name in TASKS], axis=0)
+    report.figure("contradictory_unreported", counts[0])
+    report.figure("contradictory_braking", counts[1], "say that no other twist keeps every limit")
 
 
 def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> None:
     found: dict[str, dict[str, float]] = {}
+    certified: dict[str, Array] = {}
     for name in installed_sessions():
         trials = _trials(name, sequences)
         high = [try_solver(name, one.thinned(stretch), False, HIGH) for one in sequences if one.feasible]
+        if name == "daqp":
+            certified = {one.sequence.name: np.where(one.success(HIGH)[:, None], one.points, np.nan) for one in trials}
         found[name] = figures_of(trials, ACCURACY) | {"high": figures_of(high, HIGH)["success_1e-9"]}
+        found[name]["farthest"] = max(_distance(one, certified) for one in trials if one.sequence.family == "recorded")
         report.say(f"{name}: {found[name]['qps']:.0f} QPs, {SESSIONS[name].method}")
     best = min(one["sgm_us"] for one in found.values())
     for name, one in found.items():
@@ -176,6 +187,11 @@ def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> N
     for name in SESSIONS:
         if name not in found:
             report.say(f"{name} (extra 'solvers') is absent")
+
+
+def _distance(trial: Trial, certified: Mapping[str, Array]) -> float:
+    apart = np.abs(trial.points - certified[trial.sequence.name]).max(axis=1)
+    return float(np.max(apart[trial.success(ACCURACY) & np.isfinite(apart)], initial=0.0))
 
 
 def _trials(name: str, sequences: Sequence[QpSequence]) -> list[Trial]:

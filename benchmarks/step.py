@@ -167,7 +167,7 @@ def _peers(report: Report, median: float) -> None:
         forms["mink_ratio_c"] = c.median_us
     peer = mink_steps(problem, calls, "arm")
     report.figure("mink_us", float(np.median(peer.whole_us)), "mink on the same QP, arm as unknowns, inputs to twist")
-    report.figure("mink_own_us", float(np.median(peer.mink_us)), "of it in mink: building and solving the QP")
+    report.figure("mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP")
     report.figure("mink_max_difference", peer.difference)
     some = calls[: report.pick(300, 2000)]
     whole = float(np.median(mink_steps(problem, some, "whole").whole_us))

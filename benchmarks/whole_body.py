@@ -11,7 +11,8 @@ of 150 ms. Starts at which the arm cannot hold the object, with the distance kep
 - ``min_distance``: with the Panda's limits and a stated distance of 0.05 m: smallest distance over the loops of robot and
   object from the true person, and of the object from the arm, of the pairs that `ergoqp.whole_body.Scene.pairs` lists;
   angles without noise. ``noisy.min_distance`` the same with noise of 0.5 deg, drift of 1 deg and lost frames: what the robot
-  sees is then not where the person is. ``careless.min_distance``: the same starts and joints without distances in the QP. [m]
+  sees is then not where the person is. ``careless.min_distance``: the same starts and joints without distances in the QP;
+  the quick sample begins at seed 1, at which the dentist's object would go through the thigh. [m]
 - ``robot_violations``: samples that break a range, rate or acceleration of the arm. ``object_violations``: loops in which a
   limit of the object is broken by more than 1e-6 of its unit, by the independent checker; ``max_object_violation``: the worst,
   in its unit: the object's way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all
@@ -20,7 +21,7 @@ of 150 ms. Starts at which the arm cannot hold the object, with the distance kep
 - ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops with distances.
 - ``step_us``, ``step_p99_us``: the whole call in a loop of screwing, distances and fast step included, one process.
 - ``mink_us``: the formulation alone on steps of screwing, see `benchmarks.mink_peer`; ``mink_arm_us`` with the arm's joints as
-  the only unknowns; ``fast_us`` the fast step on the same trajectory.
+  the only unknowns, ``pink_arm_us`` the same through pink; ``fast_us`` the fast step on the same trajectory.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def loops_of_person(name: str, seed: int, count: int, duration: float) -> tuple[
     problem, found = load_problem(name), Found()
     person = sample_person(problem, seed, body=problem.response.body)  # pyright: ignore[reportAttributeAccessIssue] (IkResponse)
     for number in range(count):
-        posture = awkward_start(problem, person, 1000 * seed + number, PLACES)
+        posture = awkward_start(problem, person, 1000 * seed + number + 1, PLACES)
         try:
             whole = WholeBody(problem, posture=posture, distance=DISTANCE)
         except InputError:
@@ -144,7 +145,7 @@ def _with_distance(
 
 def measure(report: Report) -> None:
     """Run everything in two processes and print the figures of all problems together, then of each."""
-    people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(2, 3, 10.0))
+    people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(2, 2, 8.0))
     jobs = [(name, seed, starts, duration) for seed in range(people) for name in TASKS]
     found = {name: Found() for name in TASKS}
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
@@ -193,8 +194,15 @@ def _times(report: Report, duration: float) -> None:
     stepper = problem.stepper()
     calls = trajectory(problem, stepper, duration).calls
     report.figure("fast_us", float(np.median(time_calls(stepper, calls)[0])), "the fast step, median")
-    for name, times in (("mink_us", mink_steps(problem, calls, "whole")), ("mink_arm_us", mink_steps(problem, calls, "arm"))):
-        meaning = f"median of {len(times.whole_us)} steps, {np.median(times.mink_us):.0f} us of it in mink"
+    peers = {"mink_us": mink_steps(problem, calls, "whole"), "mink_arm_us": mink_steps(problem, calls, "arm")}
+    try:
+        from benchmarks.pink_peer import pink_steps
+    except ImportError:
+        report.say("pink or Pinocchio (packages 'pin-pink' and 'pin') is absent: no comparison")
+    else:
+        peers["pink_arm_us"] = pink_steps(problem, calls)
+    for name, times in peers.items():
+        meaning = f"median of {len(times.whole_us)} steps, {np.median(times.own_us):.0f} us of it building and solving"
         report.figure(name, float(np.median(times.whole_us)), meaning)
 
 

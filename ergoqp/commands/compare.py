@@ -67,7 +67,7 @@ def _sequences(found: Comparison) -> Table:
 def _exactness(found: Comparison) -> Table:
     table = Table(title=f"answers, judged apart; solvers set to {tidy(found.accuracy)}", title_justify="left")
     table.add_column("solver")
-    table.add_column("method")
+    table.add_column("method", no_wrap=True)
     columns = ("within 1e-3", "1e-6", "1e-9", "wrong: solved", "wrong: infeasible", "infeasible named")
     for name in columns:
         table.add_column(name, justify="right")

@@ -53,7 +53,7 @@ class Comparison:
     missing: tuple[str, ...]
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``compare.json``, the picture, and the sequences in qpbenchmark's format.
+        """Write ``compare.json``, the picture, and the sequences for qpbenchmark; see ``docs/compare_json.md``.
 
         Returns:
             The path of ``compare.json``.
@@ -70,7 +70,10 @@ class Comparison:
         save_sequences(self.sequences, folder / "sequences")
         path = folder / "compare.json"
         path.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
-        comparison_picture(self, folder / "compare.png")
+        picture = folder / "compare.png"
+        # An older one would be taken for this comparison's.
+        picture.unlink(missing_ok=True)
+        comparison_picture(self, picture)
         return path
 
     def as_dict(self) -> dict[str, Any]:

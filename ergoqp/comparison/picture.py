@@ -79,7 +79,7 @@ def _draw_times(axes: Any, comparison: Comparison, names: list[str]) -> None:
 def _draw_residuals(axes: Any, comparison: Comparison, names: list[str]) -> None:
     from matplotlib import colormaps
 
-    colour: Callable[[float], Any] = colormaps["viridis"]
+    colour: Callable[[int], Any] = colormaps["tab10"]
     for place, name in enumerate(names):
         trials = [one for one in comparison.trials if one.solver == name and one.sequence.feasible]
         worst = np.sort(np.concatenate([np.maximum(one.worst, _LEAST) for one in trials]))
@@ -87,8 +87,8 @@ def _draw_residuals(axes: Any, comparison: Comparison, names: list[str]) -> None
         there = np.isfinite(worst)
         x = np.concatenate([worst[there], [1e3]])
         y = np.concatenate([share[there], [share[there][-1] if there.any() else 0.0]])
-        style = ("-", "--", ":")[place % 3]
-        axes.step(x, 100 * y, style, where="post", color=colour(place / max(1, len(names))), linewidth=1.6, label=name)
+        style = ("-", "--")[place % 2]
+        axes.step(x, 100 * y, style, where="post", color=colour(place % 10), linewidth=1.6, label=name)
     for tolerance in TOLERANCES:
         axes.axvline(tolerance, color="#8a8a8a", linewidth=0.8, linestyle=(0, (2, 3)))
     axes.set_xscale("log")

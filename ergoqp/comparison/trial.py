@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from ergoqp.solvers.judge import NOTHING, judge
 from ergoqp.solvers.sequence import Array, QpSequence
 from ergoqp.solvers.sessions import open_session
+
+_SLOW: Final = 2.0
+"""A first pass that took this long [s] is the only one: then the milliseconds of other programs do not count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,7 @@ def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float, p
         seconds.append(answer.seconds)
         iterations.append(np.nan if answer.iterations is None else answer.iterations)
         points.append(answer.x)
-    for _ in range(passes - 1):
+    for _ in range(passes - 1 if sum(seconds) < _SLOW else 0):
         session = open_session(solver, *sequence.size, accuracy)
         seconds = [min(least, session.solve_qp(qp, warm).seconds) for least, qp in zip(seconds, sequence, strict=True)]
     return Trial(

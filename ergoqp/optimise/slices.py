@@ -12,6 +12,7 @@ from ergoqp.optimise.parallel import in_order
 from ergoqp.optimise.place_search import Placing
 from ergoqp.problem import Problem
 from ergoqp.simulation.best import outward, settle_in_order
+from ergoqp.simulation.loop import Start
 from ergoqp.simulation.person import Follower
 
 SPACING: Final = 0.05
@@ -45,7 +46,13 @@ class Slice:
 
 
 def slices_through(
-    problem: Problem, people: Sequence[Follower], pose: np.ndarray, *, spacing: float = SPACING, jobs: int = 1
+    problem: Problem,
+    people: Sequence[Follower],
+    pose: np.ndarray,
+    *,
+    starts: Sequence[Start] | None = None,
+    spacing: float = SPACING,
+    jobs: int = 1,
 ) -> list[Slice]:
     """Return at most two slices through a place: distance and side by height, or tilt by height where nothing else moves.
 
@@ -53,6 +60,7 @@ def slices_through(
         problem: its workspace and tool axis say where the object can be.
         people: who is put to rest at every place.
         pose: the place (4, 4), in the workspace.
+        starts: how each holds the object, and where from; None: as in comfort.
         spacing: of the places [m].
         jobs: number of processes.
     """
@@ -76,7 +84,7 @@ def slices_through(
         poses = np.array([placing.pose(each) for each in points.reshape(-1, 5)[allowed]])
         poses[:, :3, :3] = poses[:, :3, :3] @ roll
         scores = np.full((len(people), len(allowed)), -1)
-        calls = [(problem, person, poses) for person in people]
+        calls = [(problem, person, poses, start) for person, start in zip(people, starts or [None] * len(people), strict=True)]
         scores[:, allowed] = np.stack(list(in_order(_scores, calls, jobs)))
         slices.append(Slice(across, up, horizontal, vertical, scores.reshape(-1, len(vertical), len(horizontal)), point))
     return slices
@@ -87,9 +95,9 @@ def _values(placing: Placing, number: int, spacing: float) -> np.ndarray:
     return np.linspace(low, high, max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS)
 
 
-def _scores(problem: Problem, person: Follower, poses: np.ndarray) -> np.ndarray:
-    order = outward(person, poses)
-    postures, reached = settle_in_order(person, poses[order])
+def _scores(problem: Problem, person: Follower, poses: np.ndarray, start: Start | None) -> np.ndarray:
+    order = outward(person, poses, None if start is None else start.pose)
+    postures, reached = settle_in_order(person, poses[order], start)
     scores = np.zeros(len(poses), dtype=int)
     scores[order] = np.where(reached, problem.assess(postures).final, 0)
     return scores

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from ergoqp.optimise.optimum import Optimum
 from ergoqp.optimise.place_search import Placing
 from ergoqp.optimise.slices import Slice, slices_through
+from ergoqp.optimise.start import begin_from
 from ergoqp.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.figure import posture_figure
@@ -131,7 +133,9 @@ def _facts(optimum: Optimum) -> list[tuple[str, str]]:
 
 
 def _map(optimum: Optimum, problem: Problem, follower: Follower, jobs: int) -> Section:
-    slices = slices_through(problem, [follower], optimum.pose, jobs=jobs)
+    held = begin_from(follower, optimum.posture_before, optimum.pose_before)
+    start = replace(held, posture=optimum.posture, pose=optimum.pose)
+    slices = slices_through(problem, [follower], optimum.pose, starts=[start], jobs=jobs)
     placing = Placing.of(problem)
     spots = [
         Spot(placing.point(optimum.pose_before), "before", "spot other"),

@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.paths import cache_folder
 from ergoqp.problem import Problem
-from ergoqp.simulation.loop import Start
+from ergoqp.simulation.loop import Start, start_at
 from ergoqp.simulation.person import Follower
 
 SPACING = 0.10
@@ -74,24 +74,26 @@ def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
     return Map(poses, postures, scores)
 
 
-def settle_in_order(person: Follower, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,): each from the nearest before it."""
-    comfort = person.response.comfort
-    soles, grasp = person.stand(comfort), person.grasp(comfort)
-    postures, reached = np.zeros((len(poses), len(comfort))), np.zeros(len(poses), dtype=bool)
+def settle_in_order(person: Follower, poses: np.ndarray, start: Start | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,): each from the nearest before it.
+
+    The object is held as in `start`, whose posture is the first to settle from; None: comfort.
+    """
+    start = start or start_at(person, person.response.comfort)
+    postures, reached = np.zeros((len(poses), len(start.posture))), np.zeros(len(poses), dtype=bool)
     features = np.array([_features(pose) for pose in poses])
     for i, pose in enumerate(poses):
         before = np.flatnonzero(reached[:i])
-        seed = comfort
+        seed = start.posture
         if before.size:
             seed = postures[before[np.argmin(((features[before] - features[i]) ** 2).sum(axis=1))]]
-        postures[i], reached[i] = person.settle(seed, pose, grasp, soles)
+        postures[i], reached[i] = person.settle(seed, pose, start.grasp, start.soles)
     return postures, reached
 
 
-def outward(person: Follower, poses: np.ndarray) -> np.ndarray:
-    """Return the order (n,) in which a map settles poses (n, 4, 4): from where the person's comfort holds the object."""
-    home = person.contact(person.response.comfort)[0]
+def outward(person: Follower, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
+    """Return the order (n,) in which poses (n, 4, 4) are settled: outward from `home`, None: where comfort holds the object."""
+    home = person.contact(person.response.comfort)[0] if home is None else home
     return np.argsort([_distance(pose, home) for pose in poses], kind="stable")
 
 

@@ -18,6 +18,8 @@ _SETTINGS = {
     "polishing": False,
     "check_termination": 10,
     "scaled_termination": False,
+    # The units are of one size already; scaled once more, QPs whose slack is dear did not end within the iterations allowed.
+    "scaling": 0,
 }
 
 

@@ -83,6 +83,13 @@ def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+def test_every_key_and_figure_is_documented() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "compare_json.md").read_text(encoding="utf-8")
+    found = small()
+    keys = {*found.as_dict(), *found.as_dict()["sequences"][0], *(key for one in found.figures.values() for key in one)}
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_qpbenchmark_and_qpsolvers_solve_what_is_saved(tmp_path: Path) -> None:
     pytest.importorskip("qpbenchmark", reason="qpbenchmark is absent")
@@ -120,9 +127,11 @@ def _module(path: Path) -> ModuleType:
 
 def test_without_matplotlib_everything_else_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    (tmp_path / "compare.png").write_text("of another comparison")
     with pytest.raises(MissingExtraError, match=r"picture of a comparison needs the package 'matplotlib'.*ergoqp\[solvers\]"):
         small().save(tmp_path)
     assert (tmp_path / "compare.json").is_file()
+    assert not (tmp_path / "compare.png").exists()
     assert len(list((tmp_path / "sequences").glob("*.npz"))) == len(small().sequences)
 
 

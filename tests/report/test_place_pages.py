@@ -13,6 +13,7 @@ from ergoqp.optimise.group import best_for_group
 from ergoqp.optimise.people import read_people
 from ergoqp.optimise.place_search import Placing
 from ergoqp.optimise.slices import Slice, slices_through
+from ergoqp.optimise.start import begin_from
 from ergoqp.problem_file import load_problem
 from ergoqp.report import palette
 from ergoqp.report.group_page import write_group_page
@@ -202,3 +203,21 @@ def test_words():
     pose = np.eye(4)
     pose[:3, 3] = (-0.001, -0.25, 1.0)
     assert place_words(pose).replace("\u00a0", " ") == "x 0.00, y −0.25, z 1.00 m"
+
+
+def test_the_map_of_an_optimum_is_of_the_same_hold():
+    """Held as in a twisted posture, on soles that stand apart: the map's cell at the best place has the optimum's score."""
+    problem = load_problem("screwing")
+    follower = Follower(problem.response)
+    now = posture(AWKWARD | {"right_wrist_flexion": 40, "left_hip_abduction": 10, "left_ankle_inversion": 5})
+    best = problem.optimise(now, starts=3)
+    held = begin_from(follower, best.posture_before, best.pose_before)
+    start = replace(held, posture=best.posture, pose=best.pose)
+    for found in slices_through(problem, [follower], best.pose, starts=[start], spacing=0.3):
+        row = int(np.argmin(np.abs(found.vertical - best.pose[2, 3])))
+        column = int(np.argmin(np.abs(found.horizontal - found.point[found.across])))
+        there = best.pose.copy()
+        there[found.across, 3], there[2, 3] = found.horizontal[column], found.vertical[row]
+        rest, reached = follower.settle(best.posture, there, held.grasp, held.soles)
+        assert reached
+        assert found.scores[0, row, column] == problem.assess(rest).final[0]

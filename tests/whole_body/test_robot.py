@@ -1,5 +1,8 @@
 """The robot from its file: kinematics and limits as published, and what is said of files that cannot be used."""
 
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -111,3 +114,10 @@ def test_what_cannot_be_used_is_said_in_one_sentence(tmp_path):
     path.write_text(PLANAR.format(RATES).replace('range="-1 1"', ""))
     with pytest.raises(InputError, match=r"joint 'turn' of planar\.xml without a range"):
         load_robot(path, "end")
+
+
+def test_without_mink_the_extra_is_named():
+    code = "import sys; sys.modules['mink'] = None; import ergoqp.whole_body"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "the whole-body formulation needs the package 'mink': install it with `pip install 'ergoqp[mink]'`" in done.stderr

@@ -152,3 +152,28 @@ def test_joints_that_the_arm_does_not_use_stay_where_they_are(near_the_thigh):
         assert step.status == "optimal"
         assert np.abs(step.twist).max() > 1e-3
         assert np.allclose(step.joint_velocities, same.joint_velocities, rtol=0, atol=1e-9)
+
+
+def test_the_null_space_leads_back_to_the_joints_of_the_start(near_the_thigh):
+    problem, _, posture = near_the_thigh
+    whole = WholeBody(problem, posture=posture, distance=None)
+    model, data = whole.scene.model, mujoco.MjData(whole.scene.model)
+
+    def jacobian(arm):
+        data.qpos[whole.scene.arm_qpos] = arm
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        J = np.zeros((6, model.nv))
+        mujoco.mj_jacSite(model, data, J[:3], J[3:], whole.scene.contact_site)
+        return J[:, whole.scene.arm]
+
+    aside = np.linalg.svd(jacobian(whole.start))[2][-1]
+    arm = whole.start + 0.2 * aside
+    step = whole.step(posture, arm)
+    J = jacobian(arm)
+    null = np.eye(7) - np.linalg.pinv(J) @ J
+    # Smoothing holds on to the last speeds, which are zero, with 15 parts to one.
+    expected = null @ (whole.start - arm) / (1 + problem.control.smoothing / whole.dt)
+    assert np.abs(expected).max() > 1e-3
+    assert np.allclose(null @ step.joint_velocities, expected, rtol=0, atol=1e-9)
+    assert np.allclose(step.twist, step.object_step.twist, rtol=0, atol=1e-9)

@@ -18,6 +18,8 @@ _SETTINGS: Final = {
     "check_termination": 10,
     # Stopping by the residuals of the given data, not of its scaled copy.
     "scaled_termination": False,
+    # The units are of one size already; scaled once more, QPs whose slack is dear take ten times the iterations.
+    "scaling": 0,
     # Polishing prints a line of its own when no row is active, whatever `verbose` says.
     "polishing": False,
     # Looser, feasible QPs whose slack is dear were seen to be called infeasible.

@@ -23,7 +23,8 @@ class PiqpBackend:
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
         """Keep the sizes; PIQP allocates when it is known which bounds meet."""
-        self._n, self._m, self._accuracy = n, m, accuracy / 10
+        # It stops at the tolerance in the sum of many small multipliers; each of them must be within the accuracy.
+        self._n, self._m, self._accuracy = n, m, max(accuracy / 100, 1e-10)
         self._solver: Any = None
         self._key = b""
 
