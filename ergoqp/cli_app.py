@@ -1,0 +1,64 @@
+"""The application that the commands register at, and the options that they share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ergoqp.errors import InputError
+
+
+class Up(StrEnum):
+    """Vertical axes that a recording can have."""
+
+    y = "y"
+    z = "z"
+
+
+class Side(StrEnum):
+    """Which arm an option is about."""
+
+    right = "right"
+    left = "left"
+    both = "both"
+
+
+app = typer.Typer(
+    name="ergoqp",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
+Unit = Annotated[
+    float | None, typer.Option("--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found].")
+]
+UpAxis = Annotated[Up | None, typer.Option("--up", help="The recording's vertical axis [found].", show_default=False)]
+Person = Annotated[
+    str | None,
+    typer.Option("--person", metavar="M|FILE", help="Stature in metres, or a person file (TOML) [measured in the recording]."),
+]
+Mapping = Annotated[
+    Path | None,
+    typer.Option("--mapping", metavar="FILE", help="TOML file that names the recording's joints [known namings]."),
+]
+
+
+def refuse_with(option: str, others: dict[str, object]) -> None:
+    """Raise if other options were given beside one that they have no meaning with.
+
+    Raises:
+        InputError: naming them.
+    """
+    if given := [name for name, value in others.items() if value is not None]:
+        raise InputError(f"{', '.join(given)}: not allowed with {option}")
+
+
+def pair(side: Side | None) -> tuple[bool, bool]:
+    """Return whether the right and whether the left arm is meant."""
+    return side in (Side.right, Side.both), side in (Side.left, Side.both)
