@@ -1,6 +1,6 @@
 """Whole closed loops with a place to be drawn to: problems x people x starts, as ``benchmarks.closed_loop``.
 
-Run ``python -m benchmarks.guided_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes one person with three
+Run ``python -m benchmarks.guided_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes one person with two
 starts per problem; ``--full`` ten people with twenty starts each. The people are not those of ``closed_loop``: the guided
 step's thresholds were chosen on people 0 to 19, and these are 20 and up.
 
@@ -74,7 +74,7 @@ def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
 
 def measure(report: Report) -> None:
     """Run everything in two processes and print the figures of every problem."""
-    people, starts = report.pick(quick=(1, 3), full=(10, 20))
+    people, starts = report.pick(quick=(1, 2), full=(10, 20))
     found = {name: {way: GuidedLoops() for way in WAYS} for name in TASKS}
 
     def take(name: str, loops: dict[str, GuidedLoops]) -> int:
