@@ -14,11 +14,9 @@ its parts (`benchmarks.step_phases`), which add up to ``median_us``.
   there is: its terms come from the step's own CasADi functions. ``mink_whole_us``: posture and arm as unknowns, as in
   `ergoqp.whole_body`. The ratios are of each to the step's three forms, all in this run. ``mink_max_difference``: of its twists
   from the step's.
+- ``pink_us``: pink on the same QP, the arm's joints as unknowns (`benchmarks.pink_peer`).
 - ``qpsolvers_us``: one call of qpsolvers with DAQP on the step's own QPs, the solve alone.
 - ``plain_us``: the EPFL report's way in NumPy and scikit-learn, without any constraint (`benchmarks.plain_peer`).
-
-pink has no term that is not a task's squared error, so the posture's cost has no place in it; what it would spend on the same
-QP is qpsolvers' call and the building in Python, as in mink.
 """
 
 from __future__ import annotations
@@ -175,6 +173,12 @@ def _peers(report: Report, median: float) -> None:
     for name, value in forms.items():
         report.figure(name, float(np.median(peer.whole_us)) / value)
         report.figure(name.replace("mink", "mink_whole"), whole / value)
+    try:
+        from benchmarks.pink_peer import pink_steps
+    except ImportError as missing:
+        report.say(f"pink is not measured: {missing}")
+    else:
+        report.figure("pink_us", float(np.median(pink_steps(problem, calls).whole_us)), "pink on the same QP")
     if (us := qpsolvers_us(problem, calls)) is not None:
         report.figure("qpsolvers_us", us, "one qpsolvers call on the step's own QP, the solve alone")
     if (plain := plain_step_us(problem, some)) is not None:
