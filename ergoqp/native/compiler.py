@@ -19,7 +19,7 @@ from ergoqp.paths import cache_folder
 FLAGS: Final = (
     *("-O3", "-fPIC", "-shared", "-w"),
     # No errno and no signals from arithmetic, and small functions inlined although they could be replaced at load time: a third
-    # of the time. No contraction to fused operations: the answers stay those of the interpreted step, to the last bit.
+    # of the time. No contraction to fused operations: the arithmetic stays that of the interpreted step.
     *("-fno-math-errno", "-fno-trapping-math", "-fno-semantic-interposition", "-ffp-contract=off"),
 )
 
