@@ -13,6 +13,7 @@ from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
 from ergoqp.reasons import reason_of
 from ergoqp.step_inputs import Cause, Status
+from ergoqp.step_values import number, put, truth
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -172,6 +173,12 @@ class Stepper:
             self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
         for i, name in enumerate(names_out):
             self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore[reportCallIssue]
+        # What one step leaves to the next: (input, the output that it is copied from).
+        carried = {"sent": "twist", "stored_pose": "next_pose", "rest": "next_rest"} | (
+            {"trial": "next_trial"} if self._guided else {}
+        )
+        self._carried = [(self._inputs[to], self._out[self._slices[of]]) for to, of in carried.items()]
+        self._causes_at, self._status_at = (self._slices[name].start for name in ("causes", "status"))
         self._notes: dict[str, str] = {}
         if place is not None:
             self._lead(place)
@@ -245,44 +252,41 @@ class Stepper:
         into, notes = self._inputs, {**self._notes}
         into["frame"][0] = posture is not None
         if posture is not None:
-            _put(into["posture"], posture, self._state, "posture", notes)
+            put(into["posture"], posture, self._state, "posture", notes)
         if observed is None:
-            into["observed"][:] = 1.0
+            into["observed"].fill(1.0)
         else:
-            _put(into["observed"], observed, self._state, "observed", notes)
+            put(into["observed"], observed, self._state, "observed", notes)
             if "observed" in notes or not np.isfinite(into["observed"]).all():
                 # Nobody knows which joints were seen, so none of the frame can be used.
                 into["observed"][:], into["posture"][:] = 1.0, np.nan
                 notes.setdefault("observed", "observed is not a mask of zeros and ones")
         into["has_pose"][0] = pose is not None
         if pose is not None:
-            _put(into["pose"], pose, (4, 4), "pose", notes)
+            put(into["pose"], pose, (4, 4), "pose", notes)
         if twist is None:
             into["executed"][:] = into["sent"]
         else:
-            _put(into["executed"], twist, (6,), "twist", notes)
-        into["dt"][0] = self.dt if dt is None else _number(dt)
-        into["age"][0] = _number(age)
-        into["enable"][0] = _truth(enable)
+            put(into["executed"], twist, (6,), "twist", notes)
+        into["dt"][0] = self.dt if dt is None else number(dt)
+        into["age"][0] = number(age)
+        into["enable"][0] = truth(enable)
         if self._log is not None:
             self._record(notes)
         self._call()
         return self._answer(notes, start)
 
     def _answer(self, notes: Mapping[str, str], start: float) -> Step:
-        account, into, part = self._out.copy(), self._inputs, self._slices
-        twist = account[part["twist"]]
-        into["sent"][:] = twist
-        into["stored_pose"][:] = account[part["next_pose"]]
-        into["rest"][:] = account[part["next_rest"]]
-        if self._guided:
-            into["trial"][:] = account[part["next_trial"]]
+        account, into = self._out.copy(), self._inputs
+        for given, found in self._carried:
+            given[:] = found
         # The pose starts from a posture or a pose that could be used; nothing else anchors it.
-        causes = int(account[part["causes"]][0])
+        causes = int(account[self._causes_at])
         if (into["frame"][0] and not causes & _BAD_POSTURE) or (into["has_pose"][0] and not causes & _BAD_POSE):
             into["started"][0] = 1.0
         seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
-        return Step(twist, _STATUSES[int(account[part["status"]][0])], self.problem, account, part, seen, notes, start)
+        twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
+        return Step(twist, status, self.problem, account, self._slices, seen, notes, start)
 
     def _record(self, notes: Mapping[str, str]) -> None:
         entry = {name: values.tolist() for name, values in self._inputs.items()}
@@ -291,38 +295,6 @@ class Stepper:
                 self._log({"notes": dict(notes), **entry})
         except Exception:  # the loop never stops for its log
             self._log = None
-
-
-def _put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]) -> None:
-    """Copy a user's array into a buffer; on anything unusable fill it with NaN, which the step judges, and say what it was."""
-    try:
-        array = value if type(value) is np.ndarray else np.asarray(value)
-        if array.shape != shape:
-            notes[name] = f"{name} has shape {array.shape}, allowed {shape}"
-        elif array.dtype.kind not in "biuf":
-            notes[name] = f"{name} holds {array.dtype.name} values, allowed real numbers"
-        else:
-            target[:] = array.T.ravel() if len(shape) == 2 else array
-            return
-    except Exception as error:  # whatever a user's object does when it is read, the loop goes on
-        notes[name] = f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
-    target[:] = np.nan
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, (str, bytes, bytearray)):
-        return float("nan")
-    try:
-        return float(value)
-    except Exception:  # not a number, whatever it is
-        return float("nan")
-
-
-def _truth(value: Any) -> bool:
-    try:
-        return bool(value)
-    except Exception:  # an answer that is neither yes nor no does not enable anything
-        return False
 
 
 def replay(problem: Problem, log: list[dict[str, Any]], solver: str = "daqp") -> list[Step]:

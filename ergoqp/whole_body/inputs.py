@@ -38,7 +38,10 @@ def rigid(what: str, value: Any) -> np.ndarray:
     Raises:
         InputError: if it is not one.
     """
-    pose = np.asarray(value, dtype=float)
+    try:
+        pose = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: got {type(value).__name__}, allowed a rigid motion (4, 4)") from None
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
         raise InputError(f"{what}: got an array of shape {pose.shape}, allowed a rigid motion (4, 4)")
     return pose

@@ -120,6 +120,8 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(problem, distance=-1)
     with pytest.raises(InputError, match="tool_frame: got an array of shape"):
         WholeBody(problem, tool_frame=np.zeros((4, 4)))
+    with pytest.raises(InputError, match="tool_frame: got str, allowed a rigid motion"):
+        WholeBody(problem, tool_frame="flange")
     with pytest.raises(InputError, match="posture: got"):
         WholeBody(problem, posture=[0.0])
     with pytest.raises(ProblemError, match="allowed IkResponse"):

@@ -1,0 +1,41 @@
+"""What users hand to a step, read so that nothing raises: whatever it is, numbers come out, and a note of what was wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]) -> None:
+    """Copy a user's array into a buffer; on anything unusable fill it with NaN, which the step judges, and say what it was."""
+    try:
+        array = value if type(value) is np.ndarray else np.asarray(value)
+        if array.shape != shape:
+            notes[name] = f"{name} has shape {array.shape}, allowed {shape}"
+        elif array.dtype.kind not in "biuf":
+            notes[name] = f"{name} holds {array.dtype.name} values, allowed real numbers"
+        else:
+            target[:] = array.T.ravel() if len(shape) == 2 else array
+            return
+    except Exception as error:  # whatever a user's object does when it is read, the loop goes on
+        notes[name] = f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
+    target[:] = np.nan
+
+
+def number(value: Any) -> float:
+    """Return a user's number; NaN where it is none, which the step judges."""
+    if isinstance(value, (str, bytes, bytearray)):
+        return float("nan")
+    try:
+        return float(value)
+    except Exception:  # not a number, whatever it is
+        return float("nan")
+
+
+def truth(value: Any) -> bool:
+    """Return a user's yes or no."""
+    try:
+        return bool(value)
+    except Exception:  # an answer that is neither yes nor no does not enable anything
+        return False
