@@ -154,14 +154,8 @@ def _close_function(problem: Problem) -> ca.Function:
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ twist))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
     outputs = [twist, exp_rotation(sx["pose"], twist * sx["dt"]), status, causes, residuals]
-    given = list(sx)
-    return ca.Function(
-        "close",
-        list(sx.values()),
-        ca.cse(dense(outputs)),
-        given,
-        ["twist_sent", "moved", "status", "all_causes", "residuals"],
-    )
+    named = ["twist_sent", "moved", "status", "all_causes", "residuals"]
+    return ca.Function("close", list(sx.values()), ca.cse(dense(outputs)), list(sx), named)
 
 
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
@@ -179,7 +173,7 @@ def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca
 
 def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Smallest margins of all rows through a period at `twist` and the stop after it."""
-    displacement = stop_displacement(problem.twist_limit, twist, dt) if twist.nnz() else twist
+    displacement = stop_displacement(problem.twist_limit, twist, dt)
     return ca.vertcat(*(limit.margins(situation, displacement) for limit in problem.row_limits))
 
 

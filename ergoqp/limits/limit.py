@@ -84,7 +84,7 @@ class Limit(Protocol):
         tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
         yield_zone: distance to the end within which a joint of the response yields (is locked) instead of stopping the
-            object; 0 for quantities that cannot yield.
+            object; 0 for quantities that cannot yield. A limit that has one is `linear`.
         linear: whether rows and margins may be asked for with matrices (`casadi.MX`) as well as with scalars; without the
             attribute they are not.
         proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then never asked for less than
