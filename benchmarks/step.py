@@ -161,6 +161,7 @@ def _peers(report: Report, median: float) -> None:
     else:
         for name in ("median", "p99", "p999", "max"):
             report.figure(f"c_{name}_us", getattr(c, f"{name}_us"), "exported step, timed in C" if name == "median" else "")
+        report.figure("c_own_p999_us", c.own_p999_us, "the same, of every step's shortest time over the passes")
         report.figure("c_max_difference", c.difference, f"largest difference from Python over {c.states} steps [m/s, rad/s]")
         forms["mink_ratio_c"] = c.median_us
     peer = mink_steps(problem, calls, "arm")

@@ -1,8 +1,8 @@
 /* Answers recorded steps and times them:  replay INPUTS OUTPUTS [PASSES]
  *
  * INPUTS holds one ergoqp_input after the other, as this program's compiler lays them out; OUTPUTS gets one ergoqp_output for
- * each. Every pass starts from standstill; the first one warms up. Prints nanoseconds: one line for each step of the last
- * passes is too much to read, so median, p99, p99.9 and the largest of all.
+ * each. Every pass starts from standstill; the first one warms up. Prints nanoseconds: median, p99, p99.9 and the largest of
+ * all calls; and p99.9 and the largest of every step's shortest time over the passes, which interruptions do not lengthen.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
@@ -29,7 +29,7 @@ int main(int count, char** arguments) {
     long bytes, steps, passes = count > 3 ? atol(arguments[3]) : 2, timed = 0, pass, i;
     ergoqp_input* inputs;
     ergoqp_output* outputs;
-    double* times;
+    double *times, *shortest;
 
     if (count < 3 || passes < 2 || !(file = fopen(arguments[1], "rb"))) {
         fprintf(stderr, "usage: replay INPUTS OUTPUTS [PASSES, at least 2]\n");
@@ -42,7 +42,8 @@ int main(int count, char** arguments) {
     inputs = malloc((size_t)bytes + 1);
     outputs = malloc((size_t)(steps + 1) * sizeof *outputs);
     times = malloc((size_t)(steps * passes + 1) * sizeof *times);
-    if (!inputs || !outputs || !times || steps < 1 || fread(inputs, sizeof *inputs, (size_t)steps, file) != (size_t)steps) {
+    shortest = malloc((size_t)(steps + 1) * sizeof *shortest);
+    if (!inputs || !outputs || !times || !shortest || steps < 1 || fread(inputs, sizeof *inputs, (size_t)steps, file) != (size_t)steps) {
         fprintf(stderr, "%s: not a file of inputs of this problem\n", arguments[1]);
         return 2;
     }
@@ -53,7 +54,9 @@ int main(int count, char** arguments) {
         for (i = 0; i < steps; ++i) {
             double start = now();
             ergoqp_step(&stepper, &inputs[i], &outputs[i]);
-            if (pass) times[timed++] = now() - start;
+            start = now() - start;
+            if (pass == 1 || (pass && start < shortest[i])) shortest[i] = start;
+            if (pass) times[timed++] = start;
         }
     }
 
@@ -63,7 +66,9 @@ int main(int count, char** arguments) {
     }
     fclose(file);
     qsort(times, (size_t)timed, sizeof *times, ascending);
+    qsort(shortest, (size_t)steps, sizeof *shortest, ascending);
     printf("steps %ld\nmedian_ns %.0f\np99_ns %.0f\np999_ns %.0f\nmax_ns %.0f\n", steps, times[timed / 2], times[timed * 99 / 100],
            times[timed * 999 / 1000], times[timed - 1]);
+    printf("shortest_p999_ns %.0f\nshortest_max_ns %.0f\n", shortest[steps * 999 / 1000], shortest[steps - 1]);
     return 0;
 }
