@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def compiled_step(problem: Problem, guided: bool = False) -> ca.Function:
-    """Return the step function of a problem as machine code: same inputs, same outputs, same answers, a ninth of the time.
+    """Return the step function of a problem as machine code: the same answers in a fraction of the time.
 
     The first time this takes some ten seconds of the compiler; afterwards the library is found again by the content of its
     sources, the compiler and its flags.

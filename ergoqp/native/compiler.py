@@ -37,11 +37,14 @@ def compiler() -> tuple[str, ...]:
     """
     chosen = os.environ.get("CC")
     for command in [chosen] if chosen else ["cc", "gcc", "clang"]:
-        words = shlex.split(command)
+        try:
+            words = shlex.split(command)
+        except ValueError:  # a quotation that does not end
+            words = []
         if words and shutil.which(words[0]):
             return tuple(words)
     got = f"CC={chosen!r}, which is not a program here" if chosen else "none of cc, gcc, clang"
-    raise CompilerError(f"C compiler: got {got}; install one (for example gcc), name it in CC, or use compiled=False")
+    raise CompilerError(f"C compiler: got {got}, allowed one that is installed, for example gcc, or named in CC")
 
 
 def shared_library(name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]) -> Path:
@@ -64,17 +67,19 @@ def shared_library(name: str, sources: dict[str, str], archives: Sequence[Path],
     path = cache_folder() / "compiled" / key.hexdigest()[:32] / f"{name}.so"
     if path.is_file():
         return path
+    cache = path.parent.parent
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        cache.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise CompilerError(f"compiled step: cannot write to the cache {str(path.parent)!r}: {error.strerror}") from None
-    with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
+        raise CompilerError(f"compiled step: cannot write to the cache {str(cache)!r}: {error.strerror}") from None
+    with tempfile.TemporaryDirectory(dir=cache) as scratch:
         for file, text in sources.items():
             (Path(scratch) / file).write_text(text, encoding="utf-8")
         units = [file for file in sources if file.endswith(".c")]
         folders = [f"-I{folder}" for folder in (scratch, *includes)]
         _run([*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"], scratch)
         # Renaming is atomic: another process finds the whole library or none.
+        path.parent.mkdir(exist_ok=True)
         (Path(scratch) / "out.so").replace(path)
     return path
 

@@ -14,7 +14,9 @@ _HERE = Path(__file__).resolve().parent / "c"
 
 
 class NativeDaqp:
-    """DAQP for code in C: the same algorithm and settings as `ergoqp.solvers.daqp`, in memory that the step gives it.
+    """DAQP for code in C: the same algorithm as `ergoqp.solvers.daqp`, in memory that the step gives it.
+
+    Its settings, the same too, are in ``c/qp_daqp.h``.
 
     Attributes:
         sizes: the sizes (unknowns, rows) that were asked for.

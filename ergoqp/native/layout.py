@@ -83,7 +83,8 @@ def header(problem: Problem) -> str:
     """Return the public header ``ergoqp_step.h``."""
     statuses = ",\n    ".join(f"ERGOQP_{status.name.upper()} = {int(status)}" for status in Status)
     causes = ",\n    ".join(f"ERGOQP_CAUSE_{cause.name.upper()} = {int(cause)}" for cause in Cause)
-    return f"""/* The control step of the problem "{problem.name}", exported by ergoqp {__version__}.
+    spoken = problem.name.replace("*/", "* /")
+    return f"""/* The control step of the problem "{spoken}", exported by ergoqp {__version__}.
  *
  * Axes: x forward, y left, z up; metres, radians, seconds. A twist is linear first, at the contact frame, along the axes of
  * the world. Nothing is allocated: all memory is in an ergoqp_stepper, which can be static. The only state is in there too, so
@@ -98,7 +99,7 @@ def header(problem: Problem) -> str:
 extern "C" {{
 #endif
 
-#define ERGOQP_PROBLEM "{problem.name}"
+#define ERGOQP_PROBLEM {c_string(problem.name)}
 #define ERGOQP_COORDINATES {len(problem.coordinates)}
 #define ERGOQP_ROWS {len(problem.row_names)}
 #define ERGOQP_DT {problem.dt!r} /* the problem's control period [s] */
@@ -187,8 +188,14 @@ def names_source(problem: Problem) -> str:
     }
     lines = ['#include "ergoqp_step.h"', ""]
     for name, words in tables.items():
-        lines += [f"const char* const ergoqp_{name} = {{", *(f'    "{word}",' for word in words), "};", ""]
+        lines += [f"const char* const ergoqp_{name} = {{", *(f"    {c_string(word)}," for word in words), "};", ""]
     return "\n".join(lines)
+
+
+def c_string(text: str) -> str:
+    """Return a text as a literal of C, whatever is in it: bytes of UTF-8, the unusual ones in octal."""
+    plain = {byte: chr(byte) for byte in range(32, 127) if chr(byte) not in '"\\?'}
+    return '"' + "".join(plain.get(byte, f"\\{byte:03o}") for byte in text.encode()) + '"'
 
 
 def python_fields(fields: list[Field]) -> str:

@@ -17,10 +17,10 @@ from ergoqp.solvers import solver_named
 pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler")
 
 
-@pytest.fixture
-def no_compiler(monkeypatch):
+@pytest.fixture(params=["no-such-compiler", '"'])
+def no_compiler(request, monkeypatch):
     native_compiler.compiler.cache_clear()
-    monkeypatch.setenv("CC", "no-such-compiler")
+    monkeypatch.setenv("CC", request.param)
     yield
     native_compiler.compiler.cache_clear()
 
@@ -54,7 +54,7 @@ def test_only_daqp_is_compiled():
 
 
 def test_no_compiler_is_one_sentence(no_compiler):
-    with pytest.raises(CompilerError, match=r"C compiler: got CC='no-such-compiler'.*compiled=False"):
+    with pytest.raises(CompilerError, match=r"C compiler: got CC='.*', which is not a program here, allowed"):
         ergoqp.load_problem("screwing").stepper(compiled=True)
 
 
@@ -62,7 +62,7 @@ def test_a_compiler_that_fails_is_quoted(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(CompilerError, match=r"failed: broken\.c:1.*error"):
         shared_library("broken", {"broken.c": "this is not C"}, [], [])
-    assert not list(tmp_path.rglob("*.so"))
+    assert not list((tmp_path / "ergoqp/compiled").iterdir())
 
 
 @pytest.mark.parametrize("case", ["solvable", "infeasible", "indefinite", "not a number"])

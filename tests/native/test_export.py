@@ -5,6 +5,7 @@ import importlib.util
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import ergoqp
 from ergoqp.cli import execute
 from ergoqp.errors import InputError
 from ergoqp.native.export import export_step
+from ergoqp.native.layout import c_string, header
 from ergoqp.step_inputs import Status
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
@@ -75,10 +77,6 @@ def load_wrapper(folder):
 def c_call(call):
     """Keyword arguments of `Stepper.step` as the wrapper of the exported step takes them."""
     given = {name: value for name, value in call.items() if name != "posture"}
-    if "pose" in given:
-        given["pose"] = np.ravel(given["pose"]).tolist()
-    if "enable" in given:
-        given["enable"] = int(given["enable"])
     return call["posture"], given
 
 
@@ -97,6 +95,25 @@ def test_the_exported_step_gives_what_python_gives(exported):
         np.testing.assert_allclose(answer.pose[:], step.pose.ravel(), atol=1e-12, rtol=0)
         np.testing.assert_allclose(answer.margins[:], list(step.margins.values()), atol=1e-12, rtol=0)
     assert {"braking", "invalid"} < seen
+
+
+def test_the_wrapper_names_what_it_cannot_take(exported):
+    problem, folder, library = exported
+    stepper, posture = load_wrapper(folder).Stepper(str(library)), next(wandering_calls(problem, 1, seed=1))["posture"]
+    with pytest.raises(ValueError, match="pose: got 3 numbers, allowed 16"):
+        stepper.step(posture, pose=[1, 2, 3])
+    with pytest.raises(ValueError, match=f"posture: got 2 numbers, allowed {len(posture)}"):
+        stepper.step([0.0, 0.0])
+    with pytest.raises(ValueError, match="speed: got no member of that name, allowed posture, observed"):
+        stepper.step(posture, speed=1)
+
+
+def test_names_of_any_letters_are_literals_of_c(tmp_path):
+    wild = 'we"ird \\ \n ??/ */ é'
+    (tmp_path / "main.c").write_text(f"#include <stdio.h>\nint main(void) {{ fputs({c_string(wild)}, stdout); return 0; }}\n")
+    subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    assert subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout.decode() == wild
+    assert "*/" not in header(replace(ergoqp.load_problem("screwing"), name=wild)).split("exported by")[0]
 
 
 def test_reset_starts_again_from_standstill(exported):

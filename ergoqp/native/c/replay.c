@@ -1,8 +1,9 @@
 /* Answers recorded steps and times them:  replay INPUTS OUTPUTS [PASSES]
  *
- * INPUTS holds one ergoqp_input after the other, as this program's compiler lays them out; OUTPUTS gets one ergoqp_output for
- * each. Every pass starts from standstill; the first one warms up. Prints nanoseconds: median, p99, p99.9 and the largest of
- * all calls; and p99.9 and the largest of every step's shortest time over the passes, which interruptions do not lengthen.
+ * INPUTS holds one ergoqp_input after the other, as this program's compiler lays them out: write them from your loop with
+ * fwrite(&input, sizeof input, 1, file), or with the structs of the Python wrapper. OUTPUTS gets one ergoqp_output for each.
+ * Every pass starts from standstill; the first one warms up. Prints nanoseconds: median, p99, p99.9 and the largest of all
+ * calls; and p99.9 and the largest of every step's shortest time over the passes, which interruptions do not lengthen.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
@@ -31,8 +32,12 @@ int main(int count, char** arguments) {
     ergoqp_output* outputs;
     double *times, *shortest;
 
-    if (count < 3 || passes < 2 || !(file = fopen(arguments[1], "rb"))) {
+    if (count < 3 || passes < 2) {
         fprintf(stderr, "usage: replay INPUTS OUTPUTS [PASSES, at least 2]\n");
+        return 2;
+    }
+    if (!(file = fopen(arguments[1], "rb"))) {
+        fprintf(stderr, "%s: cannot be read\n", arguments[1]);
         return 2;
     }
     fseek(file, 0, SEEK_END);
@@ -43,7 +48,7 @@ int main(int count, char** arguments) {
     outputs = malloc((size_t)(steps + 1) * sizeof *outputs);
     times = malloc((size_t)(steps * passes + 1) * sizeof *times);
     shortest = malloc((size_t)(steps + 1) * sizeof *shortest);
-    if (!inputs || !outputs || !times || !shortest || steps < 1 || fread(inputs, sizeof *inputs, (size_t)steps, file) != (size_t)steps) {
+    if (!inputs || !outputs || !times || !shortest || steps < 1 || bytes % (long)sizeof(ergoqp_input) || fread(inputs, sizeof *inputs, (size_t)steps, file) != (size_t)steps) {
         fprintf(stderr, "%s: not a file of inputs of this problem\n", arguments[1]);
         return 2;
     }
