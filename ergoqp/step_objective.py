@@ -17,7 +17,7 @@ _CAUTION_EPS: Final = 0.1
 
 _LOOKS: Final = (0.1, 1.0)
 """Seconds at full speed after which the improvement is looked up; every look is as dear as the cost itself. The near one sees
-what lies within a few centimetres: without it objects come to rest on the way (in `overhead` a tenth more of them)."""
+what lies within a few centimetres: without it objects come to rest on the way."""
 
 _DENSE_LOOKS: Final = (0.3, 1.0)
 """For costs of large matrices, which do not turn within a few centimetres."""
