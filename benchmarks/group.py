@@ -1,7 +1,7 @@
 """One fixed place for several people: what it is worth, against a finer grid, and against a place for the average person.
 
-Run ``python -m benchmarks.group [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes ``desk`` with five people,
-``screwing`` with two and ``overhead`` with three on a grid of 30 cm; ``--full`` all five problems, five people, 15 cm. People
+Run ``python -m benchmarks.group [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes ``desk`` with five people
+and ``overhead`` with three on a grid of 30 cm; ``--full`` all five problems, five people, 15 cm. People
 are given by stature, with the weights and the comfort of the problem. Nothing comes from the cache. Per problem it prints
 
 - ``minimax_highest``, ``minimax_mean``: highest and mean exact score of the group at the place for ``minimax``;
@@ -88,7 +88,6 @@ def measure(report: Report) -> None:
             group_of(report, name, STATURES, 0.15)
     else:
         group_of(report, "desk", STATURES, 0.15)
-        group_of(report, "screwing", STATURES[::4], 0.30)
         group_of(report, "overhead", STATURES[::2], 0.30)
 
 
