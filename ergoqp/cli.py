@@ -68,7 +68,8 @@ def execute(arguments: Sequence[str]) -> int:
         # A usage error of the command line's own library, whichever version of it carries the class.
         if hasattr(error, "format_message"):
             words = " ".join(error.format_message().split())  # type: ignore[attr-defined]
-            return _complain(f"{words.rstrip('.')}; see `ergoqp --help`", MISTAKE)
+            command = getattr(getattr(error, "ctx", None), "command_path", "ergoqp")
+            return _complain(f"{words.rstrip('.')}; see `{command} --help`", MISTAKE)
         if os.environ.get("ERGOQP_DEBUG") == "1":
             traceback.print_exc()
         kind = type(error).__name__

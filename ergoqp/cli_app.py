@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -34,7 +34,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results [ergoqp-out/NAME].")]
 Unit = Annotated[
     float | None, typer.Option("--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found].")
 ]
@@ -47,6 +46,16 @@ Mapping = Annotated[
     Path | None,
     typer.Option("--mapping", metavar="FILE", help="TOML file that names the recording's joints [known namings]."),
 ]
+
+
+def out_option(*folders: str) -> Any:
+    """Return the option ``--out`` of a command.
+
+    Args:
+        folders: names of the folders in ``ergoqp-out`` that take its place if it is not given.
+    """
+    default = "ergoqp-out/" + ", ".join(folders)
+    return typer.Option("--out", metavar="DIR", help=f"Folder for the results [{default}].")
 
 
 def refuse_with(option: str, others: dict[str, object]) -> None:

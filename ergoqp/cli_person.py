@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli_app import Mapping, Out, Person, Side, Unit, UpAxis, app, pair, refuse_with
+from ergoqp.cli_app import Mapping, Person, Side, Unit, UpAxis, app, out_option, pair, refuse_with
 from ergoqp.errors import InputError
 
 _ABOUT_RUN = """Run the closed loop of a problem with a simulated person who follows the object.
@@ -65,7 +65,7 @@ def _run(
     at: Annotated[
         float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
     ] = None,
-    out: Out = None,
+    out: Annotated[Path | None, out_option("PROBLEM")] = None,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Of the person, the noise, and where the object starts.")
     ] = 0,
@@ -110,8 +110,9 @@ def _optimise(
         str | None, typer.Option("--population", metavar="M,...", help="Everybody's own best place, for these statures.")
     ] = None,
     objective: Annotated[
-        str, typer.Option("--objective", metavar="NAME", help="Of a group: minimax or mean of the exact scores.")
-    ] = "minimax",
+        str | None,
+        typer.Option("--objective", metavar="NAME", help="Of a group: minimax or mean of the exact scores [minimax]."),
+    ] = None,
     hands: Annotated[
         str | None, typer.Option("--hands", metavar="NAME", help="Of a group or population: right, left, both [the problem's].")
     ] = None,
@@ -122,13 +123,14 @@ def _optimise(
     jobs: Annotated[int, typer.Option("--jobs", metavar="N", help="Processes to use.")] = 1,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the starts.")] = 0,
     mode: Annotated[
-        str, typer.Option("--mode", metavar="NAME", help="stackelberg; or cooperative: the posture is chosen too.")
-    ] = "stackelberg",
-    solver: Annotated[str, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod.")] = "ipopt",
+        str | None,
+        typer.Option("--mode", metavar="NAME", help="stackelberg; or cooperative: the posture is chosen too [stackelberg]."),
+    ] = None,
+    solver: Annotated[str | None, typer.Option("--solver", metavar="NAME", help="ipopt, fatrop or sqpmethod [ipopt].")] = None,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask cluster that solves the starts [this machine].")
     ] = None,
-    out: Out = None,
+    out: Annotated[Path | None, out_option("optimise-PROBLEM", "group-PROBLEM", "population-PROBLEM")] = None,
     person: Person = None,
     unit_to_m: Unit = None,
     up: UpAxis = None,
@@ -137,26 +139,38 @@ def _optimise(
     from ergoqp.commands.common import RecordingOptions
     from ergoqp.commands.optimise import optimise_command
 
+    of_recording: dict[str, object] = {
+        "--from": recording,
+        "--at": at,
+        "--person": person,
+        "--unit-to-m": unit_to_m,
+        "--up": up,
+    }
+    of_recording["--mapping"] = mapping
     if group is not None:
         from ergoqp.commands.group import group as one_place
 
-        alone = {"--from": recording, "--at": at, "--person": person, "--population": population, "--scheduler": scheduler}
-        refuse_with("--group", alone)
+        alone = {"--population": population, "--scheduler": scheduler, "--mode": mode, "--solver": solver}
+        refuse_with("--group", of_recording | alone)
         task = {"hands": hands, "load_kg": load_kg}
-        one_place(problem, group, objective, out, **task, starts=starts, seed=seed, jobs=jobs)
+        one_place(
+            problem, group, "minimax" if objective is None else objective, out, **task, starts=starts, seed=seed, jobs=jobs
+        )
         return
+    if objective is not None:
+        raise InputError(f"--objective: got {objective!r}, allowed with --group")
     settings = {
         "starts": 32 if starts is None else starts,
         "jobs": jobs,
         "seed": seed,
-        "mode": mode,
-        "solver": solver,
+        "mode": "stackelberg" if mode is None else mode,
+        "solver": "ipopt" if solver is None else solver,
         "scheduler": scheduler,
     }
     if population is not None:
         from ergoqp.commands.population import population_study
 
-        refuse_with("--population", {"--from": recording, "--at": at, "--person": person})
+        refuse_with("--population", of_recording)
         population_study(problem, population, out, hands=hands, loads_kg=load_kg, settings=settings)
         return
     if hands is not None or load_kg is not None:
@@ -168,7 +182,7 @@ def _optimise(
 @app.command("score", help=_ABOUT_SCORE)
 def _score(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A motion-capture file (.bvh).", show_default=False)],
-    out: Out = None,
+    out: Annotated[Path | None, out_option("RECORDING")] = None,
     load_kg: Annotated[float, typer.Option("--load-kg", metavar="KG", help="Mass handled.")] = 0.0,
     shock: Annotated[bool, typer.Option("--shock", help="Shock or a rapid build-up of force.")] = False,
     coupling: Annotated[

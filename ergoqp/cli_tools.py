@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli_app import Out, app
+from ergoqp.cli_app import app, out_option
 
 _ABOUT_FIT = """Learn a cost from labelled postures, test it on postures that it has not seen, and keep it.
 
@@ -70,7 +70,7 @@ def _fit(
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option of the cost's own fit; may be repeated.")
     ] = None,
-    out: Out = None,
+    out: Annotated[Path | None, out_option("fit-COST")] = None,
 ) -> None:
     if cost == "boundary":
         from ergoqp.commands.fit_boundary import fit_boundary
@@ -93,7 +93,7 @@ def _compare(
     steps: Annotated[int, typer.Option("--steps", metavar="N", help="Control steps to record.")] = 300,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the closed loops.")] = 0,
     accuracy: Annotated[float, typer.Option("--accuracy", metavar="A", help="That the solvers are set to.")] = 1e-6,
-    out: Out = None,
+    out: Annotated[Path | None, out_option("compare-PROBLEM")] = None,
 ) -> None:
     from ergoqp.commands.compare import run_compare
 

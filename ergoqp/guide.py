@@ -43,15 +43,18 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     Args:
         problem: whose object is drawn there.
         guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of ``problem.optimise``; if it has a ``.posture``
-            too, the cost of that posture is what the place promises.
+            too, the cost of that posture is what the place promises. An `Optimum` must be of this problem, and of the mode
+            ``"stackelberg"``: in the other one the posture is chosen, and nobody keeps its promise.
 
     Raises:
-        InputError: if it is not a rigid pose, is outside the problem's workspace or cone, or the problem does not move a pose.
+        InputError: if it is not a rigid pose, is outside the problem's workspace or cone, is of another problem or mode, or the
+            problem does not move a pose.
     """
     if isinstance(guide, Guide):
         return guide
     if tuple(problem.coordinates) != JOINTS:
         raise InputError(f"guide: problem {problem.name} moves {', '.join(problem.coordinates)}, allowed problems of a person")
+    _check_origin(problem, guide)
     pose = _pose(getattr(guide, "pose", guide))
     _check_place(problem, pose)
     posture = getattr(guide, "posture", None)
@@ -61,6 +64,14 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     if angles.shape != (len(JOINTS),) or not np.isfinite(angles).all():
         raise InputError(f"guide: got a posture of shape {angles.shape}, allowed {len(JOINTS)} finite angles in radians")
     return Guide(pose, float(problem.cost(angles)[0]))
+
+
+def _check_origin(problem: Problem, guide: Any) -> None:
+    found, mode = getattr(guide, "problem", problem.name), getattr(guide, "mode", "stackelberg")
+    if found != problem.name:
+        raise InputError(f"guide: got a place of problem {found}, allowed one of problem {problem.name}")
+    if mode != "stackelberg":
+        raise InputError(f"guide: got a place of mode {mode}, whose posture nobody has to take, allowed stackelberg")
 
 
 def _check_place(problem: Problem, pose: np.ndarray) -> None:

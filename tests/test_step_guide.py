@@ -255,6 +255,18 @@ def test_what_a_place_promises_is_the_cost_of_its_posture() -> None:
     assert read_guide(problem, known) is known
 
 
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ({"problem": "desk"}, "guide: got a place of problem desk, allowed one of problem screwing"),
+        ({"problem": "screwing", "mode": "cooperative"}, "guide: got a place of mode cooperative, .* allowed stackelberg"),
+    ],
+)
+def test_a_place_that_was_found_for_something_else_is_refused(what: dict[str, str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_guide(problem_of("screwing"), SimpleNamespace(pose=held_pose("screwing"), **what))
+
+
 # --- state ---------------------------------------------------------------------------------------------------------------
 
 

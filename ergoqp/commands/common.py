@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +11,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.errors import InputError, MissingExtraError, ProblemError
+from ergoqp.joints import JOINTS
+from ergoqp.problem import Problem
+from ergoqp.problem_file import load_problem, problem_names
 from ergoqp.recordings import Recording, load_recording
-
-_PLACES = ("optimum.json", "group.json", "group.npz", "population.csv")
 
 PLAIN_WIDTH = 120
 """Columns of the tables when nobody tells how wide the output is."""
@@ -64,6 +65,32 @@ class RecordingOptions:
         for option, value in given.items():
             if value is not None:
                 raise InputError(f"{option}: got {str(value)!r}, but there is no recording; name one with --from")
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """Return a number with its word, such as ``1 start`` or ``2 starts``."""
+    return f"{count} {one if count == 1 else many}"
+
+
+def load_person_problem(name: str) -> Problem:
+    """Return a problem whose state is a person's posture.
+
+    Raises:
+        ProblemError: if there is no such problem, or its file is not one.
+        InputError: if it is of something else.
+    """
+    if name not in problem_names() and Path(name).name == name and Path(name).suffix != ".toml":
+        of_people = [known for known in problem_names() if _is_of_a_person(load_problem(known))]
+        raise ProblemError(f"problem: got {name!r}, allowed {', '.join(of_people)} or the path of a .toml file")
+    problem = load_problem(name)
+    if not _is_of_a_person(problem):
+        moved = ", ".join(problem.coordinates)
+        raise InputError(f"problem {problem.name}: moves {moved}, allowed problems of a person")
+    return problem
+
+
+def _is_of_a_person(problem: Problem) -> bool:
+    return tuple(problem.coordinates) == JOINTS
 
 
 def console() -> Console:
@@ -122,12 +149,13 @@ def writing(folder: Path) -> Iterator[None]:
         raise InputError(f"--out: cannot write {str(error.filename or folder)!r}: {error.strerror}") from None
 
 
-def write_report(out: Console, folder: Path, write: Callable[[Path], None]) -> None:
+def write_report(out: Console, folder: Path, files: Sequence[str], write: Callable[[Path], None]) -> None:
     """Write ``report.html``, or say which extra it needs; then say where everything is.
 
     Args:
         out: where to say it.
         folder: of the results.
+        files: that the command has written there already.
         write: writes the page to a path.
     """
     page = folder / "report.html"
@@ -138,9 +166,8 @@ def write_report(out: Console, folder: Path, write: Callable[[Path], None]) -> N
         # An older page would be taken for this run's.
         page.unlink(missing_ok=True)
         Console(stderr=True).print(Text(f"report.html was not written: {missing}"), soft_wrap=True)
-    for name in ("run.json", "run.npz", "scores.csv", "scores.json", *_PLACES, "report.html"):
-        if (folder / name).is_file():
-            out.print(Text(f"{name:<12} {folder / name}"), soft_wrap=True)
+    for name in (*files, *([page.name] if page.is_file() else [])):
+        out.print(Text(f"{name:<12} {folder / name}"), soft_wrap=True)
 
 
 def print_assumptions(out: Console, sentences: list[str] | tuple[str, ...]) -> None:

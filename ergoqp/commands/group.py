@@ -11,7 +11,16 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.commands.common import console, make_folder, print_assumptions, working, write_report, writing
+from ergoqp.commands.common import (
+    console,
+    counted,
+    load_person_problem,
+    make_folder,
+    print_assumptions,
+    working,
+    write_report,
+    writing,
+)
 from ergoqp.commands.population import numbers_of, one_of
 from ergoqp.errors import InputError
 from ergoqp.optimise.group import STARTS, best_for_group
@@ -20,7 +29,6 @@ from ergoqp.optimise.people import Person, drawn_people, read_people
 from ergoqp.optimise.place_search import Objective
 from ergoqp.optimise.population import variant
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
 from ergoqp.report import palette
 
 FREE = {"none": "nothing", "x": "distance", "y": "side", "z": "height", "tilt": "tilt"}
@@ -58,10 +66,10 @@ def group(
     if objective not in get_args(Objective):
         raise InputError(f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}")
     load = None if load_kg is None else one_of("--load-kg", numbers_of("--load-kg", load_kg, "kilograms"))
-    problem = variant(load_problem(problem_name), hands=hands, load_kg=load)
+    problem = variant(load_person_problem(problem_name), hands=hands, load_kg=load)
     crew = _people(problem, people, seed)
     folder = make_folder(out, f"group-{problem.name}")
-    with working(f"one place for {len(crew)} people") as done:
+    with working(f"one place for {counted(len(crew), 'person', 'people')}") as done:
         found = best_for_group(
             problem, crew, cast(Objective, objective), starts=STARTS if starts is None else starts, jobs=jobs, progress=done
         )
@@ -70,7 +78,7 @@ def group(
     screen = console()
     print_assumptions(screen, found.assumptions)
     screen.print(group_table(found))
-    write_report(screen, folder, lambda path: _write_page(found, problem, crew, path, jobs))
+    write_report(screen, folder, ("group.json", "group.npz"), lambda path: _write_page(found, problem, crew, path, jobs))
 
 
 def group_table(found: GroupOptimum) -> RenderableType:

@@ -25,7 +25,11 @@ def guide_named(problem: Problem, name: str) -> Guide:
     if name == "best":
         with working("looking for the best place") as done:
             return read_guide(problem, problem.optimise(person_of(problem).comfort, progress=done))
-    found = Optimum.load(Path(name))
-    if found.problem != problem.name:
-        raise InputError(f"--guide: got a place of problem {found.problem}, allowed one of problem {problem.name}")
+    path, allowed = Path(name), "allowed best or an optimum.json of `ergoqp optimise`"
+    if not path.exists():
+        raise InputError(f"--guide: {name!r} is not there, {allowed}")
+    try:
+        found = Optimum.load(path)
+    except InputError:
+        raise InputError(f"--guide: {name!r} cannot be read as an optimum, {allowed}") from None
     return read_guide(problem, found)

@@ -9,16 +9,24 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.commands.common import RecordingOptions, console, make_folder, print_assumptions, working, write_report, writing
+from ergoqp.commands.common import (
+    RecordingOptions,
+    console,
+    counted,
+    load_person_problem,
+    make_folder,
+    print_assumptions,
+    working,
+    write_report,
+    writing,
+)
 from ergoqp.commands.run import frame_of_recording
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.joints import JOINTS
 from ergoqp.optimise.find import optimise
 from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.optimum import Optimum
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
 from ergoqp.recordings.person import given_person
 from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.sheets.reba import ACTION_LEVELS
@@ -48,10 +56,7 @@ def optimise_command(
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
-    problem = load_problem(problem_name)
-    if tuple(problem.coordinates) != JOINTS:
-        moved = ", ".join(problem.coordinates)
-        raise InputError(f"problem {problem.name}: moves {moved}, allowed problems of a person")
+    problem = load_person_problem(problem_name)
     check_names(settings["mode"], settings["solver"])
     posture, person, notes = _who(problem, recording_path, at, options)
     folder = make_folder(out, f"optimise-{problem.name}")
@@ -66,7 +71,10 @@ def optimise_command(
     screen.print(optimum_table(problem, found))
     bound = found[1] if len(found) > 1 else None
     write_report(
-        screen, folder, lambda path: write_optimum_page(found[0], problem, path, cooperative=bound, jobs=settings["jobs"])
+        screen,
+        folder,
+        ("optimum.json",),
+        lambda path: write_optimum_page(found[0], problem, path, cooperative=bound, jobs=settings["jobs"]),
     )
 
 
@@ -89,7 +97,7 @@ def _who(
 
 
 def _found(problem: Problem, posture: np.ndarray | None, settings: dict[str, Any]) -> Optimum:
-    with working(f"{settings['starts']} starts, {NAMES[settings['mode']]}") as done:
+    with working(f"{counted(settings['starts'], 'start', 'starts')}, {NAMES[settings['mode']]}") as done:
         return optimise(problem, posture, progress=done, **settings)
 
 

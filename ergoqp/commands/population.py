@@ -10,11 +10,10 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.commands.common import console, make_folder, print_assumptions, working, writing
+from ergoqp.commands.common import console, counted, load_person_problem, make_folder, print_assumptions, working, writing
 from ergoqp.errors import InputError
 from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.population import Found, best_of_population, population
-from ergoqp.problem_file import load_problem
 
 COLUMNS = ("person", "reba_before", "reba_best", "x_m", "y_m", "z_m", "cost", "kkt_residual", "starts_at_best", "starts")
 """Of ``population.csv``; the cells of somebody without a place are empty."""
@@ -42,13 +41,14 @@ def population_study(
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
-    problem = load_problem(problem_name)
+    problem = load_person_problem(problem_name)
     check_names(settings["mode"], settings["solver"])
     loads = None if loads_kg is None else numbers_of("--load-kg", loads_kg, "kilograms")
     sides = None if hands is None else [side.strip() for side in hands.split(",")]
     people = list(population(problem, numbers_of("--population", statures, "statures in metres"), sides, loads))
     folder = make_folder(out, f"population-{problem.name}")
-    with writing(folder), working(f"{len(people)} people, {settings['starts']} starts each") as done:
+    effort = f"{counted(len(people), 'person', 'people')}, {counted(settings['starts'], 'start', 'starts')} each"
+    with writing(folder), working(effort) as done:
         found = best_of_population(people, out=folder, progress=done, **settings)
         _write(found, folder / "population.csv")
     screen = console()

@@ -12,6 +12,7 @@ from rich.text import Text
 from ergoqp.commands.common import (
     RecordingOptions,
     console,
+    load_person_problem,
     make_folder,
     print_assumptions,
     working,
@@ -21,9 +22,7 @@ from ergoqp.commands.common import (
 from ergoqp.commands.guide import guide_named
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide
-from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
 from ergoqp.recordings import Recording
 from ergoqp.recordings.person import given_person
 from ergoqp.report import run_table, write_run_page
@@ -49,10 +48,7 @@ def run(
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
-    problem = load_problem(problem_name)
-    if tuple(problem.coordinates) != JOINTS:
-        moved = ", ".join(problem.coordinates)
-        raise InputError(f"problem {problem.name}: moves {moved}, allowed problems of a person; see ergoqp.simulation.points")
+    problem = load_person_problem(problem_name)
     check_numbers(problem, duration, seed)
     screen = console()
     if recording_path is None:
@@ -73,7 +69,7 @@ def run(
         result.save(folder)
     print_assumptions(screen, result.assumptions)
     screen.print(run_table(result))
-    write_report(screen, folder, lambda path: write_run_page(result, path))
+    write_report(screen, folder, ("run.json", "run.npz"), lambda path: write_run_page(result, path))
 
 
 def _from_awkward_place(

@@ -36,6 +36,7 @@ def score(recording_path: Path, out: Path | None, task: TaskOptions, options: Re
     write_report(
         screen,
         folder,
+        ("scores.csv", "scores.json"),
         lambda path: write_score_page(recording, assessment, path, _words(task), recording_path.name),
     )
 

@@ -1,10 +1,13 @@
 """QPs of ergonomic control steps as a test set of qpbenchmark; needs qpbenchmark and NumPy, nothing of ergoqp.
 
-``ergoqp compare`` puts this file beside the folder ``sequences``; then ``qpbenchmark ergoqp_sequences.py run``. Each file there
-is one sequence of QPs along a trajectory, or what was derived from one, under the names of ``qpsolvers.Problem`` with one more
-axis in front: P (k, n, n), q (k, n), G (k, 2m, n), h (k, 2m), lb (k, n), ub (k, n). The second half of G is the negative of
-the first; an infinite entry of h is a row that is not there, and two opposite rows that meet are an equality. ``feasible``
-says whether the QPs have answers, ``follows`` whether each is close to the one before.
+``ergoqp compare`` puts this file beside the folder ``sequences``; there
+
+    qpbenchmark ergoqp_sequences.py --results-path results.csv run --author you
+
+runs it. Each file in the folder is one sequence of QPs along a trajectory, or what was derived from one, under the names of
+``qpsolvers.Problem`` with one more axis in front: P (k, n, n), q (k, n), G (k, 2m, n), h (k, 2m), lb (k, n), ub (k, n). The
+second half of G is the negative of the first; an infinite entry of h is a row that is not there, and two opposite rows that
+meet are an equality. ``feasible`` says whether the QPs have answers, ``follows`` whether each is close to the one before.
 """
 
 from __future__ import annotations

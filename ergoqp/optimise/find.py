@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from numbers import Integral, Real
+from numbers import Real
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
+from ergoqp.optimise.checks import check_whole
 from ergoqp.optimise.ledger import Ledger, key_of
 from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.optimum import Optimum, Trial
@@ -80,8 +80,7 @@ def optimise(
         OSError: if `out` cannot be written.
     """
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
-        if isinstance(value, bool) or not (isinstance(value, Integral) and least <= value < 2**63):
-            raise InputError(f"{name}: got {value!r}, allowed a whole number of at least {least}")
+        check_whole(name, value, least)
     if not (isinstance(tau_deg, Real) and 0.05 <= tau_deg <= 20):
         raise InputError(f"tau_deg: got {tau_deg!r} deg, allowed 0.05 to 20 deg")
     follower = _follower(problem, person)
@@ -94,7 +93,7 @@ def optimise(
         notes.append(f"The object starts at the worst-scored of some random places of the workspace (seed {seed}).")
     else:
         given, notes = read_posture(posture)
-    begin = begin_from(follower, given, None if pose is None else np.asarray(pose))
+    begin = begin_from(follower, given, pose)
     task = Task(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     Place.of(problem).anchor(problem, begin.pose)
     trials = _solve(task, int(starts), int(jobs), scheduler, out, progress)

@@ -16,6 +16,7 @@ from typing import get_args
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.optimise.checks import check_whole
 from ergoqp.optimise.group_optimum import GroupOptimum, Member
 from ergoqp.optimise.parallel import in_order
 from ergoqp.optimise.people import Person, read_people
@@ -69,8 +70,7 @@ def best_for_group(
     """
     if objective not in get_args(Objective):
         raise InputError(f"objective: got {objective!r}, allowed {', '.join(get_args(Objective))}")
-    if not 1 <= starts <= 100:
-        raise InputError(f"starts: got {starts}, allowed 1 to 100")
+    check_whole("starts", starts, 1, 100)
     begin = time.perf_counter()
     crew = read_people(problem, people)
     tell = progress or (lambda share: None)

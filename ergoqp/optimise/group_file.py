@@ -1,4 +1,4 @@
-"""A group's place as files.
+"""A group's place as files; see ``docs/group_json.md``.
 
 ``group.json`` has the keys ``version``, ``problem``, ``title``, ``objective``, ``people``, ``position_m`` (x, y, z),
 ``quaternion_xyzw``, ``maximum``, ``mean``, ``own_mean``, ``grid_maximum``, ``grid_mean``, ``grid_spacing_m``, ``free``

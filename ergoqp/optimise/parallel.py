@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.errors import MissingExtraError
+from ergoqp.optimise.checks import check_whole
 
 
 def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1) -> Iterator[Any]:
@@ -20,8 +21,7 @@ def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1
         InputError: for a number of jobs below 1.
         MissingExtraError: if joblib is not installed and more than one process is wanted.
     """
-    if jobs < 1:
-        raise InputError(f"jobs: got {jobs}, allowed at least 1")
+    check_whole("jobs", jobs, 1)
     if jobs == 1 or len(calls) < 2:
         yield from (function(*arguments) for arguments in calls)
         return

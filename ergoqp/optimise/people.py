@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 
 from ergoqp.errors import InputError
+from ergoqp.optimise.checks import as_tuple, check_whole
 from ergoqp.optimise.population import person_of, variant
 from ergoqp.problem import Problem
 from ergoqp.simulation.people import sample_person
@@ -40,6 +41,7 @@ def read_people(problem: Problem, people: Sequence[float | Follower | Person]) -
     Raises:
         InputError: for an empty group, one of more than `MOST`, or somebody who works with other hands or in another stance.
     """
+    people = as_tuple("group", people)
     if not 1 <= len(people) <= MOST:
         raise InputError(f"group: got {len(people)} people, allowed 1 to {MOST}")
     return _unique([_person(problem, person) for person in people])
@@ -51,10 +53,9 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, .
     Raises:
         InputError: for a count of less than 1 or more than `MOST`, or a negative seed.
     """
-    if not 1 <= count <= MOST:
+    if isinstance(count, bool) or not (isinstance(count, Integral) and 1 <= count <= MOST):
         raise InputError(f"group: got {count} people, allowed 1 to {MOST}")
-    if seed < 0:
-        raise InputError(f"seed: got {seed}, allowed a whole number of at least 0")
+    check_whole("seed", seed, 0)
     followers = [(number, sample_person(problem, number)) for number in range(seed, seed + count)]
     return tuple(Person(f"{person.response.body.stature:.2f} m, seed {number}", person) for number, person in followers)
 

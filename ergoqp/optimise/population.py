@@ -10,6 +10,7 @@ from typing import Any, Final
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
+from ergoqp.optimise.checks import as_tuple, check_number
 from ergoqp.optimise.optimum import Optimum
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -39,14 +40,17 @@ def population(
     Raises:
         InputError: for an empty sequence, or a value that `variant` does not take.
     """
-    for name, values in (("statures", statures), ("hands", hands), ("loads_kg", loads_kg)):
-        if values is not None and not len(values):
+    given = {"loads_kg": loads_kg, "hands": hands, "statures": statures}
+    choices = [(None,) if values is None else as_tuple(name, values) for name, values in given.items()]
+    for name, values in zip(given, choices, strict=True):
+        if not values:
             raise InputError(f"{name}: got nothing, allowed at least one")
-    for load, hand, stature in product(loads_kg or (None,), hands or (None,), statures):
+    for load, hand, stature in product(*choices):
+        changed = variant(problem, stature=stature, hands=hand, load_kg=load)
         words = [f"{stature:.2f} m"]
         words += [f"{hand} hand{'s' if hand == 'both' else ''}"] if hand is not None else []
         words += [f"{load:g} kg"] if load is not None else []
-        yield ", ".join(words), variant(problem, stature=stature, hands=hand, load_kg=load)
+        yield ", ".join(words), changed
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +117,10 @@ def variant(
     """
     response = person_of(problem)
     if stature is not None:
+        check_number("stature", stature, "metres")
         response = replace(response, body=Body.of_stature(stature))
     if hands is not None:
-        if hands not in HANDS:
+        if not isinstance(hands, str) or hands not in HANDS:
             raise InputError(f"hands: got {hands!r}, allowed {', '.join(HANDS)}")
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
@@ -135,6 +140,7 @@ def person_of(problem: Problem) -> IkResponse:
 
 
 def _with_load(problem: Problem, load_kg: float) -> Problem:
+    check_number("load_kg", load_kg, "kilograms")
     if not isinstance(problem.cost, SmoothReba):
         raise InputError(f"load_kg: got {load_kg:g}, but the cost {problem.cost.name!r} was learned without; allowed None")
     task = TaskOptions(**{**problem.task, "load_kg": float(load_kg)})

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ergoqp.errors import InputError
 from ergoqp.limits import JointLimit, OneClassBoundary
@@ -180,7 +181,7 @@ def _since(begin: float) -> float:
     return time.perf_counter() - begin
 
 
-def begin_from(person: Follower, posture: np.ndarray, pose: np.ndarray | None) -> Start:
+def begin_from(person: Follower, posture: np.ndarray, pose: ArrayLike | None) -> Start:
     """Return how a person holds an object that is at `pose` (4, 4), None: where the posture has it.
 
     Raises:
@@ -190,7 +191,10 @@ def begin_from(person: Follower, posture: np.ndarray, pose: np.ndarray | None) -
     grips = person.grasp(posture)
     if pose is None:
         return Start(posture, contact, grips, person.stand(posture))
-    pose = np.array(pose, dtype=float)
+    try:
+        pose = np.array(pose, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"pose: got {pose!r:.60}, allowed a (4, 4) pose of the object's contact frame") from None
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
         raise InputError(f"pose: got {pose.tolist()!r:.60}, allowed a (4, 4) pose of the object's contact frame")
     held = np.stack([np.linalg.solve(pose, contact @ grip) for grip in grips])

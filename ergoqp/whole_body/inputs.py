@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.whole_body.robot import Robot
+from ergoqp.joints import JOINTS
+from ergoqp.whole_body.robot import Robot, load_robot
+
+_PLAUSIBLE: Final = 2.0
+"""Joints measured faster than their largest speed times this are an error of the measurement."""
 
 
 def check_length(what: str, value: float, low: float, high: float) -> None:
@@ -18,6 +22,46 @@ def check_length(what: str, value: float, low: float, high: float) -> None:
     """
     if not (isinstance(value, (int, float)) and low <= value <= high):
         raise InputError(f"{what}: got {value!r}, allowed {low} to {high} m")
+
+
+def size_of(value: Any) -> tuple[float, float, float]:
+    """Return the side lengths of a box [m].
+
+    Raises:
+        InputError: if they are not three numbers from 0.001 to 1 m.
+    """
+    sides = numbers(value, 3)
+    if sides is None or (sides < 0.001).any() or (sides > 1.0).any():
+        raise InputError(f"object_size: got {value!r}, allowed three side lengths from 0.001 to 1 m")
+    return float(sides[0]), float(sides[1]), float(sides[2])
+
+
+def posture_of(value: Any) -> np.ndarray:
+    """Return a posture (32,) [rad].
+
+    Raises:
+        InputError: if it is not 32 finite numbers.
+    """
+    angles = numbers(value, len(JOINTS))
+    if angles is None:
+        shape = f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else f"a {type(value).__name__}"
+        raise InputError(f"posture: got {shape}, allowed {len(JOINTS)} finite numbers")
+    return angles
+
+
+def robot_of(robot: Any, frame: str | None) -> Robot:
+    """Return a robot that is ready, or the one of a file.
+
+    Raises:
+        InputError: if a frame is named beside a robot that has one, or as `load_robot`.
+    """
+    if not isinstance(robot, Robot):
+        return load_robot(robot, frame)
+    if frame is not None:
+        raise InputError(
+            f"frame: got {frame!r} beside a robot whose frame is {robot.frame!r}, allowed None: name it to load_robot"
+        )
+    return robot
 
 
 def start_of(start: Any, robot: Robot) -> np.ndarray:
@@ -45,6 +89,23 @@ def rigid(what: str, value: Any) -> np.ndarray:
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
         raise InputError(f"{what}: got an array of shape {pose.shape}, allowed a rigid motion (4, 4)")
     return pose
+
+
+def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
+    """Return which joint is measured faster than it can be, in words; None if none is.
+
+    Args:
+        robot: with the largest speeds.
+        speeds: of the joints (k,) [rad/s].
+    """
+    over = np.abs(speeds) - _PLAUSIBLE * robot.velocity
+    worst = int(np.argmax(over))
+    if over[worst] <= 0:
+        return None
+    most = _PLAUSIBLE * robot.velocity[worst]
+    return (
+        f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within +-{most:.4g}, twice its largest speed"
+    )
 
 
 def numbers(value: Any, count: int) -> np.ndarray | None:

@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike
 from ergoqp.errors import InputError
 from ergoqp.paths import data_folder
 
+DEFAULT_FRAME: Final = "flange"
+"""The end-effector frame where none is named."""
+
 MARGIN: Final = 1e-3
 """Joints stay this far inside the ranges of the file [rad or m]: room for whoever follows the answer."""
 
@@ -51,7 +54,7 @@ class Robot:
 
 def load_robot(
     robot: str | Path = "panda",
-    frame: str = "flange",
+    frame: str | None = None,
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     rest: ArrayLike | None = None,
@@ -61,7 +64,7 @@ def load_robot(
     Args:
         robot: ``"panda"``, which comes with the package, or the path of an MJCF or URDF file.
         frame: the end-effector frame, a site or a body of the file; the object is fixed to it, and its z axis points out of
-            the hand.
+            the hand; None: ``"flange"``.
         velocity: largest joint speeds, one number or one per joint [rad/s]; None: the file's custom numeric
             ``joint_velocity``.
         acceleration: largest joint accelerations [rad/s^2]; None: the file's ``joint_acceleration``.
@@ -69,9 +72,14 @@ def load_robot(
             ranges.
 
     Raises:
-        InputError: if the file cannot be read, has no such frame (the sentence lists those that it has), no joint before it,
-            a joint without a range or of more than one axis, or if speeds or accelerations are neither in it nor given.
+        InputError: if the frame is not a name, or the file cannot be read, has no such frame (the sentence lists those that it
+            has), no joint before it, a joint without a range or of more than one axis, or if speeds or accelerations are
+            neither in it nor given.
     """
+    frame = DEFAULT_FRAME if frame is None else frame
+    # MuJoCo looks for whatever it is given as if it were a text.
+    if not isinstance(frame, str):
+        raise InputError(f"frame: got {frame!r}, allowed the name of a site or body, or None for {DEFAULT_FRAME!r}")
     path = _path_of(robot)
     try:
         spec = mujoco.MjSpec.from_file(str(path))

@@ -9,6 +9,7 @@ from typing import Final, Protocol
 import mujoco
 import numpy as np
 
+from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.whole_body.robot import Robot
@@ -17,6 +18,7 @@ BASE_JOINTS: Final = ("base_x", "base_y", "base_z", "base_yaw")
 """How the person's pelvis stands in the world: three shifts [m] and a turn [rad]."""
 
 _HAND_PARTS: Final = ("palm", "fingers", "thumb")
+_SHORTEST: Final = 1e-3  # tool between object and hand [m]
 _HOLDS: Final = 2
 """The hand that holds the tool need not keep away from links with fewer joints than this between them and the object."""
 _JOINTS_AWAY: Final = 4
@@ -158,7 +160,11 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
 
 
 def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
-    """Fix object, tool and contact frame to the end-effector frame of an arm's description."""
+    """Fix object, tool and contact frame to the end-effector frame of an arm's description.
+
+    Raises:
+        InputError: if the object ends where the person holds the tool, so that there is no tool between them.
+    """
     pose = robot.frame_pose
     carrier = arm.body(robot.frame_body).add_body(name="load", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3]))
     x, y, z = load.size
@@ -166,6 +172,8 @@ def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
     box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [x / 2, y / 2, z / 2], "pos": [0, 0, z / 2], "rgba": [0.85, 0.55, 0.2, 1]}
     carrier.add_geom(name="object", **box, **solid)
     end = load.tool_frame[:3, 3]
+    if np.linalg.norm(end - [0, 0, z]) < _SHORTEST:
+        raise InputError(f"object_size: got {z:g} m along z, where tool_frame has the contact point, allowed less or more")
     rod = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0, 0, z, *end], "size": [0.008, 0, 0]}
     carrier.add_geom(name="tool", rgba=[0.2, 0.2, 0.22, 1], **rod, **solid)
     carrier.add_site(name="contact", pos=end, quat=_quaternion(load.tool_frame[:3, :3]))

@@ -12,8 +12,8 @@ def stopping_speed(distance: ArrayLike, acceleration: ArrayLike, dt: float) -> n
     """Return the largest speed of this period from which a stop stays within a distance.
 
     The speed is held for one period and then falls by a dt per period: after k + 1 periods v dt + (v - a dt) dt + ... is
-    covered, so that v = d / ((k + 1) dt) + a dt k / 2 with k = floor((sqrt(1 + 8 d / (a dt^2)) - 1) / 2) (DESIGN, section 6;
-    the continuous sqrt(2 a d) is passed by up to a period's way).
+    covered, so that v = d / ((k + 1) dt) + a dt k / 2 with k = floor((sqrt(1 + 8 d / (a dt^2)) - 1) / 2) (the continuous
+    sqrt(2 a d) is passed by up to a period's way).
 
     Args:
         distance: what is left, negative counts as none [rad].

@@ -10,17 +10,16 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
 from ergoqp.step import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
-from ergoqp.whole_body.inputs import check_length, numbers, rigid, start_of
+from ergoqp.whole_body.inputs import check_length, implausible_speed, numbers, posture_of, rigid, robot_of, size_of, start_of
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.placing import default_base, pose_error
-from ergoqp.whole_body.robot import Robot, load_robot
+from ergoqp.whole_body.robot import Robot
 from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
 from ergoqp.whole_body.separation import Closeness, Separation
 from ergoqp.whole_body.stopping import joint_bounds
@@ -42,7 +41,8 @@ class WholeBodyStep:
         twist: what the object really does with them (6,) [m/s, rad/s].
         posture_rate: how the model person follows that (32,) [rad/s].
         status: that of the object's own step where the robot does the same; ``slower`` where limits of the robot or the
-            distance hold it back; ``braking`` and ``invalid`` as there.
+            distance hold it back; ``braking`` where the object brakes, or robot and object cannot keep all limits; ``invalid``
+            where an input cannot be used.
         reason: one sentence that names the cause, empty for a plain optimal step.
         min_distance: smallest of all kept distances where everything is now [m]; infinite where none is kept.
         object_step: the object's own step (`ergoqp.step.Step`), in which the robot has no limits.
@@ -65,7 +65,7 @@ class WholeBody:
     Args:
         problem: the task; its state must be a person's posture.
         robot: ``"panda"``, the path of an MJCF or URDF file, or what `load_robot` gave.
-        frame: the robot's end-effector frame; None: ``"flange"``.
+        frame: the robot's end-effector frame; None: ``"flange"``, or that of a robot from `load_robot`.
         tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it, the tool's axis pointing
             back into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
         base: of the robot in the world of the problem (4, 4) [m]; None: see `ergoqp.whole_body.placing.default_base`.
@@ -106,15 +106,13 @@ class WholeBody:
         self.stepper = problem.stepper(dt=dt)
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
-        self.robot = robot if isinstance(robot, Robot) else load_robot(robot, frame or "flange")
+        self.robot, object_size = robot_of(robot, frame), size_of(object_size)
         check_length("distance", distance if distance is not None else 0.0, 0.0, 0.5)
         check_length("reserve", reserve, 0.0, 0.2)
         self.distance, self.reserve = distance, reserve
         placed = default_base(problem, 0.20) if base is None else rigid("base", base)
         held = rigid("tool_frame", tool_frame) if tool_frame is not None else None
-        begin = self._person.comfort if posture is None else numbers(posture, len(JOINTS))
-        if begin is None:
-            raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} finite numbers")
+        begin = self._person.comfort if posture is None else posture_of(posture)
         apart = None if distance is None else distance + reserve
         if start is None:
             self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
@@ -162,7 +160,10 @@ class WholeBody:
         k = len(self.robot.joints)
         positions, speeds = numbers(arm, k), self._sent if arm_speed is None else numbers(arm_speed, k)
         if positions is None or speeds is None:
-            return self._blind(begin, posture, "arm" if positions is None else "arm_speed")
+            what = "arm" if positions is None else "arm_speed"
+            return self._blind(begin, posture, f"{what} is not {k} finite numbers")
+        if (too_fast := implausible_speed(self.robot, speeds)) is not None:
+            return self._blind(begin, posture, too_fast)
         contact, jacobian = self._look(positions, speeds)
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
@@ -214,11 +215,14 @@ class WholeBody:
             twist = moment.jacobian @ solved[arm] - moment.offset
             if not whole and np.abs(twist - wanted).max() < SAME:
                 return solved[arm], object_step.status, ""
-            if not whole:
-                return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
-            return solved[arm], "braking", "robot and object cannot keep all limits: " + held_back(self, moment, solved)
+            names = held_back(self, moment, solved)
+            if whole:
+                return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
+            stops = object_step.status in ("braking", "invalid")
+            return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
         stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
-        return stop, "braking", "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+        status = "invalid" if object_step.status == "invalid" else "braking"
+        return stop, status, "every joint of the robot stops by itself: the distance cannot be kept otherwise"
 
     def _braking(self, previous: np.ndarray) -> np.ndarray:
         """The object's braking twist after the last one: as much slower as its acceleration allows."""
@@ -292,14 +296,13 @@ class WholeBody:
         least = np.minimum(arm * low, arm * high).sum(axis=1)
         return np.maximum(allowed, least)
 
-    def _blind(self, begin: float, posture: Any, what: str) -> WholeBodyStep:
+    def _blind(self, begin: float, posture: Any, cause: str) -> WholeBodyStep:
         """Without knowing the arm: its joints slow down from what was sent."""
-        k = len(self.robot.joints)
         slower = np.sign(self._sent) * np.maximum(np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0)
         object_step = self.stepper.step(posture, enable=False)
         twist = np.zeros(6) if self._before is None else self._before[1] @ slower
         # Where the object goes meanwhile is not known, so nothing is to be made good.
         self._sent, self._before, self._offset = slower, None, np.zeros(6)
-        reason = f"{what} is not {k} finite numbers: every joint of the robot stops by itself"
+        reason = f"{cause}: every joint of the robot stops by itself"
         took = time.perf_counter() - begin
         return WholeBodyStep(slower, twist, object_step.posture_rate, "invalid", reason, float("nan"), object_step, took)

@@ -212,7 +212,7 @@ class TestFaults:
             raise ZeroDivisionError("a bug")
 
         monkeypatch.setattr("ergoqp.problem_file.load_problem", broken)
-        monkeypatch.setattr("ergoqp.commands.run.load_problem", broken)
+        monkeypatch.setattr("ergoqp.commands.run.load_person_problem", broken)
 
     @pytest.mark.usefixtures("fault")
     def test_short(self, ergoqp, monkeypatch):
@@ -233,7 +233,7 @@ class TestFaults:
         def stop(*_, **__):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("ergoqp.commands.run.load_problem", stop)
+        monkeypatch.setattr("ergoqp.commands.run.load_person_problem", stop)
         assert ergoqp("run", "screwing").status == 130
 
 

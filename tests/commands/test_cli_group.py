@@ -9,8 +9,12 @@ from command_line import mistake
 
 def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "optimum.json").touch()
     done = ergoqp("optimise", "desk", "--group", "1.6,1.9", "--starts", "1", "--load-kg", "6", "--out", tmp_path / "out")
     assert done.status == 0, done.err
+    # What another command left in the folder is not this one's.
+    assert "optimum.json" not in done.out
     summary = json.loads((tmp_path / "out" / "group.json").read_text(encoding="utf-8"))
     assert [member["label"] for member in summary["members"]] == ["1.60 m", "1.90 m"]
     # 5 to 10 kg are one point in score A.
@@ -23,6 +27,7 @@ def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
 def test_a_population_has_a_row_each(ergoqp, tmp_path):
     done = ergoqp("optimise", "desk", "--population", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out")
     assert done.status == 0, done.err
+    assert "2 people, 1 start each" in done.err
     with (tmp_path / "out" / "population.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["person"] for row in rows] == ["1.60 m", "1.90 m"]
@@ -42,6 +47,11 @@ def test_a_population_has_a_row_each(ergoqp, tmp_path):
         (("--group", "1.7", "--population", "1.7"), "--population: not allowed with --group"),
         (("--population", "1.7,x"), "--population: got '1.7,x'"),
         (("--population", "1.7", "--person", "1.8"), "--person: not allowed with --population"),
+        (("--population", "1.7", "--unit-to-m", "1", "--up", "z"), "--unit-to-m, --up: not allowed with --population"),
+        (("--group", "1.7", "--mapping", "a.toml"), "--mapping: not allowed with --group"),
+        (("--group", "1.7", "--mode", "stackelberg", "--solver", "ipopt"), "--mode, --solver: not allowed with --group"),
+        (("--population", "1.7", "--objective", "mean"), "--objective: got 'mean', allowed with --group"),
+        (("--objective", "minimax"), "--objective: got 'minimax', allowed with --group"),
         (("--hands", "both"), "allowed with --group or --population"),
     ],
 )

@@ -38,8 +38,12 @@ def test_the_best_place_is_looked_for(ergoqp, tmp_path):
 
 def test_mistakes(ergoqp, tmp_path, optimum):
     _, folder = optimum
-    assert "'nowhere.json' cannot be read" in mistake(ergoqp("run", "desk", "--guide", "nowhere.json"))
-    assert "--guide: got a place of problem desk, allowed one of problem screwing" in mistake(
+    allowed = "allowed best or an optimum.json of `ergoqp optimise`"
+    assert f"--guide: 'nowhere.json' is not there, {allowed}" in mistake(ergoqp("run", "desk", "--guide", "nowhere.json"))
+    (tmp_path / "group.json").write_text('{"problem": "desk", "people": 2}', encoding="utf-8")
+    told = mistake(ergoqp("run", "desk", "--guide", "group.json"))
+    assert f"--guide: 'group.json' cannot be read as an optimum, {allowed}" in told
+    assert "guide: got a place of problem desk, allowed one of problem screwing" in mistake(
         ergoqp("run", "screwing", "--guide", folder)
     )
     assert not (tmp_path / "ergoqp-out").exists()

@@ -47,7 +47,11 @@ def test_from_a_recording(ergoqp, demo, tmp_path):
         (("dentist", "--mode", "selfish"), "mode: got 'selfish', allowed stackelberg, cooperative"),
         (("dentist", "--starts", "0"), "starts: got 0, allowed a whole number of at least 1"),
         (("dentist", "--at", "3"), "--at: got 3 s, but there is no recording"),
-        (("nothing",), "problem: got 'nothing'"),
+        (
+            ("nothing",),
+            "'nothing', allowed dentist, desk, low_bin, overhead, screwing, screwing_learned or the path of a .toml",
+        ),
+        (("desk", "--start"), "see `ergoqp optimise --help`"),
     ],
 )
 def test_mistakes(ergoqp, arguments, words):

@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ergoqp.optimise
+from ergoqp.commands.population import COLUMNS
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.optimise.group import best_for_group
@@ -192,6 +194,12 @@ def test_drawn_people_are_of_their_seeds(low_bin):
     assert best_for_group(low_bin, people[:1], starts=1, spacing=0.3).maximum <= 4
 
 
+@pytest.mark.parametrize(("count", "seed", "words"), [(1.5, 0, r"group: got 1\.5 people"), (1, "a", "seed: got 'a'")])
+def test_what_draws_nobody_is_named(low_bin, count, seed, words):
+    with pytest.raises(InputError, match=words):
+        drawn_people(low_bin, count, seed)
+
+
 def test_people_of_the_same_stature_keep_their_names_apart(low_bin):
     assert [person.label for person in read_people(low_bin, (1.7, 1.7, 1.7))] == ["1.70 m", "1.70 m (2)", "1.70 m (3)"]
 
@@ -207,6 +215,11 @@ def test_people_of_the_same_stature_keep_their_names_apart(low_bin):
         ((1.7,), {"spacing": 0.0}, "spacing: got 0.0 m"),
         ((1.7,), {"starts": 0}, "starts: got 0"),
         ((1.7,), {"jobs": 0}, "jobs: got 0"),
+        (3, {}, "group: got a int, allowed a list"),
+        ((1.7,), {"starts": "a"}, "starts: got 'a', allowed a whole number from 1 to 100"),
+        ((1.7,), {"starts": 1.5}, r"starts: got 1\.5, allowed a whole number"),
+        ((1.7,), {"spacing": "a"}, "spacing: got 'a', allowed a number of metres"),
+        ((1.7,), {"jobs": "a"}, "jobs: got 'a', allowed a whole number"),
     ],
 )
 def test_mistakes_are_named(low_bin, people, options, words):
@@ -234,6 +247,14 @@ def test_the_files(mean, tmp_path):
     with np.load(tmp_path / "out" / "group.npz", allow_pickle=False) as arrays:
         assert arrays["scores"].shape == (3, *mean.grid.shape)
         assert arrays["labels"].tolist() == ["1.50 m", "1.70 m", "2.00 m"]
+
+
+def test_every_key_array_and_column_is_documented(mean, tmp_path):
+    text = (Path(__file__).resolve().parents[2] / "docs" / "group_json.md").read_text(encoding="utf-8")
+    summary = json.loads(mean.save(tmp_path / "out").read_text(encoding="utf-8"))
+    with np.load(tmp_path / "out" / "group.npz", allow_pickle=False) as arrays:
+        keys = {*summary, *summary["members"][0], *summary["free"], *summary["free"]["none"], *arrays.files, *COLUMNS}
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
 def test_one_person_alone_is_the_single_optimum(low_bin):

@@ -129,6 +129,8 @@ class TestMistakes:
             (dict(tau_deg=0.0), "tau_deg: got 0.0"),
             (dict(posture=np.zeros(31)), "posture: got shape"),
             (dict(posture=np.zeros(32), pose=np.zeros((4, 4))), "pose: got"),
+            (dict(posture=np.zeros(32), pose="abc"), "pose: got 'abc', allowed a"),
+            (dict(posture=np.zeros(32), pose=[[1], [1, 2]]), "pose: got .*, allowed a"),
             (dict(person="me"), "person: got str"),
         ],
     )

@@ -96,6 +96,12 @@ def test_a_missing_frame_is_named_with_those_that_exist():
         load_robot("panda", "hand")
 
 
+def test_a_frame_is_a_name_or_none():
+    assert load_robot("panda", None).frame == "flange"
+    with pytest.raises(InputError, match="frame: got 3, allowed the name of a site or body, or None for 'flange'"):
+        load_robot("panda", 3)
+
+
 def test_what_cannot_be_used_is_said_in_one_sentence(tmp_path):
     path = tmp_path / "planar.xml"
     path.write_text(PLANAR.format(""))

@@ -95,6 +95,8 @@ def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
         ((posture, np.full(7, np.nan)), {}, "invalid"),
         ((posture, None), {}, "invalid"),
         ((posture, whole.start, [1, 2]), {}, "invalid"),
+        ((posture, whole.start, np.full(7, 50.0)), {}, "invalid"),
+        ((posture, whole.start, [0, 0, 50.0, 0, 0, 0, 0]), {}, "invalid"),
     )
     for arguments, options, status in odd:
         before = moving.joint_velocities
@@ -103,6 +105,14 @@ def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
         assert moving.reason
         assert np.isfinite(moving.joint_velocities).all()
         assert (np.abs(moving.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
+    hasty = whole.step(posture, whole.start, [0, 0, 50.0, 0, 0, 0, 0])
+    assert hasty.reason.startswith("arm_speed: joint3 is 50 rad/s, allowed within +-4.35, twice its largest speed")
+    for speed, words in ((-0.5, "held back by the acceleration of joint"), (-1.5, "every joint of the robot stops by itself")):
+        blind = whole.step(bad_posture, whole.start, np.full(7, speed))
+        assert blind.status == "invalid"
+        assert blind.reason.startswith("posture: ")
+        assert words in blind.reason
+    whole.reset()
     unseen = np.ones(32, dtype=bool)
     unseen[4] = False
     bad_posture[3], bad_posture[4] = posture[3], np.nan
@@ -122,8 +132,19 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(problem, tool_frame=np.zeros((4, 4)))
     with pytest.raises(InputError, match="tool_frame: got str, allowed a rigid motion"):
         WholeBody(problem, tool_frame="flange")
-    with pytest.raises(InputError, match="posture: got"):
+    with pytest.raises(InputError, match="posture: got a list, allowed 32 finite numbers"):
         WholeBody(problem, posture=[0.0])
+    with pytest.raises(InputError, match=r"posture: got an array of shape \(3,\), allowed 32 finite numbers"):
+        WholeBody(problem, posture=np.zeros(3))
+    for size in ((0, 0, 0), 3, (0.1, np.nan, 0.1)):
+        with pytest.raises(InputError, match=r"object_size: got .*, allowed three side lengths from 0\.001 to 1 m"):
+            WholeBody(problem, object_size=size)
+    with pytest.raises(InputError, match=r"object_size: got 0\.2 m along z, where tool_frame has the contact point"):
+        WholeBody(problem, object_size=(0.1, 0.1, 0.2))
+    with pytest.raises(InputError, match="frame: got 'foo' beside a robot whose frame is 'flange', allowed None"):
+        WholeBody(problem, load_robot("panda"), frame="foo")
+    with pytest.raises(InputError, match="problem: got 'dentist', allowed a Problem"):
+        WholeBody("dentist")
     with pytest.raises(ProblemError, match="allowed IkResponse"):
         WholeBody(ergoqp.load_problem("forearm"))
 

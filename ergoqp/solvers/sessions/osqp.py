@@ -22,7 +22,7 @@ _SETTINGS: Final = {
     "scaling": 0,
     # Polishing prints a line of its own when no row is active, whatever `verbose` says.
     "polishing": False,
-    # Looser, feasible QPs whose slack is dear were seen to be called infeasible.
+    # A dear slack makes multipliers large, which a looser test takes for a certificate of infeasibility.
     "eps_prim_inf": 1e-9,
 }
 _RHO: Final = 0.1

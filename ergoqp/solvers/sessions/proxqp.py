@@ -70,7 +70,7 @@ class ProxqpBackend:
         settings.eps_abs, settings.eps_rel, settings.max_iter = self._accuracy, 0.0, _MOST_ITERATIONS
         settings.max_iter_in = _MOST_INNER
         settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, self._accuracy, 0.0
-        # Looser, feasible QPs whose slack is dear were seen to be called infeasible.
+        # A dear slack makes multipliers large, which a looser test takes for a certificate of infeasibility.
         settings.eps_primal_inf = 1e-12
         settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
         return solver
