@@ -34,6 +34,19 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 
+ProblemName = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROBLEM",
+        help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
+        show_default=False,
+    ),
+]
+AnyProblem = Annotated[
+    str,
+    typer.Argument(metavar="PROBLEM", help="A name, as for run, or forearm, or the path of a TOML file.", show_default=False),
+]
+At = Annotated[float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")]
 Unit = Annotated[
     float | None, typer.Option("--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found].")
 ]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli_app import Mapping, Person, Side, Unit, UpAxis, app, out_option, pair, refuse_with
+from ergoqp.cli_app import At, Mapping, Person, ProblemName, Side, Unit, UpAxis, app, out_option, pair, refuse_with
 from ergoqp.errors import InputError
 
 _ABOUT_RUN = """Run the closed loop of a problem with a simulated person who follows the object.
@@ -50,21 +50,12 @@ Examples:
 
 @app.command("run", help=_ABOUT_RUN, short_help="Close the loop of a problem with a simulated person.")
 def _run(
-    problem: Annotated[
-        str,
-        typer.Argument(
-            metavar="PROBLEM",
-            help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
-            show_default=False,
-        ),
-    ],
+    problem: ProblemName,
     recording: Annotated[
         Path | None,
         typer.Option("--from", metavar="RECORDING", help="Start in a posture of a recording, with its person's body."),
     ] = None,
-    at: Annotated[
-        float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
-    ] = None,
+    at: At = None,
     out: Annotated[Path | None, out_option("PROBLEM")] = None,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Of the person, the noise, and where the object starts.")
@@ -87,21 +78,12 @@ def _run(
 
 @app.command("optimise", help=_ABOUT_OPTIMISE, short_help="Look for the best place of the object, offline.")
 def _optimise(
-    problem: Annotated[
-        str,
-        typer.Argument(
-            metavar="PROBLEM",
-            help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
-            show_default=False,
-        ),
-    ],
+    problem: ProblemName,
     recording: Annotated[
         Path | None,
         typer.Option("--from", metavar="RECORDING", help="For the posture and the person of a recording."),
     ] = None,
-    at: Annotated[
-        float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")
-    ] = None,
+    at: At = None,
     group: Annotated[
         str | None,
         typer.Option("--group", metavar="M,...|N", help="One place for people of these statures, or for N drawn ones."),

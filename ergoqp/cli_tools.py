@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli_app import app, out_option
+from ergoqp.cli_app import AnyProblem, app, out_option
 
 _ABOUT_FIT = """Learn a cost from labelled postures, test it on postures that it has not seen, and keep it.
 
@@ -84,9 +84,7 @@ def _fit(
 
 @app.command("compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on a problem's own QPs.")
 def _compare(
-    problem: Annotated[
-        str, typer.Argument(metavar="PROBLEM", help="A name, as for run, or the path of a TOML file.", show_default=False)
-    ],
+    problem: AnyProblem,
     solvers: Annotated[
         str | None, typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed].")
     ] = None,
@@ -102,7 +100,7 @@ def _compare(
 
 @app.command("export", help=_ABOUT_EXPORT, short_help="Write the control step of a problem as C99.")
 def _export(
-    problem: Annotated[str, typer.Argument(metavar="PROBLEM", help="Name or problem file.", show_default=False)],
+    problem: AnyProblem,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the sources.", show_default=False)],
     dt: Annotated[float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")] = None,
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.limits import Rows
 from ergoqp.linear import dense
@@ -102,8 +103,8 @@ def _stacked(entries: list[ca.SX]) -> ca.SX:
 def _gathered(S: ca.MX, own: ca.MX, follows: list[int | None]) -> ca.MX:
     """Return the rows of the QP: those of S, and the others in their places, by copying numbers once."""
     n, k = S.shape[0], own.shape[0]
-    others = iter(range(k))
-    starts = [(row, n) if row is not None else (S.numel() + next(others), k) for row in follows]
-    places = [start + column * stride for column in range(6) for start, stride in starts]
+    in_S, in_own = np.arange(6 * n).reshape(6, n).T, S.numel() + np.arange(6 * k).reshape(6, k).T
+    others = iter(in_own)
+    places = [in_S[row] if row is not None else next(others) for row in follows]
     everything = ca.vertcat(ca.vec(S), ca.vec(own)) if k else ca.vec(S)
-    return ca.reshape(everything[places], len(follows), 6) if places else ca.MX(0, 6)
+    return ca.reshape(everything[np.ravel(places, order="F").tolist()], len(follows), 6) if places else ca.MX(0, 6)

@@ -224,19 +224,13 @@ class IkResponse:
         inverse = ca.Function("inverse", [M], [spd_inverse(M)])
         multipliers = inverse(K.T @ pull + softness) @ wanted
         rates = pull @ multipliers
-        # The legs follow the pelvis; all others are rates themselves. What neither has stays zero.
-        rows = {joint: 4 + row for row, joint in enumerate(arms)} | {joint: len(arms) + 4 + i for i, joint in enumerate(_LEGS)}
-        height = 4 + len(arms) + len(_LEGS)
-        everything = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), 0)
-        size = rates.numel()
-        places = []
-        for column in range(6):
-            for joint in range(len(JOINTS)):
-                row = rows.get(joint, height)
-                inside = row < 4 + len(arms)
-                place = column * (4 + len(arms)) + row if inside else size + column * len(_LEGS) + row - 4 - len(arms)
-                places.append(place if row < height else size + 6 * len(_LEGS))
-        S = ca.reshape(everything[places], len(JOINTS), 6)
+        moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), 0)
+        # The legs follow the pelvis; all others are rates themselves. What neither has stays zero, the last entry.
+        height = 4 + len(arms)
+        places = np.full((len(JOINTS), 6), moved.numel() - 1)
+        places[arms] = np.arange(6 * height).reshape(6, height).T[4:]
+        places[_LEGS] = 6 * height + np.arange(6 * len(_LEGS)).reshape(6, -1).T
+        S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
         # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
         E = self.damping**2 * multipliers
         return ca.Function("sensitivity", [q, locked], [S, ca.densify(E)], ["q", "locked"], ["sensitivity", "unmet"])

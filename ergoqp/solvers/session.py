@@ -57,28 +57,10 @@ class Backend(Protocol):
         ...
 
 
-class QpSession(Protocol):
-    """A solver that keeps its memory from one QP to the next, all of one size."""
-
-    name: str
-
-    def solve(
-        self,
-        H: ArrayLike,
-        g: ArrayLike,
-        A: ArrayLike,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        low: ArrayLike,
-        high: ArrayLike,
-        warm: bool = True,
-    ) -> QpAnswer:
-        """Solve one QP; see `Session.solve`."""
-        ...
-
-
 class Session:
-    """A `QpSession` made of a solver's workspace: looks at the data first, takes the time, never raises for the data.
+    """A solver that keeps its memory from one QP to the next, all of one size.
+
+    It looks at the data first, takes the time, and never raises for the data.
 
     Args:
         name: of the solver.

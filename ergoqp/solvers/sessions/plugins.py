@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import io
 from typing import Any, Final, cast
@@ -22,7 +23,7 @@ def _quiet() -> contextlib.AbstractContextManager[Any]:
     return contextlib.redirect_stdout(io.StringIO())
 
 
-class PluginBackend:
+class PluginBackend(abc.ABC):
     """One CasADi conic function with memory of its own; a subclass says which, with what settings.
 
     Attributes:
@@ -48,9 +49,9 @@ class PluginBackend:
         self._buffer: Any = None
         self._solved = False
 
+    @abc.abstractmethod
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options for this size."""
-        raise NotImplementedError
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from the last answer, where the plugin can."""
