@@ -28,9 +28,10 @@ from benchmarks.report import Report, run
 from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Start, Trace, moved
+from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import Senses, frames, sample_person
 from ergoqp.simulation.person import Follower
+from ergoqp.simulation.robot import moved
 
 EPS = 0.02
 """Gain of the plain way: a slope of 10 points per metre gives 0.2 m/s."""

@@ -10,13 +10,14 @@ from ergoqp.limits.limit import Expression
 from ergoqp.linear import dense, largest, smallest
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
-from ergoqp.rigid import exp_rotation
 from ergoqp.step_guide import TRIAL, trial_update
 from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_margins import StepRows
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
-from ergoqp.step_rows import braking, limit_values, on_surface, patience, stop_displacement
+from ergoqp.step_rows import limit_values, patience
+from ergoqp.step_stop import Stop, on_surface
+from ergoqp.step_way import way_size
 
 if TYPE_CHECKING:
     from ergoqp.limits import Situation
@@ -32,7 +33,8 @@ GIVES_WAY: Final = 1e-3
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
 _JUDGED: Final = (
-    *("posture", "observed", "readings", "pose", "previous", "dt", "gain", "value", "xi", "S", "residual", "usable", "rest"),
+    *("posture", "observed", "readings", "pose", "landed", "way", "previous", "dt", "away", "gain", "value", "xi", "S"),
+    *("residual", "usable", "rest"),
 )
 _JOURNEY: Final = ("promise", "points", "trial", "distance", "on")
 
@@ -41,7 +43,8 @@ def _symbols(problem: Problem, names: tuple[str, ...], kind: type = ca.SX) -> di
     """Inputs of the functions of this file, by name; what has no size here is one number."""
     n, rows = len(problem.coordinates), len(problem.row_names)
     sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "S": (n, 6)}
-    sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "rest": (STATES, 1)}
+    sizes |= {"landed": (4, 4), "way": (way_size(problem), 1), "begun": (6, 1), "away": (2 * rows, 1)}
+    sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "last": (6, 1), "rest": (STATES, 1)}
     sizes |= {"trial": (TRIAL, 1), "now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
     return {name: kind.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
@@ -55,7 +58,8 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
     known = _symbols(problem, names, ca.MX)
     rows = StepRows(problem, known, known["S"])
     now = rows.now
-    outside = ca.logic_and(now < -ca.DM(limit_values(problem.row_limits, "tolerance")), _moves(problem, rows))
+    count = len(problem.row_names)
+    outside = ca.logic_and(ca.fmax(known["away"][:count], known["away"][count:]) > 0, _moves(problem, rows))
     decide = _decide_function(problem, pattern, guided)
     given = known | {"must_move": largest(outside)}
     wanted, slowest, displacement, solved, rest, *trial = decide(*(given[decide.name_in(i)] for i in range(decide.n_in())))
@@ -68,23 +72,23 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     """The twist that this answer asks for and the braking one, as they can be sent; the first one's stop; rest and trial."""
     names = (*_JUDGED, "must_move", *(_JOURNEY if guided else ()))
     sx = _symbols(problem, names)
-    limits, dt = problem.row_limits, sx["dt"]
+    limits, dt, stop = problem.row_limits, sx["dt"], Stop.of(problem)
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
-    brake = on_surface(braking(problem.twist_limit, sx["previous"], dt), situation)
+    brake = on_surface(stop.braking(sx["previous"], dt), situation)
     solved = sx["residual"] < TOLERANCE
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], sx["must_move"], dt, counts)
     trial = []
     if guided:
-        journey = (sx["pose"], sx["distance"], sx["on"], sx["promise"], sx["points"])
+        journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["points"])
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
         trial = [next_trial]
     wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(sx["must_move"])), brake.twist, sx["xi"])
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
-    in_time = patience(limits, situation, sx["previous"], dt) > 0
+    in_time = patience(limits, situation, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
-    outputs = [wanted, slowest, stop_displacement(problem.twist_limit, wanted, dt), solved, rest, *trial]
+    outputs = [wanted, slowest, stop.displacement(wanted, dt), solved, rest, *trial]
     return ca.Function(
         "decide",
         list(sx.values()),
@@ -99,7 +103,7 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
 
     What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
     """
-    sx = _symbols(problem, ("posture", "observed", "readings", "pose", "dt", "S", "wanted", "brake", "now"))
+    sx = _symbols(problem, ("posture", "observed", "readings", "landed", "way", "dt", "S", "wanted", "brake", "now"))
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
     floor = _floor(problem, sx["now"], at_braking)
@@ -117,6 +121,7 @@ def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca
     known = _symbols(problem, ("posture", "observed", "readings", "pose", "dt", "S", "residual", "usable", "E"), ca.MX)
     known |= {name: ca.MX.sym(name, m) for name in ("slack", "multipliers")}
     known |= _symbols(problem, ("causes", "wanted", "brake", "now", "solved", "outside", "rest", "share"), ca.MX)
+    known |= _symbols(problem, ("begun", "own", "last"), ca.MX)
     limits, now = problem.row_limits, known["now"]
     rows = StepRows(problem, known, known["S"])
     tolerance, soft = ca.DM(limit_values(limits, "tolerance")), ca.DM(1 - limit_values(limits, "hard"))
@@ -125,24 +130,29 @@ def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca
     used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
     close = _close_function(problem)
     given = known | {"used": used, "any_outside": largest(known["outside"])}
-    twist, moved, status, causes, residuals = close(*(given[close.name_in(i)] for i in range(close.n_in())))
-    rate = _model_rate(limits, situation_of(problem, known, known["S"]), known["S"] @ twist, known["dt"])
+    planned, sent, status, causes, residuals = close(*(given[close.name_in(i)] for i in range(close.n_in())))
+    rate = _model_rate(limits, situation_of(problem, known, known["S"]), known["S"] @ sent, known["dt"])
     slack, multipliers = (_spread(known[name], movable, len(problem.row_names)) for name in ("slack", "multipliers"))
     # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way as well, and is named.
-    slack = ca.fmax(slack, _rate_excess(rows, twist)) if len(limits) else slack
-    outputs = [twist, moved, rate, status, causes, slack, multipliers, residuals]
+    slack = ca.fmax(slack, _rate_excess(rows, sent)) if len(limits) else slack
+    outputs = [planned, sent, rate, status, causes, slack, multipliers, residuals]
     return ca.Function("account", list(known.values()), [ca.densify(part) for part in outputs])
 
 
 def _close_function(problem: Problem) -> ca.Function:
-    """The twist that is sent, where it leads, and what to call the step."""
-    names = ("posture", "pose", "dt", "residual", "usable", "E", "causes", "wanted", "brake", "solved", "rest", "share")
-    sx = _symbols(problem, (*names, "used", "any_outside"))
+    """The twist that is planned, the one that is sent with it, and what to call the step."""
+    names = ("posture", "dt", "residual", "usable", "E", "causes", "wanted", "brake", "solved", "rest", "share")
+    sx = _symbols(problem, (*names, "begun", "own", "last", "used", "any_outside"))
     share = sx["share"]
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
-    twist = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
+    planned = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
     if problem.surface is not None:
-        twist = problem.surface.retract(sx["posture"], twist, sx["dt"], ca.DM(problem.twist_limit.acceleration))
+        planned = problem.surface.retract(sx["posture"], planned, sx["dt"], ca.DM(problem.twist_limit.acceleration))
+    sent = planned
+    if problem.average:
+        # A mean keeps the acceleration by itself, as long as the history holds all of its seconds.
+        change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
+        sent = ca.fmin(ca.fmax(sx["begun"] + sx["own"] * planned, sx["last"] - change), sx["last"] + change)
     failed = ca.if_else(sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
     status = ca.if_else(sx["rest"][0] > 0.5, int(Status.settled), int(Status.optimal))
@@ -151,10 +161,10 @@ def _close_function(problem: Problem) -> ca.Function:
     status = ca.if_else(accepted, status, int(Status.braking))
     wrong = ca.fmod(causes, 2.0 ** (Cause.age + 1)) > 0.5
     status = ca.if_else(wrong, int(Status.invalid), status)
-    contact = ca.sqrt(ca.sumsqr(sx["E"] @ twist))
+    contact = ca.sqrt(ca.sumsqr(sx["E"] @ sent))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
-    outputs = [twist, exp_rotation(sx["pose"], twist * sx["dt"]), status, causes, residuals]
-    named = ["twist_sent", "moved", "status", "all_causes", "residuals"]
+    outputs = [planned, sent, status, causes, residuals]
+    named = ["planned", "sent", "status", "all_causes", "residuals"]
     return ca.Function("close", list(sx.values()), ca.cse(dense(outputs)), list(sx), named)
 
 
@@ -173,7 +183,7 @@ def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca
 
 def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Smallest margins of all rows through a period at `twist` and the stop after it."""
-    displacement = stop_displacement(problem.twist_limit, twist, dt)
+    displacement = Stop.of(problem).displacement(twist, dt)
     return ca.vertcat(*(limit.margins(situation, displacement) for limit in problem.row_limits))
 
 

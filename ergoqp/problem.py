@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,7 @@ from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
 from ergoqp.responses import LinearResponse, Response
+from ergoqp.robot import DeclaredRobot
 from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
 
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from ergoqp.optimise.optimum import Optimum
     from ergoqp.simulation.run import Run
     from ergoqp.step import Stepper
+
+_AVERAGE: Final = 0.05
+_LONGEST_AVERAGE: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,9 @@ class Control:
         stall_after: without an improvement for this long the object comes to rest all the same [s].
         rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
         max_age: oldest posture that still counts [s].
+        average: W, what is sent is the mean of the planned twist over the last W seconds, so that its jerk is at most
+            2 acceleration / W and a stop takes up to W longer [s]. None: 0.05 for an object that is held, and 0 where the twist is
+            that of points, which nothing else moves.
         guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
         guide_gain: how much better than where descent comes to rest the given place must promise to be, and how much worse
             than promised it may be to be kept [points].
@@ -67,6 +74,7 @@ class Control:
     stall_after: float = 2.0
     rest_filter: float = 0.5
     max_age: float = 0.10
+    average: float | None = None
     guide_weight: float = 20.0
     guide_gain: float = 0.3
 
@@ -74,11 +82,15 @@ class Control:
         """Check the numbers."""
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
+            if name == "average" and value is None:
+                continue
             if not (isinstance(value, (int, float)) and 0 <= value < float("inf")):
                 raise ProblemError(f"control.{name}: got {value!r}, allowed a finite number of at least 0")
         for name in ("look_ahead", "effort_linear", "effort_angular", "rest_filter", "max_age"):
             if getattr(self, name) == 0:
                 raise ProblemError(f"control.{name}: got 0, allowed a positive number")
+        if self.average is not None and self.average > _LONGEST_AVERAGE:
+            raise ProblemError(f"control.average: got {self.average!r} s, allowed 0 to {_LONGEST_AVERAGE:g} s")
         if self.move_above < self.rest_below:
             raise ProblemError(f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}")
 
@@ -93,6 +105,7 @@ class Problem:
         limits: what must hold, exactly one `TwistLimit` among them.
         dt: control period [s].
         control: how boldly to move.
+        robot: how late and how exactly the robot does what it is sent, as far as that is declared.
         task: what joint angles cannot tell (load, coupling, seated ...), as keywords of `ergoqp.reba.assess`.
         method: how the exact sheet is read.
         name: short name, a word.
@@ -104,6 +117,7 @@ class Problem:
     limits: Sequence[Limit | TwistLimit]
     dt: float = 0.01
     control: Control = field(default_factory=Control)
+    robot: DeclaredRobot = field(default_factory=DeclaredRobot)
     task: TaskOptions = field(default_factory=TaskOptions)
     method: Method = field(default_factory=Method)
     name: str = "custom"
@@ -157,9 +171,29 @@ class Problem:
         """Return the exact assessment of postures (n, 32) [rad] in this task: the yardstick of every cost."""
         return assess(postures, self.method, **self.task)
 
+    @property
+    def moves_pose(self) -> bool:
+        """Whether the twist moves an object that a person holds, and not the state itself."""
+        return tuple(self.response.coordinates) == JOINTS
+
+    @cached_property
+    def average(self) -> float:
+        """Seconds over which what is sent is averaged, see `Control.average`."""
+        given = self.control.average
+        return (_AVERAGE if self.moves_pose else 0.0) if given is None else given
+
+    @property
+    def longest_period(self) -> float:
+        """Longest period that a twist may be meant for [s]: what is longer brakes."""
+        return max(3 * self.dt, self.robot.longest_hold)
+
     def _check_state(self) -> None:
         """Check that limits and cost read the state that the response moves."""
         state = tuple(self.response.coordinates)
+        if not self.moves_pose:
+            for what, given in (("robot", self.robot.declared), ("control.average", bool(self.control.average))):
+                if given:
+                    raise ProblemError(f"{what}: got one, allowed only where an object that a person holds is moved")
         for limit in self.limits:
             if isinstance(limit, JointLimit | WorkspaceBox | AxisCone) and state != JOINTS:
                 raise ProblemError(f"limits: got a {type(limit).__name__}, allowed only where the state is a person's posture")

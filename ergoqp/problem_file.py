@@ -18,6 +18,7 @@ from ergoqp.limits import AXES, ArmLength, AxisCone, JointLimit, OneClassBoundar
 from ergoqp.paths import data_folder
 from ergoqp.problem import Control, Problem
 from ergoqp.responses import IkResponse, LinearResponse
+from ergoqp.robot import DeclaredRobot
 from ergoqp.sheets.reba import Method
 from ergoqp.sheets.task import TaskOptions
 
@@ -116,6 +117,7 @@ class _Joints(_Table):
     yield_zone_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     tolerance_deg: Annotated[float, Field(ge=0, le=20)] = 2.0
     recovery_time: Positive = 1.0
+    recover: bool = False
 
 
 class _Workspace(_Table):
@@ -154,6 +156,19 @@ class _Limits(_Table):
     one_class_boundary: _Boundary | None = None
 
 
+_Seconds = Annotated[float, Field(ge=0, le=0.5)]
+
+
+class _Robot(_Table):
+    delay: _Seconds = 0.0
+    lag: _Seconds = 0.0
+    gain_error: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    pose_delay: _Seconds = 0.0
+    pose_noise: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    pose_noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    longest_hold: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+
 class _File(_Table):
     title: str = ""
     dt: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
@@ -161,6 +176,7 @@ class _File(_Table):
     cost: _Cost = _Cost()
     task: _Task = _Task()
     limits: _Limits = _Limits()
+    robot: _Robot = _Robot()
     control: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}
 
 
@@ -241,6 +257,7 @@ def _build(file: _File, name: str, folder: Path) -> Problem:
         limits=_limits(file, folder),
         dt=file.dt,
         control=Control(**file.control),
+        robot=DeclaredRobot(**file.robot.model_dump()),
         task=TaskOptions(**task),
         method=method,
         name=name,

@@ -9,8 +9,9 @@ import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.step_guide import BACK, LOOK, THERE
-from ergoqp.step_inputs import Cause, Status
+from ergoqp.step_inputs import LONGEST_DT, Cause, Status
 from ergoqp.step_rows import limit_values
+from ergoqp.step_watch import fault_sentence
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -53,10 +54,26 @@ def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age:
         parts.append(notes["guide"])
     if status == Status.settled and not step.drawn:
         parts.append("at rest: moving would gain too little")
-    tolerance = limit_values(problem.row_limits, "tolerance")
-    stuck = [i for i in np.flatnonzero(margins < -tolerance).tolist() if i not in outside]
-    parts.extend(f"{_beyond(names[i], margins[i])}, and the object cannot move it" for i in stuck)
+    tolerance, returns = (limit_values(problem.row_limits, name) for name in ("tolerance", "returns"))
+    hard = limit_values(problem.row_limits, "hard")
+    for i in np.flatnonzero(margins < -tolerance).tolist():
+        if i in outside:
+            continue
+        if hard[i]:
+            within = margins[i] >= -tolerance[i] - _noise(problem, names[i])
+            why = "within the declared noise of the pose" if within else "and the object cannot move it"
+        elif returns[i]:
+            why = "and did not come back in twice the time that this should take: given up"
+        else:
+            why = "measured beyond its end, where it is held"
+        parts.append(f"{_beyond(names[i], margins[i])}, {why}")
     return "; ".join(parts)
+
+
+def _noise(problem: Problem, name: str) -> float:
+    """Declared noise of the pose, for a row of the object's place."""
+    robot = problem.robot
+    return float(np.radians(robot.pose_noise_deg)) if name == "tool axis" else robot.pose_noise
 
 
 def _cause(
@@ -68,14 +85,24 @@ def _cause(
         return notes.get("pose", "pose is not finite, far away or not a rigid motion")
     if cause is Cause.twist:
         return notes.get("twist", "twist is not finite or huge")
+    if cause is Cause.robot:
+        kind, amount = step.account("fault").tolist()
+        return fault_sentence(int(kind), amount)
     return {
-        Cause.dt: f"dt is {dt:g} s, allowed 1e-05 to 0.5 s",
+        Cause.dt: f"dt is {dt:g} s, allowed 1e-05 to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
         Cause.disabled: "not enabled",
         Cause.no_frame: "no posture arrived",
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {step.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
+        Cause.unmeasured: "no pose, and the robot is declared to move by up to "
+        f"{100 * problem.robot.gain_error:g} % more or less than what it is sent",
+        Cause.halted: "comes to rest before it moves again",
+        Cause.asked: "asked to brake",
+        Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or the longest hold of the robot",
+        Cause.short_periods: f"the last periods were shorter than {problem.dt / 2:g} s on average, half of the loop's: give the "
+        "stepper its own dt",
     }[cause]
 
 

@@ -12,15 +12,18 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
 from ergoqp.reasons import reason_of
+from ergoqp.step_guide import TRIAL
 from ergoqp.step_inputs import Cause, Status
+from ergoqp.step_state import initial_state
 from ergoqp.step_values import number, put, truth
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
-_BAD_POSTURE: Final = 1 << Cause.posture
-_BAD_POSE: Final = 1 << Cause.pose
 _STATUSES: Final = tuple(status.name for status in Status)
+
+_LONGEST_RAMP: Final = 60.0
+"""After this long every robot has stopped by itself [s]."""
 
 
 class Step:
@@ -160,6 +163,7 @@ class Stepper:
         self._log = log
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
+        self._begin = initial_state(self.problem, self._guided)
         self._function = self.problem.step_function(solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
         names_in, names_out = self._function.name_in(), self._function.name_out()
@@ -173,24 +177,35 @@ class Stepper:
             self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
         for i, name in enumerate(names_out):
             self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore[reportCallIssue]
-        # What one step leaves to the next: (input, the output that it is copied from).
-        carried = {"sent": "twist", "stored_pose": "next_pose", "rest": "next_rest"} | (
-            {"trial": "next_trial"} if self._guided else {}
-        )
-        self._carried = [(self._inputs[to], self._out[self._slices[of]]) for to, of in carried.items()]
-        self._causes_at, self._status_at = (self._slices[name].start for name in ("causes", "status"))
+        # What one step leaves to the next.
+        self._state_in, self._state_out = self._inputs["state"], self._out[self._slices["next_state"]]
+        self._status_at = self._slices["status"].start
         self._notes: dict[str, str] = {}
         if place is not None:
             self._lead(place)
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the last twist, the last pose and the rest state: the loop starts again from standstill.
+    def reset(self, twist: Any = None) -> None:
+        """Forget the loop: the last twists, the last pose, the rest state. The guide stays; what was learned about it is forgotten.
 
-        The guide stays; what was learned about it is forgotten.
+        Args:
+            twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a moving robot, once; it is
+                clipped to the speed limits. None: it stands still.
+
+        Raises:
+            InputError: if `twist` is not six finite numbers.
         """
-        for name in ("stored_pose", "started", "sent", "rest", *(("trial",) if self._guided else ())):
-            self._inputs[name][:] = 0.0
+        state = self._begin
+        if twist is not None:
+            try:
+                moving = np.asarray(twist, dtype=float)
+            except (TypeError, ValueError):
+                raise InputError(f"twist: got {type(twist).__name__}, allowed 6 finite numbers") from None
+            if moving.shape != (6,) or not np.isfinite(moving).all():
+                raise InputError(f"twist: got an array of shape {moving.shape}, allowed 6 finite numbers")
+            speed = self.problem.twist_limit.speed
+            state = initial_state(self.problem, self._guided, np.clip(moving, -speed, speed))
+        self._state_in[:] = state
         self._inputs["posture"][:] = 0.0
 
     def guide(self, guide: Any) -> None:
@@ -207,7 +222,8 @@ class Stepper:
         if not self._guided:
             raise InputError("guide: the stepper was made without one, allowed only where stepper(guide=...) had a place")
         self._notes.clear()
-        self._inputs["guided"][0], self._inputs["trial"][:] = 0.0, 0.0
+        self._inputs["guided"][0] = 0.0
+        self._state_in[-TRIAL:] = 0.0
         if guide is None:
             return
         try:
@@ -241,8 +257,12 @@ class Stepper:
             posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no frame arrived.
             pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last one, the first time from the
                 posture.
-            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: the last one sent.
-            dt: this period [s]; None: the loop's.
+            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was sent, as late as declared. It
+                is for the pose, where that is not measured, and for faults of the robot; the limits hold for what is sent
+                whatever it says.
+            dt: for how long this twist will be executed [s]; None: the loop's period. Not the time since the last call: a late
+                call ends what was certified, and a period longer than three of the loop's (or than the declared
+                ``longest_hold``) brakes.
             age: how old the posture is [s].
             enable: False decelerates to rest.
             observed: (32,) bool, False for joints that the sensors do not see in this frame; None: all are seen. What an
@@ -264,9 +284,8 @@ class Stepper:
         into["has_pose"][0] = pose is not None
         if pose is not None:
             put(into["pose"], pose, (4, 4), "pose", notes)
-        if twist is None:
-            into["executed"][:] = into["sent"]
-        else:
+        into["has_twist"][0] = twist is not None
+        if twist is not None:
             put(into["executed"], twist, (6,), "twist", notes)
         into["dt"][0] = self.dt if dt is None else number(dt)
         into["age"][0] = number(age)
@@ -276,14 +295,37 @@ class Stepper:
         self._call()
         return self._answer(notes, start)
 
+    def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
+        """Return the next braking twist without new data: for the robot's own watchdog, when no step came in time.
+
+        It goes on along the stop that the last step was certified for, and the loop's state with it: a step that comes after it
+        continues from there. Never raises.
+
+        Args:
+            dt: for how long the twist will be executed [s]; None: the loop's period.
+            elapsed: seconds for which the robot has already ramped down by itself before this call [s].
+        """
+        late = number(elapsed)
+        while late > 0:
+            period = min(late, self.problem.longest_period)
+            self._brake(period)
+            late = late - period if late < _LONGEST_RAMP else 0.0
+        return self._brake(self.dt if dt is None else number(dt))
+
+    def _brake(self, dt: float) -> Step:
+        start = time.perf_counter()
+        into = self._inputs
+        into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = 0.0, 0.0, 0.0, 1.0
+        into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, 1.0
+        if self._log is not None:
+            self._record({})
+        self._call()
+        into["ask"][0] = 0.0
+        return self._answer({}, start)
+
     def _answer(self, notes: Mapping[str, str], start: float) -> Step:
         account, into = self._out.copy(), self._inputs
-        for given, found in self._carried:
-            given[:] = found
-        # The pose starts from a posture or a pose that could be used; nothing else anchors it.
-        causes = int(account[self._causes_at])
-        if (into["frame"][0] and not causes & _BAD_POSTURE) or (into["has_pose"][0] and not causes & _BAD_POSE):
-            into["started"][0] = 1.0
+        self._state_in[:] = self._state_out
         seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
         return Step(twist, status, self.problem, account, self._slices, seen, notes, start)

@@ -9,9 +9,12 @@ import numpy as np
 
 from ergoqp.limits import Rows
 from ergoqp.linear import dense
+from ergoqp.qp import FREE
 from ergoqp.step_objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
-from ergoqp.step_rows import Braking, braking, movable_rows, on_surface, patience, row_bounds, unhurried
+from ergoqp.step_rows import movable_rows, patience, row_bounds, unhurried
+from ergoqp.step_stop import Braking, Stop, on_surface
+from ergoqp.step_way import way_size
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -25,19 +28,27 @@ def qp_data(problem: Problem) -> ca.Function:
     """Return the QP of a control step as a function of what the step knows.
 
     Returns:
-        Function ``(posture (n,), observed (n,), pose (4, 4), previous (6,), dt, locked (n,), final) -> (*QP_DATA, S, E)``, by
-        these names. `locked` is 1 for joints that do not follow; `final` 1 makes joints close to their end rows like all others
-        (the last locking pass), 0 lets them be locked instead. The rows of `A` are those of `movable_names`.
+        Function ``(posture (n,), observed (n,), pose (4, 4), landed (4, 4), way, previous (6,), dt, locked (n,), final) ->
+        (*QP_DATA, S, E)``, by these names. `landed` and `way` are as in `ergoqp.step_inputs.Known`: a step's `account` has them. `locked`
+        is 1 for joints that do not follow; `final` 1 makes joints close to their end rows like all others (the last locking pass), 0
+        lets them be locked instead. The rows of `A` are those of `movable_names`.
     """
-    n = len(problem.coordinates)
-    sizes = {"posture": (n, 1), "observed": (n, 1), "pose": (4, 4), "previous": (6, 1), "dt": (1, 1), "locked": (n, 1)}
-    sizes |= {"final": (1, 1)}
-    given = {name: ca.MX.sym(name, *size) for name, size in sizes.items()}
+    names = ("posture", "observed", "pose", "landed", "way", "previous", "dt", "locked", "final")
+    given = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
     data, _ = pass_data(problem)
     _, value, gradient = cost_function(problem)(given["posture"], given["observed"])
     known = given | {"readings": readings_function(problem)(given["posture"]), "value": value, "gradient": gradient}
+    known |= {"away": away_function(problem)(*(known[name] for name in AWAY[:-1]), 1)}
     parts = data(*(known[data.name_in(i)] for i in range(data.n_in())))
     return ca.Function("qp_data", list(given.values()), list(parts), list(given), [*QP_DATA, "S", "E"])
+
+
+def _size(problem: Problem, name: str) -> tuple[int, int]:
+    n = len(problem.coordinates)
+    sizes = dict.fromkeys(("posture", "observed", "gradient", "locked"), (n, 1)) | dict.fromkeys(("pose", "landed"), (4, 4))
+    sizes |= {"away": (2 * len(problem.row_names), 1)}
+    sizes |= {"readings": (readings_size(problem), 1), "way": (way_size(problem), 1), "previous": (6, 1), "S": (n, 6)}
+    return sizes.get(name, (1, 1))
 
 
 def movable_names(problem: Problem) -> tuple[str, ...]:
@@ -45,23 +56,27 @@ def movable_names(problem: Problem) -> tuple[str, ...]:
     return tuple(problem.row_names[i] for i in pass_data(problem)[1])
 
 
+_PLACE: Final = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
+
+AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
+"""What `away_function` takes."""
+
+
 def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     """Return the QP of one locking pass and the numbers of the rows in it.
 
-    The function is ``(posture, observed, readings, pose, previous, dt, value, gradient, locked, final) -> (*QP_DATA, S, E)``.
+    The function is ``(*_PLACE, away, value, gradient, locked, final) -> (*QP_DATA, S, E)``; `away` is that of `away_function`.
     What is geometry is scalars; what is the same for every row is vectors, which an interpreter runs many times faster.
     """
-    names = ("posture", "observed", "readings", "pose", "previous", "dt", "value", "gradient", "locked", "final")
-    n = len(problem.coordinates)
-    sizes = ((n, 1), (n, 1), (readings_size(problem), 1), (4, 4), (6, 1), (1, 1), (1, 1), (n, 1), (n, 1), (1, 1))
-    mx = {name: ca.MX.sym(name, *size) for name, size in zip(names, sizes, strict=True)}
+    names = (*_PLACE, "away", "value", "gradient", "locked", "final")
+    mx = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
     S, E = problem.response.sensitivity()(mx["posture"], mx["locked"])
     terms, kept, follows = _terms(problem)
-    known = [mx[name] for name in ("posture", "observed", "readings", "pose", "previous", "dt")]
-    own, below, above, rate, reserve, twist, low, high, reach = terms(*known, S)
+    own, below, above, rate, reserve, twist, low, high, reach = terms(*(mx[name] for name in _PLACE), S)
+    away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
     brake = Braking(twist, low, high, reach, ca.DM(problem.twist_limit.acceleration), mx["dt"])
     rows = Rows(_gathered(S, own, follows), below, above, rate, reserve)
-    bounds = row_bounds(problem.twist_limit, problem.row_limits, rows, kept, brake, mx["final"])
+    bounds = row_bounds(Stop.of(problem), problem.row_limits, rows, kept, away, brake, mx["final"])
     H, g = objective(problem, mx, S, E)
     data = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, low, high, S, E]
     outputs = [ca.densify(part) for part in data]
@@ -71,17 +86,15 @@ def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
 def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     """Return what the rows and braking are made of, which rows some twist can move, and which of them are rows of S.
 
-    The function is ``(posture, observed, readings, pose, previous, dt, S) -> (own, below, above, rate, reserve, twist, low,
-    high, reach)``: of the movable rows, and of this period's braking. `own` (k, 6) are the rows that are not rows of S.
+    The function is ``(*_PLACE, S) -> (own, below, above, rate, reserve, twist, low, high, reach)``: of the movable rows, and of this
+    period's braking. `own` (k, 6) are the rows that are not rows of S.
     """
-    n = len(problem.coordinates)
-    sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "previous": (6, 1)}
-    sx = {name: ca.SX.sym(name, *size) for name, size in (sizes | {"dt": (1, 1), "S": (n, 6)}).items()}
-    S = with_pattern(sx["S"], sensitivity_pattern(problem))
-    brake = braking(problem.twist_limit, sx["previous"], sx["dt"])
+    sx = {name: ca.SX.sym(name, *_size(problem, name)) for name in (*_PLACE, "S")}
+    S, stop = with_pattern(sx["S"], sensitivity_pattern(problem)), Stop.of(problem)
+    brake = stop.braking(sx["previous"], sx["dt"])
     situation = situation_of(problem, sx, S, brake)
     brake = on_surface(brake, situation)
-    brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"]))
+    brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"], stop))
     kept = movable_rows(problem.twist_limit, problem.row_limits, situation)
     rows = [limit.rows(situation) for limit in problem.row_limits]
     numbered = [(each, i) for each in rows for i in range(each.matrix.shape[0])]
@@ -91,6 +104,27 @@ def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     ends = [_stacked([getattr(each, part)[i] for each, i in (numbered[k] for k in kept)]) for part in _VECTORS]
     parts = [matrix, *ends, brake.twist, brake.low, brake.high, brake.reach]
     return ca.Function("terms", list(sx.values()), ca.cse(dense(parts))), kept, follows
+
+
+def away_function(problem: Problem) -> ca.Function:
+    """``AWAY -> away (2 r,)``: how far rows that ask to come back are beyond their upper ends, then beyond their lower ones.
+
+    It is 0 for rows that do not ask, and within the tolerance or the declared noise of the pose. It goes by where things are, not by
+    where they land, so it does not depend on S. `asks` is 0 when rows of the posture have given up.
+    """
+    known = {name: ca.SX.sym(name, *_size(problem, name)) for name in AWAY}
+    situation = situation_of(problem, known, with_pattern(ca.SX.ones(*_size(problem, "S")), sensitivity_pattern(problem)))
+    above, below = [ca.SX(0, 1)], [ca.SX(0, 1)]
+    for limit in problem.row_limits:
+        rows = limit.rows(situation)
+        allowed = limit.tolerance + (ca.fabs(rows.matrix) @ ca.DM(problem.robot.noise) if limit.hard else 0)
+        returning = ca.DM(np.broadcast_to(limit.returns, rows.matrix.shape[0]).astype(float))
+        asking = returning * (1 if limit.hard else known["asks"]) > 0.5
+        for found, distance in ((above, rows.above), (below, rows.below)):
+            distance = ca.fmin(distance, FREE)
+            found.append(ca.if_else(ca.logic_and(asking, distance < -allowed), -distance, 0))
+    away = ca.densify(ca.vertcat(*above, *below))
+    return ca.Function("away", list(known.values()), [ca.cse(away)], list(known), ["away"])
 
 
 _VECTORS: Final = ("below", "above", "rate", "reserve")

@@ -10,11 +10,14 @@ from ergoqp.certification import account_function, judge_function, shorten_funct
 from ergoqp.linear import Shape, scalars, vectors
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
-from ergoqp.step_data import pass_data
+from ergoqp.step_asked import asked_update, still_asks
+from ergoqp.step_data import away_function, pass_data
 from ergoqp.step_guide import GUIDE_INPUTS, GUIDE_OUTPUTS, guide_sizes, pull_function
-from ergoqp.step_inputs import INPUTS, OUTPUTS, checked, input_sizes
+from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes, known_of
 from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
+from ergoqp.step_state import asks_back, joined_state, split_state
+from ergoqp.step_way import next_history
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -29,8 +32,8 @@ def build_step(
 ) -> ca.Function:
     """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
 
-    Inputs that may be absent come with a flag (``has_pose``, ``started``, ``frame``, ``enable``: 0 or 1). ``rest`` is the
-    rest state and its timer. All state is passed in and out: the same inputs give the same outputs, always.
+    Inputs that may be absent come with a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or 1); ``ask`` is 1 when only
+    the braking twist is wanted. All state is passed in and out, see `ergoqp.step_state`: the same inputs give the same outputs, always.
 
     ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow [m/s, rad/s in one
     norm] and the share of the way from braking to the QP's answer that was accepted.
@@ -45,40 +48,49 @@ def build_step(
             the slowest.
     """
     shape = scalars if unrolled else vectors
-    raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem).items()}
+    raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem, guided).items()}
     lead = {key: ca.MX.sym(key, *size) for key, size in guide_sizes().items()} if guided else {}
-    posture, pose, previous, dt, usable, causes = checked(problem)(*(raw[key] for key in INPUTS))
-    value, total, gradient = cost_function(problem)(posture, raw["observed"])
+    state = split_state(problem, raw["state"], guided)
+    known = known_of(problem, raw, state, shape)
+    posture, seen, dt, usable = known.posture, raw["observed"], known.dt, known.causes < 0.5
+    value, total, gradient = cost_function(problem)(posture, seen)
     one_pass, movable = _one_pass(problem, solver, guided, shape)
     readings = readings_function(problem)(posture)
+    asks = still_asks(state["asked"]) if asks_back(problem) else ca.MX(1.0)
+    away = shape(away_function(problem))(posture, seen, readings, known.pose, asks)
 
-    fixed = [posture, raw["observed"], readings, pose, previous, dt, total, gradient]
+    place = [posture, seen, readings, known.landed, known.way]
+    fixed = [*place, known.previous, dt, away, total, gradient]
     trial, drawn = [], None
     if guided:
-        *pull, distance, on, drawn = pull_function(problem)(pose, lead["guide"], lead["guided"], lead["trial"])
-        fixed, trial = [*fixed, *pull], [lead["promise"], value, lead["trial"], distance, on]
+        *pull, distance, on, drawn = pull_function(problem)(known.landed, lead["guide"], lead["guided"], state["trial"])
+        fixed, trial = [*fixed, *pull], [lead["promise"], value, state["trial"], distance, on]
     result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
     xi, S, E, slack, multipliers, residual, locked, _ = result
     pattern = sensitivity_pattern(problem)
     judge, shorten = shape(judge_function(problem, pattern, guided)), shorten_function(problem, pattern)
     account = shape(account_function(problem, pattern, movable))
-    seen = raw["observed"]
     gain = gain_function(problem)(posture, total, xi, S)
-    wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(
-        posture, seen, readings, pose, previous, dt, gain, total, xi, S, residual, usable, raw["rest"], *trial
-    )
+    judged = (posture, seen, readings, known.pose, known.landed, known.way, known.previous, dt, away, gain, total, xi, S)
+    wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(*judged, residual, usable, state["rest"], *trial)
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
-    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
-        whole, posture, seen, readings, pose, dt, S, wanted, brake, now
+    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, dt, S, wanted, brake, now)
+    here = (posture, seen, readings, known.pose, dt, S, residual, usable, E, slack, multipliers, known.causes)
+    last = state["sent"][:, 0]
+    planned, twist, rate, status, causes, slack, multipliers, residuals = account(
+        *here, wanted, brake, now, solved, outside, rest, share, known.begun, known.own, last
     )
-    known = (posture, seen, readings, pose, dt, S, residual, usable, E, slack, multipliers, causes)
-    twist, moved, rate, status, causes, slack, multipliers, residuals = account(
-        *known, wanted, brake, now, solved, outside, rest, share
-    )
-    outputs = [twist, pose, moved, rate, rest, status, causes, value, gain, now, slack, multipliers, locked, outside, residuals]
+    after = next_history(problem, state, planned, twist, known.owed, dt)
+    after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
+    if asks_back(problem):
+        after["asked"] = asked_update(problem, state["asked"], now, dt)
+    if guided:
+        after["trial"] = next_trial[0]
+    outputs = [twist, known.pose, joined_state(problem, after, guided), rate, status, causes, known.watched["fault"]]
+    outputs += [value, gain, now, slack, multipliers, locked, outside, residuals]
     if drawn is None:
         return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
-    outputs += [*next_trial, drawn]
+    outputs.append(drawn)
     return ca.Function(name, [*raw.values(), *lead.values()], outputs, [*INPUTS, *GUIDE_INPUTS], [*OUTPUTS, *GUIDE_OUTPUTS])
 
 
@@ -99,7 +111,7 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
 
 
 def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) -> tuple[ca.Function, list[int]]:
-    """One QP with a given lock set: ``(posture, observed, readings, pose, previous, dt, V, dV, locked, final) -> result``.
+    """One QP with a given lock set, of what `pass_data` takes: ``(..., V, dV, locked, final) -> result``.
 
     Guided, ``(..., dV, H, g, locked, final)``: the last two of these are added to the objective.
     """
@@ -134,12 +146,8 @@ def _newly_locked(problem: Problem) -> ca.Function:
             continue
         rows = limit.rows(situation)
         rate = rows.matrix @ xi
-        up = ca.logic_and(_near(rows.above, limit.yield_zone, limit.tolerance), rate > 1e-6)
-        down = ca.logic_and(_near(rows.below, limit.yield_zone, limit.tolerance), rate < -1e-6)
+        up = ca.logic_and(rows.above < limit.yield_zone, rate > 1e-6)
+        down = ca.logic_and(rows.below < limit.yield_zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
     newly = ca.logic_and(ca.logic_and(outward, locked < 0.5), residual < TOLERANCE)
     return ca.Function("newly_locked", [q, observed, readings, locked, S, xi, residual], [ca.densify(newly)])
-
-
-def _near(distance: ca.MX, zone: float, tolerance: float) -> ca.MX:
-    return ca.logic_and(distance < zone, distance >= -tolerance)

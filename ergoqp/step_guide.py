@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from ergoqp.problem import Control, Problem
 
 
-GUIDE_INPUTS: Final = ("guide", "guided", "promise", "trial")
-"""The given place (4, 4), whether there is one (0 or 1), the cost that it promises [points], and the state of the trial."""
+GUIDE_INPUTS: Final = ("guide", "guided", "promise")
+"""The given place (4, 4), whether there is one (0 or 1), and the cost that it promises [points]."""
 
-GUIDE_OUTPUTS: Final = ("next_trial", "drawn")
-"""The state for the next step, and which phase drew this one's twist, 0 for none."""
+GUIDE_OUTPUTS: Final = ("drawn",)
+"""Which phase drew this step's twist, 0 for none."""
 
 TRIAL: Final = 13
 """Size of the trial's state: phase; whether the place was tried; cost that it turned out to have; cost where the journey began;
@@ -69,7 +69,7 @@ _SAME: Final = 0.1
 
 def guide_sizes() -> dict[str, tuple[int, int]]:
     """Return the shape of every input of `GUIDE_INPUTS`."""
-    return {"guide": (4, 4), "guided": (1, 1), "promise": (1, 1), "trial": (TRIAL, 1)}
+    return {"guide": (4, 4), "guided": (1, 1), "promise": (1, 1)}
 
 
 def pull_function(problem: Problem) -> ca.Function:

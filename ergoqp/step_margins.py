@@ -11,19 +11,21 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from ergoqp.limits import Limit
+from ergoqp.limits import Limit, Situation
 from ergoqp.linear import dense
 from ergoqp.step_objective import sensitivity_pattern, with_pattern
-from ergoqp.step_readings import readings_size, situation_of
+from ergoqp.step_readings import here, readings_size, situation_of
+from ergoqp.step_way import way_size
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
-_KNOWN = ("posture", "observed", "readings", "pose")
+_HERE = ("posture", "observed", "readings", "pose")
+_LANDED = ("posture", "observed", "readings", "landed", "way")
 
 
 class StepRows:
-    """The rows of all limits where things are.
+    """The rows of all limits where things are, and their margins from where they land.
 
     Attributes:
         matrices: rate of each quantity per twist, (m, 6) for each limit.
@@ -36,32 +38,34 @@ class StepRows:
 
         Args:
             problem: the task.
-            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step.
+            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins` also ``landed`` and ``way``.
             S: sensitivity (n, 6), dense.
         """
-        self._situation = situation_of(problem, known, S)
-        self._place = [*(known[name] for name in _KNOWN), S]
-        self._limits = [(limit, None if _linear(limit) else _curved(problem, limit)) for limit in problem.row_limits]
+        self._problem, self._known, self._S = problem, known, S
+        situation = situation_of(problem, here(known), S)
+        place = [*(known[name] for name in _HERE), S]
         self.matrices, self.rates, still = [], [], []
-        for limit, curved in self._limits:
-            if curved is None:
-                rows = limit.rows(self._situation)
+        for limit in problem.row_limits:
+            if _linear(limit):
+                rows = limit.rows(situation)
                 matrix, rate, margins = rows.matrix, rows.rate, ca.fmin(rows.below, rows.above)
             else:
-                matrix, rate, margins = curved[0](*self._place)
+                matrix, rate, margins = _curved_here(problem, limit)(*place)
             self.matrices.append(matrix)
             self.rates.append(rate)
             still.append(margins)
         self.now = ca.vertcat(*still)
 
     def margins(self, displacement: ca.MX) -> ca.MX:
-        """Return the smallest margin (r,) of every row on the straight way to a displacement (6,) [m, rad]."""
+        """Return the smallest margin (r,) of every row on the straight way to a further displacement (6,) [m, rad]."""
+        situation = situation_of(self._problem, self._known, self._S)
+        place = [*(self._known[name] for name in _LANDED), self._S]
         found = []
-        for limit, curved in self._limits:
-            if curved is None:
-                found.append(limit.margins(self._situation, displacement))  # pyright: ignore[reportArgumentType]
+        for limit in self._problem.row_limits:
+            if _linear(limit):
+                found.append(limit.margins(situation, displacement))  # pyright: ignore[reportArgumentType]
             else:
-                found.append(curved[1](*self._place, displacement))
+                found.append(_curved_ahead(self._problem, limit)(*place, displacement))
         return ca.vertcat(*found)
 
 
@@ -70,20 +74,25 @@ def _linear(limit: Limit) -> bool:
     return getattr(limit, "linear", False)
 
 
-def _curved(problem: Problem, limit: Limit) -> tuple[ca.Function, ca.Function]:
-    """``place -> (matrix, rate, margins as they are)`` and ``(place, displacement) -> margins`` of one limit.
-
-    The place is (posture, observed, readings, pose, S).
-    """
-    n = len(problem.coordinates)
-    sizes = ((n, 1), (n, 1), (readings_size(problem), 1), (4, 4), (n, 6))
-    place = [ca.SX.sym(name, *size) for name, size in zip((*_KNOWN, "S"), sizes, strict=True)]
-    S, displacement = with_pattern(place[-1], sensitivity_pattern(problem)), ca.SX.sym("displacement", 6)
-    situation = situation_of(problem, dict(zip(_KNOWN, place[:-1], strict=True)), S)
+def _curved_here(problem: Problem, limit: Limit) -> ca.Function:
+    """``(*_HERE, S) -> (matrix, rate, margins as they are)`` of one limit."""
+    place, situation = _scalars(problem, _HERE)
     rows = limit.rows(situation)
     still = [rows.matrix, rows.rate, limit.margins(situation, ca.SX(6, 1))]
-    moved = [limit.margins(situation, displacement)]
-    return (
-        ca.Function("curved_here", place, ca.cse(dense(still))),
-        ca.Function("curved_ahead", [*place, displacement], ca.cse(dense(moved))),
-    )
+    return ca.Function("curved_here", place, ca.cse(dense(still)))
+
+
+def _curved_ahead(problem: Problem, limit: Limit) -> ca.Function:
+    """``(*_LANDED, S, displacement) -> margins`` of one limit."""
+    place, situation = _scalars(problem, _LANDED)
+    displacement = ca.SX.sym("displacement", 6)
+    return ca.Function("curved_ahead", [*place, displacement], ca.cse(dense([limit.margins(situation, displacement)])))
+
+
+def _scalars(problem: Problem, names: tuple[str, ...]) -> tuple[list[ca.SX], Situation]:
+    """Symbols of a place and of S, and the situation there."""
+    n = len(problem.coordinates)
+    sizes = {"readings": (readings_size(problem), 1), "pose": (4, 4), "landed": (4, 4), "way": (way_size(problem), 1)}
+    known = {name: ca.SX.sym(name, *sizes.get(name, (n, 1))) for name in names}
+    S = ca.SX.sym("S", n, 6)
+    return [*known.values(), S], situation_of(problem, known, with_pattern(S, sensitivity_pattern(problem)))

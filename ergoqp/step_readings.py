@@ -9,7 +9,8 @@ import casadi as ca
 
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
-from ergoqp.step_rows import Braking
+from ergoqp.step_stop import Braking
+from ergoqp.step_way import under_way_of
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -32,7 +33,8 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
 
     Args:
         problem: the task.
-        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``pose`` and ``previous``.
+        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``previous``, and either ``pose`` for where
+            things are, or ``landed`` and ``way`` for where they come to rest.
         S: sensitivity, only with the entries that can differ from zero.
         brake: of this period, for how far rows must look ahead; None: only the moment counts.
     """
@@ -43,8 +45,17 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
         size = measure.numel_out(0)
         readings[limit.names[0]] = known["readings"][start : start + size]
         start += size
-    pose = known.get("pose", ca.SX.eye(4))
-    return Situation(known["posture"], known["observed"], pose, S, swing, change, readings, problem.surface)
+    now = (known["posture"], known["observed"])
+    if "landed" not in known:
+        still = type(S)(6, 1)
+        return Situation(*now, known.get("pose", ca.SX.eye(4)), S, swing, change, readings, problem.surface, still)
+    way = under_way_of(problem, known["way"])
+    return Situation(*now, known["landed"], S, swing, change, readings, problem.surface, way.total, way)
+
+
+def here(known: Mapping[str, Expression]) -> dict[str, Expression]:
+    """Return the symbols that say where things are, and not where they land."""
+    return {name: value for name, value in known.items() if name not in ("landed", "way")}
 
 
 def _measures(problem: Problem) -> list[tuple[Limit, ca.Function]]:

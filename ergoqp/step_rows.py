@@ -1,8 +1,7 @@
 """From margins to bounds: what each row asks of the twist of this period, so that the whole stop afterwards stays inside.
 
-The object stops along a straight line: from twist xi it takes t_s = max_i |xi_i| / a_i seconds and, whatever the periods of
-the steps to come, moves at most xi (dt + t_s / 2). So a row with d left holds through the stop if A xi <= d / h with
-h = dt + t_s / 2 for the longest t_s that this period can reach.
+The object stops along a straight line, see `ergoqp.step_stop`: with d left a row holds through the stop if A xi <= d / h with
+h = dt + t_s / 2 for the longest stop t_s that this period can reach.
 
 That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h, and the row can only be
 slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before that its tangent parabola v^2 = 2 a d - a^2 h^2.
@@ -20,6 +19,7 @@ import numpy as np
 from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
 from ergoqp.qp import FREE
+from ergoqp.step_stop import Braking, Stop
 
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""
@@ -29,63 +29,6 @@ ELBOW = 1e-6
 
 CLEARANCE = 1e-8
 """Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
-
-
-@dataclass(frozen=True)
-class Braking:
-    """What braking does from the twist of the last period.
-
-    Attributes:
-        twist: the braking twist (6,).
-        low: least twist of this period (6,).
-        high: greatest twist of this period (6,); both allow the braking twist.
-        reach: seconds of motion at the new twist that a stop from it takes at most [s].
-        acceleration: largest per axis (6,).
-        dt: period [s].
-    """
-
-    twist: Expression
-    low: Expression
-    high: Expression
-    reach: Expression
-    acceleration: ca.DM
-    dt: Expression
-
-    @property
-    def change(self) -> Expression:
-        """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
-        return self.acceleration * self.dt * self.reach
-
-
-def braking(limit: TwistLimit, previous: ca.SX, dt: ca.SX) -> Braking:
-    """Return braking twist and twist bounds after the twist `previous` (6,) for a period `dt` [s]."""
-    speed, acceleration = ca.DM(limit.speed), ca.DM(limit.acceleration)
-    if limit.aside:
-        speed = ca.fmax(0, speed - limit.aside * dt)
-    stop = stop_time(limit, previous)
-    twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
-    # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
-    low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
-    high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-    return Braking(twist, low, high, dt + (stop + dt) / 2, acceleration, dt)
-
-
-def on_surface(brake: Braking, situation: Situation) -> Braking:
-    """Return the same braking along the surface that the state has to stay on; without one, as it is."""
-    if situation.surface is None:
-        return brake
-    twist = situation.surface.tangent(situation.posture, brake.twist, brake.dt, brake.acceleration)
-    return replace(brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist))
-
-
-def stop_time(limit: TwistLimit, twist: ca.SX) -> ca.SX:
-    """Return how long it takes to stop from a twist (6,) [s]."""
-    return ca.mmax(ca.fabs(twist) / ca.DM(limit.acceleration))
-
-
-def stop_displacement(limit: TwistLimit, twist: ca.SX, dt: ca.SX) -> ca.SX:
-    """Return the largest displacement (6,) [m, rad] of one period at `twist` and the stop after it."""
-    return twist * (dt + stop_time(limit, twist) / 2)
 
 
 @dataclass(frozen=True)
@@ -107,17 +50,17 @@ def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
     return ca.sparsify(kept)
 
 
-def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX) -> ca.SX:
+def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX, stop: Stop) -> ca.SX:
     """Return the longest stop [s] that the hard rows ahead still have room for; negative: braking is all that is left."""
     longest = ca.SX(FREE)
     for limit in limits:
         if limit.hard:
             rows = limit.rows(situation)
-            pace = rows.matrix @ previous
+            pace = stop.stretch * (rows.matrix @ previous)
             for distance, toward in ((rows.above, pace), (rows.below, -pace)):
                 left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
                 # Sliding along a limit is no approach.
-                time = ca.if_else(toward > 1e-5, 2 * (left / ca.fmax(toward, 1e-5) - dt), FREE)
+                time = ca.if_else(toward > 1e-5, 2 * (left / ca.fmax(toward, 1e-5) - stop.share * dt), FREE)
                 longest = ca.fmin(longest, ca.mmin(time))
     return longest
 
@@ -141,15 +84,23 @@ def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situatio
 
 
 def row_bounds(
-    twist: TwistLimit, limits: Sequence[Limit], rows: Rows, kept: Sequence[int], brake: Braking, final: Expression
+    stop: Stop,
+    limits: Sequence[Limit],
+    rows: Rows,
+    kept: Sequence[int],
+    away: Expression,
+    brake: Braking,
+    final: Expression,
 ) -> RowBounds:
     """Return the bounds of the movable rows; both ends of all rows at once, as vectors.
 
     Args:
-        twist: which axes the object can move.
+        stop: the object's law, and which axes it can move.
         limits: the row limits of the problem.
         rows: the movable rows of all limits, one below the other.
         kept: their numbers among all rows, see `movable_rows`.
+        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then beyond the lower ones; 0 for rows
+            that do not ask to come back.
         brake: of this period.
         final: 1 in the last pass, in which joints near their end do not yield any more.
     """
@@ -158,8 +109,7 @@ def row_bounds(
         return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
     # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
     at_braking = rows.matrix @ brake.twist
-    slowing = ca.fabs(rows.matrix) @ (brake.acceleration * ca.DM(twist.speed > 0))
-    upward, cap = _ends(limits, rows, kept, at_braking, slowing, brake, final)
+    upward, cap = _ends(stop, limits, rows, kept, away, at_braking, brake, final)
     upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
     # An inward target never asks for more than the other end allows; the slack covers only one side.
     lower = ca.fmin(ca.fmax(lower, -FREE), upper)
@@ -175,11 +125,12 @@ def row_bounds(
 
 
 def _ends(
+    stop: Stop,
     limits: Sequence[Limit],
     rows: Rows,
     kept: list[int],
+    away: Expression,
     at_braking: Expression,
-    slowing: Expression,
     brake: Braking,
     final: Expression,
 ) -> tuple[Expression, Expression]:
@@ -191,28 +142,42 @@ def _ends(
     def twice(values: Expression) -> Expression:
         return ca.vertcat(values, values)
 
+    size, movable = ca.fabs(rows.matrix), ca.DM(stop.limit.speed > 0)
+    slowing = size @ (brake.acceleration * movable)
     distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
-    inside, outside = distance >= -constant("tolerance"), distance < -constant("tolerance")
     rate, toward = twice(rows.rate), ca.vertcat(at_braking, -at_braking)
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
     moves = slowing > 1e-6
-    knee = slowing * brake.reach**2
+    knee = twice(slowing * brake.reach**2)
     left = distance - twice(rows.reserve + CLEARANCE)
-    # d / h up to the knee, from there on its tangent parabola.
-    line = ca.fmin(left - twice(knee), 0) / brake.reach
-    allowed = ca.sqrt(twice(2 * slowing) * ca.fmax(left, twice(knee)) - twice(slowing * knee)) + line
+
+    def within(left: Expression) -> Expression:
+        """d / h up to the knee, from there on its tangent parabola."""
+        line = ca.fmin(left - knee, 0) / brake.reach
+        return ca.sqrt(twice(2 * slowing) * ca.fmax(left, knee) - twice(slowing) * knee) + line
+
+    if stop.average:
+        # What a rising mean adds is at most a fixed amount, and at most so many seconds at the new twist.
+        risen = twice(size @ (stop.stretch * stop.rise(brake.dt) * movable))
+        allowed = ca.fmax(within(left - risen), left / (brake.reach + stop.stretch * stop.hurry))
+    else:
+        allowed = within(left)
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
-    # In the zone the first passes let the joint go where the QP wants it: outward, it is locked and the object goes on.
+    # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
+    # object goes on without it.
     zone = constant("yield_zone")
     if zone.nnz():
-        yields = ca.logic_and(ca.logic_and(inside, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
+        yields = ca.logic_and(ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
+    # Where nothing asks to come back, the end only stops what leads further out.
+    allowed = ca.fmax(allowed, 0)
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
-    pace = ca.fmin(ca.fmax(distance * (-1 / constant("recovery_time")), STEADY_RETURN), distance * (-1 / brake.dt))
+    pace = ca.fmin(ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt))
     # Outside, the row's own curvature must not carry it further out.
     curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / brake.reach, 0))
     back = ca.fmin(rate, ca.fmax(pace, curving)) * twice(moves)
-    allowed = ca.if_else(inside, allowed, 0)
+    outside = away > 0
+    allowed = ca.if_else(outside, 0, allowed)
     bound = allowed - ca.if_else(outside, back, 0)
     least = allowed - ca.if_else(outside, curving, 0)
     beyond = toward - bound
@@ -221,5 +186,5 @@ def _ends(
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
-    """Return one number per row from the limits' attribute `pick`."""
-    return np.array([getattr(limit, pick) for limit in limits for _ in limit.names], dtype=float)
+    """Return one number per row from the limits' attribute `pick`, which is that of all its rows or one for each."""
+    return np.array([value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float)

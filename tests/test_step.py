@@ -12,7 +12,7 @@ import ergoqp.step
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
-from ergoqp.simulation.loop import moved
+from ergoqp.simulation.robot import moved
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
 

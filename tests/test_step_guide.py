@@ -18,7 +18,7 @@ from ergoqp.guide import Guide, read_guide
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import moved
+from ergoqp.simulation.robot import moved
 from ergoqp.step import Step, Stepper
 from ergoqp.step_guide import AFTER, BACK, DESCENT, THERE, pull_function
 

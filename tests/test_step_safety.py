@@ -15,7 +15,7 @@ from step_samples import NAMES, comfort_of, held_pose, problem_of, stepper_of
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import moved
+from ergoqp.simulation.robot import moved
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.step_function import build_step
 

@@ -40,6 +40,7 @@ class ArmLength:
     yield_zone = 0.0
     hard = True
     proven = False
+    returns = (True,)
     unit = "m"
 
     def __post_init__(self) -> None:

@@ -26,6 +26,9 @@ class JointLimit:
         rate_deg: largest rate that the object may ask of a joint [deg/s].
         yield_zone_deg: see above [deg].
         tolerance_deg: measured this far outside still counts as at the end, not outside [deg].
+        recover: whether a joint outside a range that was narrowed here moves the object until it is back, for twice the time
+            that this should take. Else, and always at the end of what a body can do, it is only kept from going further: an
+            angle measured out there says that the range or the sensor is off.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
     """
 
@@ -34,6 +37,7 @@ class JointLimit:
     yield_zone_deg: float = 1.5
     tolerance_deg: float = 2.0
     recovery_time: float = 1.0
+    recover: bool = False
     hard = False
     proven = False
     linear = True
@@ -70,6 +74,11 @@ class JointLimit:
             lower[INDEX[name]], upper[INDEX[name]] = np.radians([low, high])
         return lower, upper
 
+    @property
+    def returns(self) -> tuple[bool, ...]:
+        """Which joints ask to come back from outside, see `recover`."""
+        return tuple(self.recover and name in self.ranges_deg for name in JOINTS)
+
     def measure(self) -> None:
         """Need nothing measured beforehand."""
 
@@ -77,8 +86,9 @@ class JointLimit:
         """Return one row per joint; rows that the object cannot move are zero."""
         lower, upper = self.range
         q, seen = situation.posture, situation.observed
-        below = ca.if_else(seen, q - ca.DM(lower), ca.inf)
-        above = ca.if_else(seen, ca.DM(upper) - q, ca.inf)
+        landed = q + situation.sensitivity @ situation.ahead
+        below = ca.if_else(seen, landed - ca.DM(lower), ca.inf)
+        above = ca.if_else(seen, ca.DM(upper) - landed, ca.inf)
         rate = ca.DM([np.radians(self.rate_deg)] * len(JOINTS))
         return Rows(situation.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import casadi as ca
+
+from ergoqp.limits.under_way import UnderWay
 
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
@@ -19,12 +21,14 @@ class Situation:
     Attributes:
         posture: joint angles (32,) [rad], or what the state of the problem is.
         observed: 1 for joints that are seen (32,).
-        pose: contact frame in the world (4, 4).
+        pose: contact frame in the world (4, 4), where it lands when what is under way is done.
         sensitivity: S (32, 6) with the locks of this pass.
         swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must look ahead.
         change: by how much each entry of the swing can differ at the next twist (6,) [m, rad].
         readings: what each limit's `measure` says at this posture, by the name of its first row.
         surface: the limit that the state has to stay on exactly, or None.
+        ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not yet in `posture`.
+        under_way: what that is made of; None: `pose` is where the object is.
     """
 
     posture: Expression
@@ -35,6 +39,18 @@ class Situation:
     change: Expression
     readings: Mapping[str, Expression] = field(default_factory=dict)
     surface: Surface | None = None
+    ahead: Expression = field(default_factory=lambda: ca.SX(6, 1))
+    under_way: UnderWay | None = None
+
+    def counted(self, rows: Rows) -> Rows:
+        """Return rows on the object side with only the distances that can be counted on: every hard limit returns these.
+
+        Where the object is measured with an error, or what it was sent may be done already or not, that much is not there.
+        """
+        if self.under_way is None:
+            return rows
+        below, above = self.under_way.lost(rows.matrix)
+        return replace(rows, below=rows.below - below, above=rows.above - above)
 
 
 class Surface(Protocol):
@@ -80,7 +96,10 @@ class Limit(Protocol):
     Attributes:
         names: name of each row, unique in a problem.
         unit: of the quantities, for people (``"rad"``, ``"m"``).
-        hard: object side (True): kept by construction, braking included. Through S (False): kept as far as braking allows.
+        hard: object side (True): kept by construction, braking included; its `rows` and `margins` count on no more than
+            `Situation.counted` leaves. Through S (False): kept as far as braking allows; they add what `Situation.ahead` moves.
+        returns: whether each row, once outside, asks to come back: on the object side it does; a person's posture does not move
+            the object by itself.
         tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
         yield_zone: distance to the end within which a joint of the response yields (is locked) instead of stopping the
@@ -104,6 +123,11 @@ class Limit(Protocol):
     @property
     def hard(self) -> bool:
         """Whether the rows are on the object side."""
+        ...
+
+    @property
+    def returns(self) -> Sequence[bool]:
+        """Whether each row, once outside, asks to come back."""
         ...
 
     tolerance: float

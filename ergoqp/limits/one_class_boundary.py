@@ -53,6 +53,11 @@ class OneClassBoundary:
             raise InputError(f"tolerance: got {self.tolerance!r}, allowed a number of at least 0")
 
     @property
+    def returns(self) -> tuple[bool, ...]:
+        """A state that is commanded comes back; a person's posture does not move the object by itself."""
+        return (self.hard,)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The one row."""
         return (self.name,)
@@ -70,8 +75,9 @@ class OneClassBoundary:
         scaled = self._scaled(moves)
         # Every twist of this period moves by the swing plus at most the change, entry by entry.
         lengths = ca.sqrt(ca.sum1(scaled**2))
-        longest = ca.norm_2(scaled @ situation.swing) + lengths @ situation.change
+        longest = ca.norm_2(scaled @ (situation.swing + situation.ahead)) + lengths @ situation.change
         value, slope = self._reading(situation)
+        value = value + ca.dot(slope, moves @ situation.ahead)
         swing, change = situation.swing, situation.change
         drop, stray = self._bow(situation, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3]))
         free = ca.SX([ca.inf])
@@ -80,7 +86,7 @@ class OneClassBoundary:
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the least value that the bound takes on the way to a displacement: at one of its ends."""
         value, slope = self._reading(situation)
-        moved = self._moves(situation) @ displacement
+        moved = self._moves(situation) @ (situation.ahead + displacement)
         drop, stray = self._bow(situation, ca.norm_2(displacement[3:] - displacement[:3]))
         length = ca.sqrt(ca.sumsqr(self._scaled(moved)) + 1e-30) + stray
         return value + ca.fmin(0, ca.dot(slope, moved) - drop - self.model.gamma * length**2)

@@ -34,6 +34,7 @@ class WorkspaceBox:
     linear = True
     unit = "m"
     names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
+    returns = (True, True, True)
 
     def __post_init__(self) -> None:
         """Check that the box has an inside."""
@@ -51,7 +52,7 @@ class WorkspaceBox:
         matrix = ca.DM(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
         free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
-        return Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight)
+        return situation.counted(Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way; exact, a box is convex."""
@@ -76,6 +77,7 @@ class AxisCone:
     proven = False
     unit = "rad"
     names = ("tool axis",)
+    returns = (True,)
 
     def __post_init__(self) -> None:
         """Check the numbers and make the direction a unit vector."""
@@ -97,20 +99,18 @@ class AxisCone:
         reserves that much, and some for turns that differ from the swing, or the certificate would have to brake a turn that
         runs along the cone.
         """
+        matrix, sine, cosine = self._slope(situation)
+        turn, change = situation.swing[3:], ca.norm_2(situation.change[3:])
+        slope = matrix[0, 3:] @ turn
         middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
-        normal = ca.cross(middle, axis)
-        sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
-        matrix = ca.SX(1, 6)
-        matrix[0, 3:] = (normal / sine).T
-        turn = situation.swing[3:]
-        slope = ca.dot(normal / sine, turn)
         bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
-        reserve = 1.5 * (ca.sqrt(bend) + ca.norm_2(situation.change[3:])) ** 2 / (2 * ca.fmax(sine, 0.1))
-        above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine)
-        return Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve)
+        reserve = 1.5 * (ca.sqrt(bend) + change) ** 2 / (2 * ca.fmax(sine, 0.1))
+        start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
+        above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start - along
+        return situation.counted(Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margin while turning about a fixed axis; exact.
+        """Return the smallest margin while turning about a fixed axis; exact but for what is under way, see `_uncertain`.
 
         With the axis a turning by phi about u, d . a(phi) = c + m cos(phi - phi0): the least value on [0, end] is at an end
         or where phi - phi0 = pi.
@@ -125,8 +125,38 @@ class AxisCone:
         at_end = constant + cosine * ca.cos(end) + sine * ca.sin(end)
         farthest = ca.pi + ca.atan2(sine, cosine)
         passes = ca.logic_and(farthest >= 0, farthest <= end)
-        least = ca.fmin(ca.fmin(constant + cosine, at_end), ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
-        return np.radians(self.half_angle_deg) - ca.acos(ca.fmax(-1.0, ca.fmin(1.0, least)))
+        least = ca.fmin(at_end, ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
+        if situation.under_way is None:
+            return self._within(ca.fmin(constant + cosine, least))
+        matrix, apart, _ = self._slope(situation)
+        start, along = _uncertain(situation, apart, end)
+        margin = ca.fmin(self._within(constant + cosine), self._within(least) - along)
+        return margin - start - situation.under_way.lost(matrix)[1]
+
+    def _slope(self, situation: Situation) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Rate (1, 6) at which the angle to the middle grows per twist; its sine and cosine."""
+        middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
+        normal = ca.cross(middle, axis)
+        sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
+        matrix = ca.SX(1, 6)
+        matrix[0, 3:] = (normal / sine).T
+        return matrix, sine, cosine
+
+    def _within(self, cosine: ca.SX) -> ca.SX:
+        return np.radians(self.half_angle_deg) - ca.acos(ca.fmax(-1.0, ca.fmin(1.0, cosine)))
+
+
+def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """What an uncertain turn of L rad under way can cost a cone, (at the start of a further turn, along one of `end` rad).
+
+    The direction in which the angle grows turns by at most L / sin(angle) while the axis turns by L; so the angle differs from
+    its first-order change by at most L^2 / (2 sin), and a further turn by W adds W L / sin more or less than it would have.
+    """
+    if situation.under_way is None or situation.under_way.turn is None:
+        return ca.SX(0), ca.SX(0)
+    turn = situation.under_way.turn
+    bent = turn / ca.fmax(sine, 0.1)
+    return ca.fmin(turn, turn * bent / 2), ca.fmin(turn, end * bent)
 
 
 def _three(what: str, value: Sequence[float]) -> tuple[float, float, float]:

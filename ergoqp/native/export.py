@@ -114,8 +114,8 @@ def _filled(name: str, problem: Problem, memory: str) -> str:
 def stepper_bytes(problem: Problem, memory: str) -> int:
     """Return at least the size of an ``ergoqp_stepper`` [bytes], from the text of its memory header."""
     found = {words[1]: int(words[2]) for words in map(str.split, memory.splitlines()) if len(words) == 3 and words[2].isdigit()}
-    kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "REST", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
-    return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 6 + 16 + 1 + 2)
+    kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
+    return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2)
 
 
 def _awkward(problem: Problem) -> str:

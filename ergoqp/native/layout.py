@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 from ergoqp import __version__
 from ergoqp.joints import JOINTS
 from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status, input_sizes
+from ergoqp.step_state import initial_state
+from ergoqp.step_watch import Fault
+from ergoqp.step_way import History
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -48,11 +51,11 @@ def input_fields(problem: Problem) -> list[Field]:
         Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
         Field("pose", 16, "measured contact frame in the world, row-major 4 x 4 [m]; read if has_pose"),
         Field("twist", 6, "what the robot really did in the last period [m/s, rad/s]; read if has_twist"),
-        Field("dt", 1, "this period [s]"),
+        Field("dt", 1, "for how long this twist will be executed [s]; not the time since the last call"),
         Field("age", 1, "how old the posture is [s]"),
         Field("frame", 0, "1 if a posture arrived, 0 if not"),
         Field("has_pose", 0, "0: the pose is integrated from the last one, the first time from the posture"),
-        Field("has_twist", 0, "0: the robot did what was sent last"),
+        Field("has_twist", 0, "0: the robot did what it was sent, as late as declared"),
         Field("enable", 0, "0 decelerates to rest"),
     ]
 
@@ -76,6 +79,8 @@ def output_fields(problem: Problem) -> list[Field]:
         Field("accepted", 1, "share of the way from braking to the QP's answer that was certified"),
         Field("status", 0, "an ergoqp_status"),
         Field("causes", 0, "bits by ergoqp_cause: why inputs or the answer were not used"),
+        Field("fault", 0, "an ergoqp_fault: what the robot does other than declared"),
+        Field("fault_amount", 1, "how much: a factor, seconds, metres, radians or metres per second"),
     ]
 
 
@@ -83,6 +88,7 @@ def header(problem: Problem) -> str:
     """Return the public header ``ergoqp_step.h``."""
     statuses = ",\n    ".join(f"ERGOQP_{status.name.upper()} = {int(status)}" for status in Status)
     causes = ",\n    ".join(f"ERGOQP_CAUSE_{cause.name.upper()} = {int(cause)}" for cause in Cause)
+    faults = ",\n    ".join(f"ERGOQP_FAULT_{fault.name.upper()} = {int(fault)}" for fault in Fault)
     spoken = problem.name.replace("*/", "* /")
     return f"""/* The control step of the problem "{spoken}", exported by ergoqp {__version__}.
  *
@@ -112,6 +118,10 @@ typedef enum {{
     {causes}
 }} ergoqp_cause;
 
+typedef enum {{
+    {faults}
+}} ergoqp_fault;
+
 typedef struct {{
 {_members(input_fields(problem))}
 }} ergoqp_input;
@@ -123,21 +133,29 @@ typedef struct {{
 /* One control loop. Its members are nobody's business. */
 typedef struct {{
     double input[ERGOQP_INPUT_DOUBLES], output[ERGOQP_OUTPUT_DOUBLES];
-    double sent[6], stored_pose[16], started, rest[ERGOQP_REST];
+    double state[ERGOQP_STATE];
     double w[ERGOQP_SZ_W + 1];
     ERGOQP_INT iw[ERGOQP_SZ_IW + 1];
     const double* arg[ERGOQP_SZ_ARG];
     double* res[ERGOQP_SZ_RES];
 }} ergoqp_stepper;
 
-/* Standstill: forgets the last twist, the last pose and the rest state. Call it before the first step. */
+/* Standstill: forgets the last twists, the last pose and the rest state. Call it before the first step. */
 void ergoqp_init(ergoqp_stepper* stepper);
+
+/* The same for an object that moves already: takes it over, once, its twist clipped to the speed limits. 0 if it is not finite. */
+int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]);
 
 /* What most loops give: a frame, everything seen, no pose, no twist, the problem's period, age 0, enabled. */
 void ergoqp_input_defaults(ergoqp_input* input);
 
 /* One step. Whatever comes in, `output->twist` keeps the limits of the object; returns the status. */
 ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, ergoqp_output* output);
+
+/* For the robot's watchdog, when no step came in time: the next twist of the stop, executed for dt seconds, without new data. The
+ * stepper goes on with it. elapsed: seconds for which the robot has already ramped down by itself. Not beside ergoqp_step in another
+ * thread: one stepper belongs to one thread at a time. */
+ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, ergoqp_output* output);
 
 /* Names, for logs. */
 extern const char* const ergoqp_coordinate_names[ERGOQP_COORDINATES];
@@ -163,11 +181,15 @@ def memory_header(problem: Problem, core: str) -> str:
     """
     sizes = {name: rows * columns for name, (rows, columns) in input_sizes(problem).items()}
     n, rows = len(problem.coordinates), len(problem.row_names)
-    outputs = {"twist": 6, "pose_used": 16, "next_pose": 16, "posture_rate": n, "next_rest": sizes["rest"], "residuals": 3}
+    outputs = {"twist": 6, "pose_used": 16, "next_state": sizes["state"], "posture_rate": n, "fault": 2, "residuals": 3}
     outputs |= {"locked": n} | dict.fromkeys(("margins", "slack", "multipliers", "outside"), rows)
     lines = ["/* Sizes of the generated function. */", "#ifndef ERGOQP_MEMORY_H", "#define ERGOQP_MEMORY_H", ""]
     lines += [f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")]
-    lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_REST {sizes['rest']}", ""]
+    history, initial = History.of(problem), ", ".join(map(repr, initial_state(problem).tolist()))
+    lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
+    lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
+    lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]
+    lines += [f"#define ERGOQP_LONGEST_PERIOD {problem.longest_period!r}", f"#define ERGOQP_INITIAL_STATE {initial}", ""]
     for word, names, count in (("INPUT", INPUTS, sizes), ("OUTPUT", OUTPUTS, outputs)):
         starts = [sum(count.get(before, 1) for before in names[:number]) for number in range(len(names) + 1)]
         lines += [f"#define ERGOQP_{word}_AT_{name} {start}" for name, start in zip(names, starts[:-1], strict=True)]

@@ -51,12 +51,14 @@ class Checker:
         self._boundary = self.problem.limit_of(OneClassBoundary)
         self._length = self.problem.limit_of(ArmLength)
         units = {"speed": "m/s, rad/s", "acceleration": "m/s^2, rad/s^2", "axes": "m/s, rad/s"}
+        units |= {"jerk": "m/s^3, rad/s^3"} if self.problem.average else {}
         units |= {"workspace": "m"} if self._box else {}
         units |= {"tool axis": "rad"} if self._cone else {}
         units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
         units |= {"boundary": "log"} if self._boundary else {}
         units |= {"arm length": "m"} if self._length else {}
         self._least_out: dict[str, np.ndarray] = {}
+        self._last: tuple[np.ndarray, float] = (np.zeros(6), self.problem.dt)
         self.units = units
         self.violations = dict.fromkeys(units, 0)
         self.max_violation = dict.fromkeys(units, 0.0)
@@ -71,6 +73,8 @@ class Checker:
         dt: float,
         observed: np.ndarray | None = None,
         gave_way: Collection[str] = (),
+        after: np.ndarray | None = None,
+        stops: bool = False,
     ) -> list[str]:
         """Judge one step and return the names of the limits that it broke.
 
@@ -82,18 +86,19 @@ class Checker:
             rate: how the model person follows (32,) [rad/s].
             dt: period [s].
             observed: (32,) bool, None: all.
+            after: where the object was at the end of the period (4, 4); None: where the twist leads.
+            stops: whether the step itself said that it brakes.
             gave_way: joints whose rate the step itself said it could not keep (its `slack`): soft rows come after twist
                 acceleration and workspace, and such steps are counted by their status, not here.
         """
-        braking = _braking_twist(previous, self._acceleration, dt)
-        is_braking = bool(np.abs(twist - braking).max() <= _ALLOWED)
         excess = {
-            # Coming down from above the limit as fast as the acceleration allows is all that can be done.
-            "speed": 0.0 if is_braking else float(np.max(np.abs(twist) - self._speed)),
+            "speed": float(np.max(np.abs(twist) - self._speed)),
             "acceleration": float(np.max(np.abs(twist - previous) - self._acceleration * dt)) / dt,
-            "axes": 0.0 if is_braking else float(np.max(np.abs(twist[self._frozen]), initial=0.0)),
+            "axes": float(np.max(np.abs(twist[self._frozen]), initial=0.0)),
         }
-        after = _moved(pose, twist * dt)
+        if self.problem.average:
+            excess["jerk"] = self._jerk_excess((twist - previous) / dt, dt)
+        after = _moved(pose, twist * dt) if after is None else after
         if self._box:
             low, high = np.asarray(self._box.lower), np.asarray(self._box.upper)
             excess["workspace"] = self._further_out("workspace", _outside_box(pose, low, high), _outside_box(after, low, high))
@@ -105,9 +110,9 @@ class Checker:
             excess["tool axis"] = self._further_out("tool axis", before, behind)
         if self._joints and posture is not None:
             kept = np.array([name not in gave_way for name in self.problem.coordinates])
-            excess |= self._joint_excess(posture, rate, dt, observed, is_braking, kept)
+            excess |= self._joint_excess(posture, rate, dt, observed, stops, kept)
         if self._boundary and posture is not None:
-            excused = not self._boundary.hard and (is_braking or self._boundary.name in gave_way)
+            excused = not self._boundary.hard and (stops or self._boundary.name in gave_way)
             excess["boundary"] = 0.0 if excused else self._boundary_excess(posture, rate, dt)
         if self._length and posture is not None:
             before, behind = (abs(_apart(points) - self._length.length) for points in (posture, posture + rate * dt))
@@ -119,6 +124,16 @@ class Checker:
             self.violations[name] += 1
             self.max_violation[name] = max(self.max_violation[name], excess[name])
         return broken
+
+    def _jerk_excess(self, acceleration: np.ndarray, dt: float) -> float:
+        """By how much the acceleration changed faster than 2 a / W, from the middle of one period to that of the next."""
+        before, lasted = self._last
+        self._last = acceleration, dt
+        between = (dt + lasted) / 2
+        allowed = 2 * self._acceleration / self.problem.average
+        # An acceleration is the difference of two twists over a period: its rounding is that of the twists.
+        rounding = 1e-15 * self._speed / dt
+        return float(np.max((np.abs(acceleration - before) - rounding) / between - allowed))
 
     def _further_out(self, name: str, before: np.ndarray, after: np.ndarray) -> float:
         """How much further out than ever before since it was there: what has come in stays in, over any number of steps."""
@@ -133,7 +148,7 @@ class Checker:
         return float(min(before, 0.0) - after)
 
     def _joint_excess(
-        self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, is_braking: bool, kept: np.ndarray
+        self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, stops: bool, kept: np.ndarray
     ) -> dict[str, float]:
         low, high = LOWER.copy(), UPPER.copy()
         for name, (least, greatest) in self._joints.ranges_deg.items():
@@ -148,12 +163,7 @@ class Checker:
         out, too_fast = out[seen], too_fast[seen & kept]
         # Acceleration and workspace come before posture: braking may be all that they leave.
         worst = float(np.max(out, initial=0.0)), float(np.max(too_fast, initial=0.0))
-        return {"joint range": worst[0], "joint rate": 0.0 if is_braking else worst[1]}
-
-
-def _braking_twist(previous: np.ndarray, acceleration: np.ndarray, dt: float) -> np.ndarray:
-    seconds = float(np.max(np.abs(previous) / acceleration))
-    return previous * max(0.0, 1.0 - dt / seconds) if seconds > 0 else previous * 0.0
+        return {"joint range": worst[0], "joint rate": 0.0 if stops else worst[1]}
 
 
 def _outside_box(pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The closed loop: a stepper, an object that does what it is told, and a person who follows."""
+"""The closed loop: a stepper, a robot that moves the object as well as it can, and a person who follows."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ergoqp.problem import Problem
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, frames
 from ergoqp.simulation.person import Follower
+from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step import Step, Stepper
 
 LET_GO = 0.12
@@ -60,6 +61,7 @@ def run_loop(
     observed: np.ndarray | None = None,
     checker: Checker | None = None,
     stop_when_still: float | None = None,
+    robot: RobotKind | None = None,
 ) -> Trace:
     """Run the loop and return its trace.
 
@@ -74,11 +76,14 @@ def run_loop(
         observed: (32,) bool, joints that the sensors see; None: all.
         checker: judges every step; None: nobody does.
         stop_when_still: end early after resting for this long [s].
+        robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn by the seed.
     """
     senses = senses or Senses()
     stepper = stepper or problem.stepper()
     stepper.reset()
     dt, posture, pose = stepper.dt, start.posture.copy(), start.pose.copy()
+    rng = np.random.default_rng([seed, 7])
+    arm = SimulatedRobot(robot or RobotKind.of(problem.robot, rng), pose, rng)
     late = deque([pose] * (1 + round(senses.delay / dt)))
     follow = 1.0 - float(np.exp(-dt / senses.hand_time))
     errors = frames(senses, dt, np.random.default_rng([seed, 2]))
@@ -90,18 +95,20 @@ def run_loop(
         if age == 0.0:
             measured = posture + error
         begin = time.perf_counter()
-        step = stepper.step(measured, pose, age=age, observed=observed)
+        step = stepper.step(measured, arm.measured_pose(), age=age, observed=observed)
         trace.step_time.append(time.perf_counter() - begin)
-        if checker is not None:
-            checker.check(step.twist, previous, pose, measured, step.posture_rate, dt, observed, step.slack)
         trace.time.append(number * dt)
         trace.postures.append(posture)
         trace.base_poses.append(person.contact(posture)[1])
         trace.poses.append(pose)
         trace.twists.append(step.twist)
         trace.steps.append(step)
+        for after in arm.execute(step.twist, dt):
+            pose = after
+        if checker is not None:
+            stops = step.status in ("braking", "invalid")
+            checker.check(step.twist, previous, trace.poses[-1], measured, step.posture_rate, dt, observed, step.slack, pose, stops)
         previous = step.twist
-        pose = moved(pose, step.twist * dt)
         late.append(pose)
         followed = late.popleft()
         held = np.hstack([followed @ grip for grip in start.grasp])
@@ -112,20 +119,6 @@ def run_loop(
         if stop_when_still is not None and still >= stop_when_still:
             break
     return trace
-
-
-def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """Return a pose (4, 4) after a world-aligned displacement (6,) [m, rad]: what the robot does to the object."""
-    angle = float(np.linalg.norm(displacement[3:]))
-    after = pose.copy()
-    after[:3, 3] += displacement[:3]
-    if angle > 0:
-        x, y, z = displacement[3:] / angle
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        after[:3, :3] = (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)) @ pose[:3, :3]
-        # Orthonormal again to rounding, however many periods follow.
-        after[:3, :3] = after[:3, :3] @ (1.5 * np.eye(3) - 0.5 * after[:3, :3].T @ after[:3, :3])
-    return after
 
 
 def outside_of_range(postures: np.ndarray) -> dict[str, int]:

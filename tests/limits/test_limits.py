@@ -13,7 +13,7 @@ from situations import ask
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.simulation.loop import moved
+from ergoqp.simulation.robot import moved
 
 BOX = WorkspaceBox((0.2, -0.5, 0.7), (0.8, 0.4, 1.7))
 NARROW = JointLimit(ranges_deg={"trunk_flexion": (-5, 40)}, rate_deg=60)

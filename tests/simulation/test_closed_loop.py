@@ -9,7 +9,7 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import moved, power_above, run_loop, settle_time, start_at
+from ergoqp.simulation.loop import power_above, run_loop, settle_time, start_at
 from ergoqp.simulation.people import Senses, frames, sample_person
 
 

@@ -13,7 +13,7 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem import Control
-from ergoqp.simulation.loop import moved
+from ergoqp.simulation.robot import moved
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.run_json import arrays_of, summary_of_run

@@ -2,6 +2,7 @@
  * other, and the state between two calls. */
 #include "ergoqp_step.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "ergoqp_core.h"
@@ -12,7 +13,27 @@ static void transposed(double* to, const double* from) {
         for (column = 0; column < 4; ++column) to[4 * row + column] = from[4 * column + row];
 }
 
-void ergoqp_init(ergoqp_stepper* stepper) { memset(stepper, 0, sizeof *stepper); }
+static const double initial[ERGOQP_STATE] = {ERGOQP_INITIAL_STATE};
+static const double speed[6] = {ERGOQP_SPEED};
+
+void ergoqp_init(ergoqp_stepper* stepper) {
+    memset(stepper, 0, sizeof *stepper);
+    memcpy(stepper->state, initial, sizeof initial);
+}
+
+int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
+    int axis, i;
+    double moving[6];
+    for (axis = 0; axis < 6; ++axis) {
+        if (!isfinite(twist[axis])) return 0;
+        moving[axis] = fmin(fmax(twist[axis], -speed[axis]), speed[axis]);
+    }
+    ergoqp_init(stepper);
+    /* As if it had always moved like that. */
+    for (i = 0; i < ERGOQP_PLANNED; ++i) memcpy(stepper->state + 6 * i, moving, sizeof moving);
+    for (i = 0; i < ERGOQP_SENT; ++i) memcpy(stepper->state + 6 * (ERGOQP_PLANNED + i), moving, sizeof moving);
+    return 1;
+}
 
 void ergoqp_input_defaults(ergoqp_input* input) {
     int i;
@@ -27,39 +48,30 @@ void ergoqp_input_defaults(ergoqp_input* input) {
 #define FOUND(name) (stepper->output + ERGOQP_OUTPUT_AT_##name)
 #define COPY(to, from) memcpy((to), (from), sizeof(to))
 
-static void give(ergoqp_stepper* stepper, const ergoqp_input* input) {
+static void give(ergoqp_stepper* stepper, const ergoqp_input* input, double ask) {
     /* Without a frame the last posture still says how the model person follows while the object brakes. */
     if (input->frame) memcpy(GIVEN(posture), input->posture, sizeof input->posture);
     memcpy(GIVEN(observed), input->observed, sizeof input->observed);
     memset(GIVEN(pose), 0, 16 * sizeof(double));
+    memset(GIVEN(executed), 0, 6 * sizeof(double));
     if (input->has_pose) transposed(GIVEN(pose), input->pose);
-    memcpy(GIVEN(executed), input->has_twist ? input->twist : stepper->sent, sizeof stepper->sent);
-    memcpy(GIVEN(stored_pose), stepper->stored_pose, sizeof stepper->stored_pose);
-    memcpy(GIVEN(sent), stepper->sent, sizeof stepper->sent);
-    memcpy(GIVEN(rest), stepper->rest, sizeof stepper->rest);
+    if (input->has_twist) memcpy(GIVEN(executed), input->twist, sizeof input->twist);
+    memcpy(GIVEN(state), stepper->state, sizeof stepper->state);
     *GIVEN(has_pose) = input->has_pose != 0;
-    *GIVEN(started) = stepper->started;
+    *GIVEN(has_twist) = input->has_twist != 0;
     *GIVEN(dt) = input->dt;
     *GIVEN(age) = input->age;
     *GIVEN(frame) = input->frame != 0;
     *GIVEN(enable) = input->enable != 0;
+    *GIVEN(ask) = ask;
 }
 
-static void keep(ergoqp_stepper* stepper, const ergoqp_input* input, int causes) {
-    COPY(stepper->sent, FOUND(twist));
-    COPY(stepper->stored_pose, FOUND(next_pose));
-    COPY(stepper->rest, FOUND(next_rest));
-    /* The pose starts from a posture or a pose that could be used; nothing else anchors it. */
-    if ((input->frame && !(causes >> ERGOQP_CAUSE_POSTURE & 1)) || (input->has_pose && !(causes >> ERGOQP_CAUSE_POSE & 1)))
-        stepper->started = 1.0;
-}
-
-ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, ergoqp_output* output) {
+static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, double ask, ergoqp_output* output) {
     int i;
     static const int input_at[] = {ERGOQP_INPUT_STARTS};
     static const int output_at[] = {ERGOQP_OUTPUT_STARTS};
 
-    give(stepper, input);
+    give(stepper, input, ask);
     for (i = 0; i < (int)(sizeof input_at / sizeof *input_at); ++i) stepper->arg[i] = stepper->input + input_at[i];
     for (i = 0; i < (int)(sizeof output_at / sizeof *output_at); ++i) stepper->res[i] = stepper->output + output_at[i];
     (void)ergoqp_core(stepper->arg, stepper->res, stepper->iw, stepper->w, 0);
@@ -79,6 +91,26 @@ ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, er
     output->accepted = FOUND(residuals)[2];
     output->status = (int)*FOUND(status);
     output->causes = (int)*FOUND(causes);
-    keep(stepper, input, output->causes);
+    output->fault = (int)FOUND(fault)[0];
+    output->fault_amount = FOUND(fault)[1];
+    memcpy(stepper->state, FOUND(next_state), sizeof stepper->state);
     return (ergoqp_status)output->status;
+}
+
+ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, ergoqp_output* output) {
+    return answer(stepper, input, 0.0, output);
+}
+
+ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, ergoqp_output* output) {
+    ergoqp_input nothing;
+    ergoqp_input_defaults(&nothing);
+    nothing.frame = 0;
+    /* After a minute every robot has stopped by itself. */
+    while (elapsed > 0.0) {
+        nothing.dt = elapsed < ERGOQP_LONGEST_PERIOD ? elapsed : ERGOQP_LONGEST_PERIOD;
+        (void)answer(stepper, &nothing, 1.0, output);
+        elapsed = elapsed < 60.0 ? elapsed - nothing.dt : 0.0;
+    }
+    nothing.dt = dt;
+    return answer(stepper, &nothing, 1.0, output);
 }

@@ -1,0 +1,69 @@
+"""The robot that holds the object, as far as a problem declares it: how late and how exactly it does what it is sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import ProblemError
+
+_LARGEST: Final = {
+    "delay": 0.5,
+    "lag": 0.5,
+    "gain_error": 0.5,
+    "pose_delay": 0.5,
+    "pose_noise": 0.1,
+    "pose_noise_deg": 10.0,
+    "longest_hold": 1.0,
+}
+
+
+@dataclass(frozen=True)
+class DeclaredRobot:
+    """What is known of the robot between the twist that is sent and the pose that is measured. All values are upper ends.
+
+    The robot's own twist w follows what is sent, s, as w' = ((1 + g) s(t - delay) - w) / lag with |g| <= `gain_error`. Workspace and
+    tool axis hold for every robot up to what is declared; what is measured beyond it is a fault, named, and the object stops.
+
+    Attributes:
+        delay: from sending a twist until the robot begins to follow it [s].
+        lag: time constant with which it follows then [s].
+        gain_error: share by which it may be faster or slower than sent; needs a measured pose.
+        pose_delay: age of the measured pose, and of the reported twist [s].
+        pose_noise: how far off a measured position is at most, per axis [m].
+        pose_noise_deg: and a measured orientation, about each axis [deg].
+        longest_hold: for how long a twist may go on being executed because the next call is late, once per stop [s].
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+    gain_error: float = 0.0
+    pose_delay: float = 0.0
+    pose_noise: float = 0.0
+    pose_noise_deg: float = 0.0
+    longest_hold: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for entry in fields(self):
+            value, most = getattr(self, entry.name), _LARGEST[entry.name]
+            known = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (known and 0 <= value <= most):
+                raise ProblemError(f"robot.{entry.name}: got {value!r}, allowed 0 to {most:g}")
+
+    @property
+    def dead_time(self) -> float:
+        """Seconds of sent twists of which a measured pose shows nothing yet [s]."""
+        return self.delay + self.pose_delay
+
+    @property
+    def noise(self) -> np.ndarray:
+        """How far off a measured pose is at most, per axis of a twist (6,) [m, rad]."""
+        return np.repeat([self.pose_noise, np.radians(self.pose_noise_deg)], 3)
+
+    @property
+    def declared(self) -> bool:
+        """Whether anything is declared."""
+        return any(getattr(self, entry.name) for entry in fields(self))

@@ -1,0 +1,123 @@
+"""A robot that holds the object: late, not quite as fast as it is told, and measured with an error. Exact between the periods."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+
+from ergoqp.robot import DeclaredRobot
+
+_PART: Final = 0.002
+"""Longest part of a period in which a robot that lags is taken to turn about one axis [s]."""
+
+
+@dataclass(frozen=True)
+class RobotKind:
+    """How a robot does what it is sent: w' = (gain s(t - delay) - w) / lag.
+
+    Attributes:
+        delay: until it begins to follow a twist [s].
+        lag: time constant with which it does [s].
+        gain: how many times the sent twist it moves.
+        pose_delay: age of the measured pose and of the reported twist [s].
+        pose_noise: of a measured position, uniform, at most, per axis [m].
+        pose_noise_deg: of a measured orientation, uniform, at most, about each axis [deg].
+        speed_noise: of the reported twist, one standard deviation, as a share of it.
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+    gain: float = 1.0
+    pose_delay: float = 0.0
+    pose_noise: float = 0.0
+    pose_noise_deg: float = 0.0
+    speed_noise: float = 0.0
+
+    @classmethod
+    def of(cls, declared: DeclaredRobot, rng: np.random.Generator, share: float = 1.0) -> Self:
+        """Return a robot that keeps what is declared: `share` of the delays, a gain drawn within its error."""
+        return cls(
+            delay=share * declared.delay,
+            lag=share * declared.lag,
+            gain=1 + declared.gain_error * share * float(rng.uniform(-1, 1)),
+            pose_delay=share * declared.pose_delay,
+            pose_noise=share * declared.pose_noise,
+            pose_noise_deg=share * declared.pose_noise_deg,
+        )
+
+
+class SimulatedRobot:
+    """The object's true motion.
+
+    Args:
+        kind: how the robot does what it is sent.
+        pose: of the object at the begin, at rest (4, 4) [m].
+        rng: of the noise.
+
+    Attributes:
+        pose: true, now (4, 4) [m].
+        velocity: true, now (6,) [m/s, rad/s].
+    """
+
+    def __init__(self, kind: RobotKind, pose: np.ndarray, rng: np.random.Generator) -> None:
+        """Start at rest."""
+        self.kind, self._rng = kind, rng
+        self.pose, self.velocity = pose.copy(), np.zeros(6)
+        self._time, self._part = 0.0, _PART if kind.lag else np.inf
+        self._coming: deque[tuple[float, np.ndarray]] = deque([(-np.inf, np.zeros(6))])
+        self._seen: deque[tuple[float, np.ndarray, np.ndarray]] = deque([(-np.inf, self.pose, np.zeros(6))])
+
+    def execute(self, twist: np.ndarray, duration: float) -> Iterator[np.ndarray]:
+        """Be sent a twist (6,) that holds for a duration [s]; yields the true poses on the way, the last one at its end."""
+        self._coming.append((self._time + self.kind.delay, np.array(twist)))
+        end = self._time + duration
+        while self._time < end - 1e-12:
+            while len(self._coming) > 1 and self._coming[1][0] <= self._time + 1e-12:
+                self._coming.popleft()
+            until = min(end, self._time + self._part, *(self._coming[1][0],) if len(self._coming) > 1 else ())
+            self._advance(self._coming[0][1], until - self._time)
+            self._time = until
+            yield self.pose
+        self._seen.append((self._time, self.pose, self.velocity.copy()))
+        while len(self._seen) > 1 and self._seen[1][0] <= self._time - self.kind.pose_delay + 1e-12:
+            self._seen.popleft()
+
+    def _advance(self, twist: np.ndarray, seconds: float) -> None:
+        target = self.kind.gain * twist
+        if self.kind.lag > 0:
+            fades = float(np.exp(-seconds / self.kind.lag))
+            way = target * seconds + (self.velocity - target) * self.kind.lag * (1 - fades)
+            self.velocity = target + (self.velocity - target) * fades
+        else:
+            way, self.velocity = target * seconds, target.copy()
+        self.pose = moved(self.pose, way)
+
+    def measured_pose(self) -> np.ndarray:
+        """Return the pose as it is measured now (4, 4) [m]: as old as it is, with its error."""
+        pose = self._seen[0][1]
+        if not (self.kind.pose_noise or self.kind.pose_noise_deg):
+            return pose.copy()
+        most = np.repeat([self.kind.pose_noise, np.radians(self.kind.pose_noise_deg)], 3)
+        return moved(pose, self._rng.uniform(-most, most))
+
+    def reported_twist(self) -> np.ndarray:
+        """Return the twist as the robot reports it (6,) [m/s, rad/s]."""
+        return self._seen[0][2] * (1 + self.kind.speed_noise * self._rng.normal(size=6))
+
+
+def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """Return a pose (4, 4) after a world-aligned displacement (6,) [m, rad]."""
+    angle = float(np.linalg.norm(displacement[3:]))
+    after = pose.copy()
+    after[:3, 3] += displacement[:3]
+    if angle > 0:
+        x, y, z = displacement[3:] / angle
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        after[:3, :3] = (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)) @ pose[:3, :3]
+        # Orthonormal again to rounding, however many periods follow.
+        after[:3, :3] = after[:3, :3] @ (1.5 * np.eye(3) - 0.5 * after[:3, :3].T @ after[:3, :3])
+    return after

@@ -1,0 +1,123 @@
+"""How the object stops: along a straight line, as fast as its slowest axis allows, and how far that is at most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import casadi as ca
+
+from ergoqp.limits import Situation, TwistLimit
+from ergoqp.limits.limit import Expression
+
+if TYPE_CHECKING:
+    from ergoqp.problem import Problem
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The law by which a problem's object stops.
+
+    Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i seconds, whatever the periods of the
+    steps to come. Where every twist is sent as planned, the object moves by at most u (dt + t_b / 2) in the period of u and the
+    stop after it.
+
+    Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the last twist to this one, and
+    the object moves by the half of this period that belongs to u and by the stop, u (dt / 2 + t_b / 2); what was planned before
+    is under way already (`ergoqp.step_way`). But a period is held at the mean of its end, which is more than it was on the way
+    there while the mean still rises: by h times the rise at most, for periods up to h. The mean can rise by u, and by no more
+    than a (W / 2 + dt), which is how far it lags behind a plan that speeds up as fast as it may. And the last period of a stop
+    is a line down to rest that ends later than the stop would have, by at most min(u h / 2, a h^2 / 8).
+
+    Attributes:
+        limit: speeds and accelerations.
+        average: W [s].
+        longest: h, longest period that a step may be called with without braking [s].
+        stretch: the robot moves by at most this many times what was sent.
+    """
+
+    limit: TwistLimit
+    average: float = 0.0
+    longest: float = 0.0
+    stretch: float = 1.0
+
+    @classmethod
+    def of(cls, problem: Problem) -> Self:
+        """Return the law of a problem."""
+        # A single long hold is kept free by itself: see `ergoqp.limits.UnderWay`.
+        return cls(problem.twist_limit, problem.average, 3 * problem.dt, 1 + problem.robot.gain_error)
+
+    @property
+    def share(self) -> float:
+        """Share of the present period that belongs to the new twist."""
+        return 0.5 if self.average else 1.0
+
+    @property
+    def hurry(self) -> float:
+        """Seconds at the new twist that cover what a mean that still rises can add."""
+        return 1.5 * self.longest if self.average else 0.0
+
+    def rise(self, dt: Expression) -> Expression:
+        """Return by how much it can add at most, per axis (6,) [m, rad]."""
+        within = self.longest * (self.average / 2 + dt) + self.longest**2 / 8
+        return ca.DM(self.limit.acceleration) * within
+
+    def time(self, twist: ca.SX) -> ca.SX:
+        """Return how long it takes to stop from a planned twist (6,) [s]."""
+        return ca.mmax(ca.fabs(twist) / ca.DM(self.limit.acceleration))
+
+    def displacement(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
+        """Return the largest displacement (6,) [m, rad] that a planned twist adds, in its period and the stop after it."""
+        way = twist * (self.share * dt + self.time(twist) / 2)
+        if self.average:
+            rise = self.rise(dt)
+            way += ca.fmax(-rise, ca.fmin(rise, self.hurry * twist))
+        return self.stretch * way
+
+    def braking(self, previous: ca.SX, dt: ca.SX) -> Braking:
+        """Return braking twist and twist bounds after the planned twist `previous` (6,) for a period `dt` [s]."""
+        limit = self.limit
+        speed, acceleration = ca.DM(limit.speed), ca.DM(limit.acceleration)
+        if limit.aside:
+            speed = ca.fmax(0, speed - limit.aside * dt)
+        stop = self.time(previous)
+        twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
+        # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
+        low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
+        high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
+        reach = self.stretch * (self.share * dt + (stop + dt) / 2)
+        return Braking(twist, low, high, reach, acceleration, dt)
+
+
+@dataclass(frozen=True)
+class Braking:
+    """What braking does from the planned twist of the last period.
+
+    Attributes:
+        twist: the braking twist (6,).
+        low: least twist of this period (6,).
+        high: greatest twist of this period (6,); both allow the braking twist.
+        reach: seconds of motion at the new twist that a stop from it takes at most [s].
+        acceleration: largest per axis (6,).
+        dt: period [s].
+    """
+
+    twist: Expression
+    low: Expression
+    high: Expression
+    reach: Expression
+    acceleration: ca.DM
+    dt: Expression
+
+    @property
+    def change(self) -> Expression:
+        """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
+        return self.acceleration * self.dt * self.reach
+
+
+def on_surface(brake: Braking, situation: Situation) -> Braking:
+    """Return the same braking along the surface that the state has to stay on; without one, as it is."""
+    if situation.surface is None:
+        return brake
+    twist = situation.surface.tangent(situation.posture, brake.twist, brake.dt, brake.acceleration)
+    return replace(brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist))
