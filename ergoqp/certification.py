@@ -33,7 +33,7 @@ GIVES_WAY: Final = 1e-3
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
 _JUDGED: Final = (
-    *("posture", "observed", "readings", "pose", "landed", "way", "previous", "dt", "away", "gain", "value", "xi", "S"),
+    *("posture", "observed", "readings", "pose", "landed", "way", "shift", "previous", "dt", "away", "gain", "value", "xi", "S"),
     *("residual", "usable", "rest"),
 )
 _JOURNEY: Final = ("promise", "points", "trial", "distance", "on")
@@ -43,7 +43,7 @@ def _symbols(problem: Problem, names: tuple[str, ...], kind: type = ca.SX) -> di
     """Inputs of the functions of this file, by name; what has no size here is one number."""
     n, rows = len(problem.coordinates), len(problem.row_names)
     sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "S": (n, 6)}
-    sizes |= {"landed": (4, 4), "way": (way_size(problem), 1), "begun": (6, 1), "away": (2 * rows, 1)}
+    sizes |= {"landed": (4, 4), "way": (way_size(problem), 1), "shift": (n, 1), "begun": (6, 1), "away": (2 * rows, 1)}
     sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "last": (6, 1), "rest": (STATES, 1)}
     sizes |= {"trial": (TRIAL, 1), "now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
     return {name: kind.sym(name, *sizes.get(name, (1, 1))) for name in names}
@@ -103,7 +103,7 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
 
     What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
     """
-    sx = _symbols(problem, ("posture", "observed", "readings", "landed", "way", "dt", "S", "wanted", "brake", "now"))
+    sx = _symbols(problem, ("posture", "observed", "readings", "landed", "way", "shift", "dt", "S", "wanted", "brake", "now"))
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
     floor = _floor(problem, sx["now"], at_braking)

@@ -101,8 +101,7 @@ def _cause(
         Cause.halted: "comes to rest before it moves again",
         Cause.asked: "asked to brake",
         Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or the longest hold of the robot",
-        Cause.short_periods: f"the last periods were shorter than {problem.dt / 2:g} s on average, half of the loop's: give the "
-        "stepper its own dt",
+        Cause.short_periods: f"the last periods were much shorter than the loop's {problem.dt:g} s: give the stepper its own dt",
     }[cause]
 
 

@@ -6,16 +6,24 @@ import casadi as ca
 
 
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return `pose` (4, 4) moved by a world-aligned displacement (6,): shifted by its first three, turned by its last three.
+    """Return `pose` (4, 4) moved by a world-aligned displacement (6,), for any number of times: it stays orthonormal."""
+    moved = shifted(pose, displacement)
+    turned = moved[:3, :3]
+    # One Newton step.
+    moved[:3, :3] = 1.5 * turned - 0.5 * turned @ (turned.T @ turned)
+    return moved
 
-    The rotation is the exact exponential; one Newton step keeps it orthonormal over any number of periods.
+
+def shifted(pose: ca.SX, displacement: ca.SX) -> ca.SX:
+    """Return `pose` (4, 4) shifted by the first three of a world-aligned displacement (6,) and turned by its last three.
+
+    The rotation is the exact exponential.
     """
     turn = displacement[3:]
     angle = ca.sqrt(ca.sumsqr(turn) + 1e-30)
     cross = ca.skew(turn)
     rotation = ca.SX.eye(3) + ca.sin(angle) / angle * cross + (2 * ca.sin(angle / 2) ** 2) / angle**2 * (cross @ cross)
     turned = rotation @ pose[:3, :3]
-    turned = 1.5 * turned - 0.5 * turned @ (turned.T @ turned)
     bottom = ca.SX([[0, 0, 0, 1]])
     return ca.vertcat(ca.horzcat(turned, pose[:3, 3] + displacement[:3]), bottom)
 

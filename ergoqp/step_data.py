@@ -40,12 +40,12 @@ def qp_data(problem: Problem) -> ca.Function:
     known = given | {"readings": readings_function(problem)(given["posture"]), "value": value, "gradient": gradient}
     known |= {"away": away_function(problem)(*(known[name] for name in AWAY[:-1]), 1)}
     parts = data(*(known[data.name_in(i)] for i in range(data.n_in())))
-    return ca.Function("qp_data", list(given.values()), list(parts), list(given), [*QP_DATA, "S", "E"])
+    return ca.Function("qp_data", list(given.values()), list(parts)[:-1], list(given), [*QP_DATA, "S", "E"])
 
 
 def _size(problem: Problem, name: str) -> tuple[int, int]:
     n = len(problem.coordinates)
-    sizes = dict.fromkeys(("posture", "observed", "gradient", "locked"), (n, 1)) | dict.fromkeys(("pose", "landed"), (4, 4))
+    sizes = dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1)) | dict.fromkeys(("pose", "landed"), (4, 4))
     sizes |= {"away": (2 * len(problem.row_names), 1)}
     sizes |= {"readings": (readings_size(problem), 1), "way": (way_size(problem), 1), "previous": (6, 1), "S": (n, 6)}
     return sizes.get(name, (1, 1))
@@ -65,31 +65,32 @@ AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
 def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     """Return the QP of one locking pass and the numbers of the rows in it.
 
-    The function is ``(*_PLACE, away, value, gradient, locked, final) -> (*QP_DATA, S, E)``; `away` is that of `away_function`.
+    The function is ``(*_PLACE, away, value, gradient, locked, final) -> (*QP_DATA, S, E, shift)``; `away` is that of `away_function`.
     What is geometry is scalars; what is the same for every row is vectors, which an interpreter runs many times faster.
     """
     names = (*_PLACE, "away", "value", "gradient", "locked", "final")
     mx = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
     S, E = problem.response.sensitivity()(mx["posture"], mx["locked"])
     terms, kept, follows = _terms(problem)
-    own, below, above, rate, reserve, twist, low, high, reach = terms(*(mx[name] for name in _PLACE), S)
+    shift = S @ mx["way"][:6]
+    own, below, above, rate, reserve, twist, low, high, reach = terms(*(mx[name] for name in _PLACE), shift, S)
     away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
     brake = Braking(twist, low, high, reach, ca.DM(problem.twist_limit.acceleration), mx["dt"])
     rows = Rows(_gathered(S, own, follows), below, above, rate, reserve)
-    bounds = row_bounds(Stop.of(problem), problem.row_limits, rows, kept, away, brake, mx["final"])
+    bounds = row_bounds(problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"])
     H, g = objective(problem, mx, S, E)
-    data = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, low, high, S, E]
+    data = [H, g, bounds.matrix, bounds.lower, bounds.upper, bounds.side, bounds.cap, low, high, S, E, shift]
     outputs = [ca.densify(part) for part in data]
-    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), [*QP_DATA, "S", "E"]), kept
+    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), [*QP_DATA, "S", "E", "shift"]), kept
 
 
 def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     """Return what the rows and braking are made of, which rows some twist can move, and which of them are rows of S.
 
-    The function is ``(*_PLACE, S) -> (own, below, above, rate, reserve, twist, low, high, reach)``: of the movable rows, and of this
+    The function is ``(*_PLACE, shift, S) -> (own, below, above, rate, reserve, twist, low, high, reach)``: of the movable rows, and of this
     period's braking. `own` (k, 6) are the rows that are not rows of S.
     """
-    sx = {name: ca.SX.sym(name, *_size(problem, name)) for name in (*_PLACE, "S")}
+    sx = {name: ca.SX.sym(name, *_size(problem, name)) for name in (*_PLACE, "shift", "S")}
     S, stop = with_pattern(sx["S"], sensitivity_pattern(problem)), Stop.of(problem)
     brake = stop.braking(sx["previous"], sx["dt"])
     situation = situation_of(problem, sx, S, brake)

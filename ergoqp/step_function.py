@@ -16,7 +16,8 @@ from ergoqp.step_guide import GUIDE_INPUTS, GUIDE_OUTPUTS, guide_sizes, pull_fun
 from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes, known_of
 from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
-from ergoqp.step_state import asks_back, joined_state, split_state
+from ergoqp.step_parts import joined, split
+from ergoqp.step_state import asks_back, state_sizes
 from ergoqp.step_way import next_history
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ def build_step(
     shape = scalars if unrolled else vectors
     raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem, guided).items()}
     lead = {key: ca.MX.sym(key, *size) for key, size in guide_sizes().items()} if guided else {}
-    state = split_state(problem, raw["state"], guided)
+    sizes = state_sizes(problem, guided)
+    state = split(sizes, raw["state"])
     known = known_of(problem, raw, state, shape)
     posture, seen, dt, usable = known.posture, raw["observed"], known.dt, known.causes < 0.5
     value, total, gradient = cost_function(problem)(posture, seen)
@@ -66,27 +68,27 @@ def build_step(
         *pull, distance, on, drawn = pull_function(problem)(known.landed, lead["guide"], lead["guided"], state["trial"])
         fixed, trial = [*fixed, *pull], [lead["promise"], value, state["trial"], distance, on]
     result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
-    xi, S, E, slack, multipliers, residual, locked, _ = result
+    xi, S, E, slack, multipliers, residual, locked, _, shift = result
     pattern = sensitivity_pattern(problem)
     judge, shorten = shape(judge_function(problem, pattern, guided)), shorten_function(problem, pattern)
     account = shape(account_function(problem, pattern, movable))
     gain = gain_function(problem)(posture, total, xi, S)
-    judged = (posture, seen, readings, known.pose, known.landed, known.way, known.previous, dt, away, gain, total, xi, S)
+    judged = (posture, seen, readings, known.pose, known.landed, known.way, shift, known.previous, dt, away, gain, total, xi, S)
     wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(*judged, residual, usable, state["rest"], *trial)
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
-    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, dt, S, wanted, brake, now)
+    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, shift, dt, S, wanted, brake, now)
     here = (posture, seen, readings, known.pose, dt, S, residual, usable, E, slack, multipliers, known.causes)
-    last = state["sent"][:, 0]
+    under_way = known.under_way
     planned, twist, rate, status, causes, slack, multipliers, residuals = account(
-        *here, wanted, brake, now, solved, outside, rest, share, known.begun, known.own, last
+        *here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent
     )
-    after = next_history(problem, state, planned, twist, known.owed, dt)
+    after = {"history": shape(next_history(problem))(state["history"], planned, twist, under_way.owed, dt)}
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
     if asks_back(problem):
         after["asked"] = asked_update(problem, state["asked"], now, dt)
     if guided:
         after["trial"] = next_trial[0]
-    outputs = [twist, known.pose, joined_state(problem, after, guided), rate, status, causes, known.watched["fault"]]
+    outputs = [twist, known.pose, joined(sizes, after), rate, status, causes, known.watched["named"][-2:]]
     outputs += [value, gain, now, slack, multipliers, locked, outside, residuals]
     if drawn is None:
         return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
@@ -118,7 +120,7 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) ->
     data, movable = pass_data(problem)
     data = shape(data)
     mx = {data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())}
-    *qp, S, E = data(*mx.values())
+    *qp, S, E, shift = data(*mx.values())
     inputs = list(mx.values())
     if guided:
         pull = [ca.MX.sym("pull_H", 6, 6), ca.MX.sym("pull_g", 6)]
@@ -129,7 +131,7 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) ->
     xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
     newly = shape(_newly_locked(problem))(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
     locked = ca.fmax(mx["locked"], newly)
-    parts = [xi, S, E, slack, multipliers, residual, locked, ca.mmax(newly)]
+    parts = [xi, S, E, slack, multipliers, residual, locked, ca.mmax(newly), shift]
     return ca.Function("one_pass", inputs, parts), movable
 
 

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.linear import Shape
+from ergoqp.linear import Shape, dense
 from ergoqp.rigid import exp_rotation, is_rigid
-from ergoqp.step_state import state_size
-from ergoqp.step_watch import WATCH, parked, watch_function
-from ergoqp.step_way import history_sizes, holds_all, landed, way_function, way_size
+from ergoqp.step_parts import count
+from ergoqp.step_state import state_sizes
+from ergoqp.step_watch import watch
+from ergoqp.step_way import UnderWay, under_way, way_of
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -66,7 +67,7 @@ OUTPUTS: Final = (
 def input_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, int]]:
     """Return the shape of every input of the step."""
     n = len(problem.coordinates)
-    sizes = {"posture": (n, 1), "observed": (n, 1), "pose": (4, 4), "executed": (6, 1), "state": (state_size(problem, guided), 1)}
+    sizes = {"posture": (n, 1), "observed": (n, 1), "pose": (4, 4), "executed": (6, 1), "state": (count(state_sizes(problem, guided)), 1)}
     return {name: sizes.get(name, (1, 1)) for name in INPUTS}
 
 
@@ -80,13 +81,11 @@ class Known:
         landed: where it comes to rest if the planned twist were zero from now on (4, 4).
         previous: twist that was planned for the end of the last period (6,).
         dt: period [s].
-        way: what is under way, see `ergoqp.step_way.under_way_of`.
-        owed: displacement of it that was sent (6,) [m, rad].
-        begun: twist that is sent however the plan goes on (6,).
-        own: share of the planned twist that is sent beside it.
+        way: what is under way, as `ergoqp.step_way.split_way` reads it.
+        under_way: the same, in its parts.
         causes: why the step can only brake, by `Cause`; 0 if it can do more.
         started: 1 once a pose is known.
-        watched: the parts of `ergoqp.step_watch.WATCH`.
+        watched: the blocks of `ergoqp.step_watch.WATCH`.
     """
 
     posture: ca.MX
@@ -95,9 +94,7 @@ class Known:
     previous: ca.MX
     dt: ca.MX
     way: ca.MX
-    owed: ca.MX
-    begun: ca.MX
-    own: ca.MX
+    under_way: UnderWay
     causes: ca.MX
     started: ca.MX
     watched: dict[str, ca.MX]
@@ -120,69 +117,41 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
     dt_ok = ca.logic_and(raw["dt"] >= 1e-5, raw["dt"] <= LONGEST_DT)
     dt = ca.if_else(dt_ok, raw["dt"], problem.dt)
 
-    way, owed, begun, own, up, down = shape(way_function(problem))(*(state[name] for name in history_sizes(problem)), dt)
-    given = {**state, **raw, "period": dt, "dt_ok": dt_ok, "posture_ok": posture_ok, "owed": owed, "up": up, "down": down}
-    given |= {"owed_before": state.get("owed", ca.MX(ca.DM.zeros(6)))}
-    judged = shape(_judged(problem))
-    pose, unanchored, causes, started, *watched = judged(*(given[name] for name in judged.name_in()))
-
-    # Only the first step without a measured pose asks where the contact is by the posture.
-    q, held = ca.MX.sym("q", posture.numel()), ca.MX.sym("pose", 4, 4)
-    by_posture = ca.Function("by_posture", [q, held], [problem.response.contact()(q)[0]])
-    as_known = ca.Function("as_known", [q, held], [held])
-    pose = ca.densify(ca.Function.if_else("anchor", by_posture, as_known)(unanchored, posture, pose))
-    return Known(
-        posture=posture,
-        pose=pose,
-        landed=shape(_landing(problem))(pose, way) if way_size(problem) > 6 else pose,
-        previous=state["planned"][:, 0],
-        dt=dt,
-        way=way,
-        owed=owed,
-        begun=begun,
-        own=own,
-        causes=causes,
-        started=started,
-        watched=dict(zip(WATCH, watched, strict=True)),
-    )
+    found = under_way(problem, state["history"], dt, shape)
+    given = {**state, **raw, **vars(found), "period": dt, "dt_ok": dt_ok, "posture_ok": posture_ok}
+    read = shape(_read_function(problem))
+    moved, started, measured, told, stop, causes = read(*(given[name] for name in read.name_in()))
+    pose = _pose(problem, measured, raw["pose"], state["started"], state["stored"], moved, posture)
+    given |= {"pose": pose, "measured": measured, "told": told, "stop": stop}
+    watched, faulty, halted = watch(problem, given, shape)
+    resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, stop)))
+    causes += ca.dot(ca.DM([2.0**Cause.robot, 2.0**Cause.halted]), ca.vertcat(faulty, resting))
+    landed, way = way_of(problem, found, pose, shape)
+    return Known(posture, pose, landed, found.previous, dt, way, found, causes, started, watched)
 
 
-def _landing(problem: Problem) -> ca.Function:
-    """``(pose, way) -> where the object lands (4, 4)``."""
-    pose, way = ca.SX.sym("pose", 4, 4), ca.SX.sym("way", way_size(problem))
-    return ca.Function("landing", [pose, way], [ca.densify(landed(pose, way))])
+def _read_function(problem: Problem) -> ca.Function:
+    """Judge all inputs but the posture.
 
-
-def _judged(problem: Problem) -> ca.Function:
-    """All inputs but the posture, and the robot: (pose, whether it has to come from the posture, causes, started, *WATCH)."""
+    Returns:
+        Function that gives the displacement of the last period as far as it is known, whether a pose is known from now on, whether one
+        was measured, whether a twist was reported, whether the object may not move, and the causes so far.
+    """
     inputs = {name: size for name, size in input_sizes(problem).items() if name not in ("posture", "observed", "state")}
-    history = {name: size for name, size in history_sizes(problem).items() if name != "owed"}
-    own = {"stored": (4, 4), "started": (1, 1)} | dict.fromkeys(("period", "dt_ok", "posture_ok"), (1, 1))
-    own |= dict.fromkeys(("owed_before", "owed", "up", "down"), (6, 1))
-    raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | history | own | WATCH).items()}
+    own = dict.fromkeys(("sent", "changed", "slowest", "fastest"), (6, 1))
+    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits"), (1, 1))
+    raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | own).items()}
     has_pose, has_twist, started, frame = (raw[name] > 0.5 for name in ("has_pose", "has_twist", "started", "frame"))
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
     age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
-    sent, lasted = raw["sent"][:, 0], raw["ages"][0]
-    least, most = _plausible(problem, raw)
-    # What robots report is believed as far as it is what they were sent, or less.
-    executed = ca.fmin(ca.fmax(ca.if_else(told, raw["executed"], 0), least), most)
-    moved = ca.if_else(told, executed * lasted, sent * lasted + raw["owed_before"] - raw["owed"])
-    followed = exp_rotation(raw["stored"], ca.if_else(started, moved, 0))
-    pose = ca.if_else(measured, raw["pose"], followed)
+    # What a robot reports is believed as far as it is what it was sent, or less.
+    executed = ca.fmin(ca.fmax(ca.if_else(told, raw["executed"], 0), raw["slowest"]), raw["fastest"])
+    moved = ca.if_else(told, executed * raw["lasted"], raw["sent"] * raw["lasted"] + raw["changed"])
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
-    unanchored = ca.logic_not(ca.logic_or(measured, started))
-
-    lost = ca.logic_and(bool(problem.robot.gain_error), ca.logic_not(measured))
+    unmeasured = ca.logic_and(bool(problem.robot.gain_error), ca.logic_not(measured))
     disabled = raw["enable"] < 0.5
-    watch = watch_function(problem)
-    seen = {"pose": pose, "started": started, "measured": measured, "told": told, "sent": sent, "lasted": lasted}
-    seen |= {"executed": ca.if_else(told, raw["executed"], 0), "parked": parked(raw["planned"], raw["sent"])}
-    seen |= {"stop": ca.logic_or(disabled, lost), "dt": raw["period"], "slowest": least, "fastest": most}
-    *watched, faulty = watch(*({**raw, **seen}[name] for name in watch.name_in()))
-    halted = watched[list(WATCH).index("halted")]
     bad = {
         Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),
         Cause.pose: ca.logic_and(has_pose, ca.logic_not(pose_ok)),
@@ -192,27 +161,30 @@ def _judged(problem: Problem) -> ca.Function:
         Cause.disabled: disabled,
         Cause.no_frame: ca.logic_not(frame),
         Cause.too_old: ca.logic_and(age_ok, ca.logic_not(fresh)),
-        Cause.robot: faulty,
-        Cause.unmeasured: lost,
-        Cause.halted: ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, seen["stop"]))),
+        Cause.unmeasured: unmeasured,
         Cause.asked: raw["ask"] > 0.5,
         Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
-        Cause.short_periods: ca.logic_not(holds_all(problem, raw["ages"], raw["period"])),
+        Cause.short_periods: ca.logic_not(raw["fits"]),
     }
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
-    outputs = [ca.densify(pose), unanchored, causes, ca.logic_or(started, anchors), *watched]
-    return ca.Function("judged", list(raw.values()), outputs, list(raw), [f"out_{i}" for i in range(len(outputs))])
+    outputs = [moved, ca.logic_or(started, anchors), measured, told, ca.logic_or(disabled, unmeasured), causes]
+    return ca.Function("read", list(raw.values()), ca.cse(dense(outputs)), list(raw), [f"out_{i}" for i in range(len(outputs))])
 
 
-def _plausible(problem: Problem, raw: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Least and greatest twist (6,) that a robot does which does no more than it was sent."""
-    least, most = ca.SX(6, 1), ca.SX(6, 1)
-    for twist in ca.horzsplit(raw["sent"]):
-        least, most = ca.fmin(least, twist), ca.fmax(most, twist)
-    if lag := problem.robot.lag:
-        least, most = least - raw["tail"][:, 1] / lag, most + raw["tail"][:, 0] / lag
-    stretch = 1 + problem.robot.gain_error
-    return stretch * least, stretch * most
+def _pose(
+    problem: Problem, measured: ca.MX, pose: ca.MX, started: ca.MX, stored: ca.MX, moved: ca.MX, posture: ca.MX
+) -> ca.MX:
+    """The measured pose; else the last one moved on; at the first step, where the contact is by the posture."""
+    sx = ca.SX.sym("stored", 4, 4), ca.SX.sym("moved", 6)
+    on = ca.Function("moved_on", sx, [exp_rotation(*sx)])
+    inputs = [ca.MX.sym("pose", 4, 4), ca.MX.sym("started"), ca.MX.sym("stored", 4, 4), ca.MX.sym("moved", 6)]
+    inputs.append(ca.MX.sym("posture", posture.numel()))
+    by_posture = ca.Function("by_posture", inputs, [ca.densify(problem.response.contact()(inputs[4])[0])])
+    followed = ca.Function("followed", inputs, [ca.densify(on(inputs[2], inputs[3]))])
+    integrated = ca.Function.if_else("integrated", followed, by_posture)(inputs[1], *inputs)
+    unmeasured = ca.Function("unmeasured", inputs, [integrated])
+    as_measured = ca.Function("as_measured", inputs, [inputs[0]])
+    return ca.Function.if_else("pose_known", as_measured, unmeasured)(measured, pose, started, stored, moved, posture)
 
 
 def stand_in(problem: Problem) -> np.ndarray:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
 _HERE = ("posture", "observed", "readings", "pose")
-_LANDED = ("posture", "observed", "readings", "landed", "way")
+_LANDED = ("posture", "observed", "readings", "landed", "way", "shift")
 
 
 class StepRows:
@@ -38,7 +38,7 @@ class StepRows:
 
         Args:
             problem: the task.
-            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins` also ``landed`` and ``way``.
+            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins` also ``landed``, ``way`` and ``shift``.
             S: sensitivity (n, 6), dense.
         """
         self._problem, self._known, self._S = problem, known, S

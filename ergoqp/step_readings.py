@@ -10,7 +10,7 @@ import casadi as ca
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.step_stop import Braking
-from ergoqp.step_way import under_way_of
+from ergoqp.step_way import split_way
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -34,7 +34,7 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
     Args:
         problem: the task.
         known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``previous``, and either ``pose`` for where
-            things are, or ``landed`` and ``way`` for where they come to rest.
+            things are, or ``landed``, ``way`` and ``shift`` for where they come to rest.
         S: sensitivity, only with the entries that can differ from zero.
         brake: of this period, for how far rows must look ahead; None: only the moment counts.
     """
@@ -47,15 +47,16 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
         start += size
     now = (known["posture"], known["observed"])
     if "landed" not in known:
-        still = type(S)(6, 1)
-        return Situation(*now, known.get("pose", ca.SX.eye(4)), S, swing, change, readings, problem.surface, still)
-    way = under_way_of(problem, known["way"])
-    return Situation(*now, known["landed"], S, swing, change, readings, problem.surface, way.total, way)
+        still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
+        return Situation(*now, known.get("pose", ca.SX.eye(4)), S, swing, change, readings, problem.surface, still, stays)
+    ahead, lost, turn = split_way(problem, known["way"])
+    shift = known["shift"]
+    return Situation(*now, known["landed"], S, swing, change, readings, problem.surface, ahead, shift, lost, turn)
 
 
 def here(known: Mapping[str, Expression]) -> dict[str, Expression]:
     """Return the symbols that say where things are, and not where they land."""
-    return {name: value for name, value in known.items() if name not in ("landed", "way")}
+    return {name: value for name, value in known.items() if name not in ("landed", "way", "shift")}
 
 
 def _measures(problem: Problem) -> list[tuple[Limit, ca.Function]]:

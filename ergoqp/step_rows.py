@@ -84,7 +84,7 @@ def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situatio
 
 
 def row_bounds(
-    stop: Stop,
+    twist: TwistLimit,
     limits: Sequence[Limit],
     rows: Rows,
     kept: Sequence[int],
@@ -95,7 +95,7 @@ def row_bounds(
     """Return the bounds of the movable rows; both ends of all rows at once, as vectors.
 
     Args:
-        stop: the object's law, and which axes it can move.
+        twist: which axes the object can move.
         limits: the row limits of the problem.
         rows: the movable rows of all limits, one below the other.
         kept: their numbers among all rows, see `movable_rows`.
@@ -109,7 +109,7 @@ def row_bounds(
         return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
     # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
     at_braking = rows.matrix @ brake.twist
-    upward, cap = _ends(stop, limits, rows, kept, away, at_braking, brake, final)
+    upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final)
     upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
     # An inward target never asks for more than the other end allows; the slack covers only one side.
     lower = ca.fmin(ca.fmax(lower, -FREE), upper)
@@ -125,7 +125,7 @@ def row_bounds(
 
 
 def _ends(
-    stop: Stop,
+    twist: TwistLimit,
     limits: Sequence[Limit],
     rows: Rows,
     kept: list[int],
@@ -142,26 +142,16 @@ def _ends(
     def twice(values: Expression) -> Expression:
         return ca.vertcat(values, values)
 
-    size, movable = ca.fabs(rows.matrix), ca.DM(stop.limit.speed > 0)
-    slowing = size @ (brake.acceleration * movable)
+    slowing = ca.fabs(rows.matrix) @ (brake.acceleration * ca.DM(twist.speed > 0))
     distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
     rate, toward = twice(rows.rate), ca.vertcat(at_braking, -at_braking)
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
     moves = slowing > 1e-6
-    knee = twice(slowing * brake.reach**2)
+    slower = twice(slowing)
+    knee = slower * brake.reach**2
     left = distance - twice(rows.reserve + CLEARANCE)
-
-    def within(left: Expression) -> Expression:
-        """d / h up to the knee, from there on its tangent parabola."""
-        line = ca.fmin(left - knee, 0) / brake.reach
-        return ca.sqrt(twice(2 * slowing) * ca.fmax(left, knee) - twice(slowing) * knee) + line
-
-    if stop.average:
-        # What a rising mean adds is at most a fixed amount, and at most so many seconds at the new twist.
-        risen = twice(size @ (stop.stretch * stop.rise(brake.dt) * movable))
-        allowed = ca.fmax(within(left - risen), left / (brake.reach + stop.stretch * stop.hurry))
-    else:
-        allowed = within(left)
+    # d / h up to the knee, from there on its tangent parabola.
+    allowed = ca.sqrt(slower * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / brake.reach
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
     # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
     # object goes on without it.

@@ -58,9 +58,8 @@ class Stop:
         return 1.5 * self.longest if self.average else 0.0
 
     def rise(self, dt: Expression) -> Expression:
-        """Return by how much it can add at most, per axis (6,) [m, rad]."""
-        within = self.longest * (self.average / 2 + dt) + self.longest**2 / 8
-        return ca.DM(self.limit.acceleration) * within
+        """Return what it can add at most, for every unit of acceleration [s^2]."""
+        return self.longest * (self.average / 2 + dt) + self.longest**2 / 8
 
     def time(self, twist: ca.SX) -> ca.SX:
         """Return how long it takes to stop from a planned twist (6,) [s]."""
@@ -70,7 +69,7 @@ class Stop:
         """Return the largest displacement (6,) [m, rad] that a planned twist adds, in its period and the stop after it."""
         way = twist * (self.share * dt + self.time(twist) / 2)
         if self.average:
-            rise = self.rise(dt)
+            rise = self.rise(dt) * ca.DM(self.limit.acceleration)
             way += ca.fmax(-rise, ca.fmin(rise, self.hurry * twist))
         return self.stretch * way
 
@@ -85,7 +84,7 @@ class Stop:
         # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-        reach = self.stretch * (self.share * dt + (stop + dt) / 2)
+        reach = self.stretch * (self.share * dt + (stop + dt) / 2 + self.hurry)
         return Braking(twist, low, high, reach, acceleration, dt)
 
 
@@ -97,7 +96,7 @@ class Braking:
         twist: the braking twist (6,).
         low: least twist of this period (6,).
         high: greatest twist of this period (6,); both allow the braking twist.
-        reach: seconds of motion at the new twist that a stop from it takes at most [s].
+        reach: seconds of motion at the new twist that a stop from it takes at most [s]; of a mean that rises the simplest bound.
         acceleration: largest per axis (6,).
         dt: period [s].
     """

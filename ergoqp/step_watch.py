@@ -10,13 +10,15 @@ After a fault, and after the object was not allowed to move, it comes to rest an
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.linear import dense, largest
+from ergoqp.linear import Shape, dense, largest
+from ergoqp.step_parts import count, joined, split
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -47,109 +49,174 @@ class Fault(IntEnum):
     speed_jumps = 7
 
 
-WATCH: Final = {
+_COMPARED: Final = {
     "apart": (6, 1),  # measured motion less sent motion, by the pose
     "least": (6, 1),  # ends of their constant difference
     "most": (6, 1),
-    "drift": (6, 1),  # the same by the reported twist, its variance, and the last sample
-    "blur": (6, 1),
-    "surprise": (6, 1),
-    "path": (2, 1),  # how far it went, and turned, since it stood still
-    "moved": (6, 3),  # of late: sent motion, measured motion, change of the sent twist
-    "fit": (5, 1),  # sums of their products
-    "last": (6, 1),  # the sent twist before the last one
-    "fault": (2, 1),  # a `Fault` and its amount
     "calm": (1, 1),  # for how long the object has stood still
     "halted": (1, 1),  # 1 until it has come to rest
 }
-"""Parts of the state that watch the robot; all zero at the start."""
+_REPORTED: Final = {
+    "drift": (6, 1),  # measured motion less sent motion, by the reported twist
+    "blur": (6, 1),  # its variance, and the last sample
+    "surprise": (6, 1),
+    "path": (2, 1),  # how far it went, and turned, since it stood still
+}
+_NAMED: Final = {
+    "moved": (6, 3),  # since there is a fault: sent motion, measured motion, change of the sent twist
+    "last": (6, 1),  # the sent twist before the last one
+    "fit": (5, 1),  # sums of the products of `moved`
+    "fault": (2, 1),  # a `Fault` and its amount
+}
+WATCH: Final = {"compared": _COMPARED, "reported": _REPORTED, "named": _NAMED}
+"""Blocks of the state that watch the robot, and their parts; all zero at the start."""
+
+_SIZES: Final = (
+    {**_COMPARED, **_REPORTED, **_NAMED}
+    | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "leap", "went"), (6, 1))
+    | dict.fromkeys(("pose", "stored"), (4, 4))
+    | {name: (count(block), 1) for name, block in WATCH.items()}
+    | {"fault": (1, 1)}
+)
 
 
-def watch_function(problem: Problem) -> ca.Function:
-    """Return what the watch makes of the last period.
+def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX, ca.MX]:
+    """Return the blocks of `WATCH` after the last period, whether there is a fault, and whether the object has to come to rest.
 
-    The function takes `WATCH` and ``pose``, ``stored`` (4, 4) each, ``started``, ``measured``, ``told`` (0 or 1), ``executed``,
-    ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists that a robot does which does no more than it was sent, ``up``,
-    ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop`` (1: the object may not move now), ``dt``. It gives `WATCH` and whether there is a fault.
+    Args:
+        problem: the task.
+        given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``, ``measured``, ``told`` (0 or 1),
+            ``executed``, ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists of a robot that does no more than it was
+            sent, ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop`` (1: the object may not
+            move now), ``period`` [s].
+        shape: how functions are written, see `ergoqp.linear`.
     """
-    robot = problem.robot
-    sizes = {"pose": (4, 4), "stored": (4, 4), "executed": (6, 1), "sent": (6, 1), "up": (6, 1), "down": (6, 1)}
-    sizes |= {"slowest": (6, 1), "fastest": (6, 1)}
-    one = ("started", "measured", "told", "lasted", "parked", "stop", "dt")
-    was = {name: ca.SX.sym(name, *size) for name, size in WATCH.items()}
-    now = {name: ca.SX.sym(name, *size) for name, size in (sizes | dict.fromkeys(one, (1, 1))).items()}
-    started, measured, told, parked = (now[name] > 0.5 for name in ("started", "measured", "told", "parked"))
+
+    def ask(function: ca.Function, known: Mapping[str, ca.MX]) -> list[ca.MX]:
+        return function.call([known[name] for name in function.name_in()])
+
+    reported, signs = ask(_branch("told", _reported(problem), {"reported"}, shape), dict(given))
+    kind = given["named"][-2]
+    compared, faulty, halted, leap, went = ask(shape(_compared(problem)), {**given, "signs": signs, "fault": kind})
+    facts = {**given, "signs": signs, "leap": leap, "went": went, "faulty": faulty}
+    (named,) = ask(_branch("faulty", _named(), set(), shape), facts)
+    return {"compared": compared, "reported": reported, "named": named}, faulty, halted
+
+
+def _branch(condition: str, function: ca.Function, kept: set[str], shape: Shape) -> ca.Function:
+    """Return a function that is evaluated where a condition is not 0; else outputs are the inputs of the name, or 0."""
+    inputs = [ca.MX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    was = dict(zip(function.name_in(), inputs, strict=True))
+    names = [function.name_out(i).removeprefix("next_") for i in range(function.n_out())]
+    stays = [was[name] if name in kept else ca.MX(ca.DM.zeros(*function.size_out(i))) for i, name in enumerate(names)]
+    choose = ca.Function.if_else(condition, shape(function), ca.Function(f"not_{condition}", inputs, stays))
+    decides = ca.MX.sym(condition)
+    return ca.Function(f"if_{condition}", [decides, *inputs], choose.call([decides, *inputs]), [condition, *was], function.name_out())
+
+
+def _symbols(*names: str) -> dict[str, ca.SX]:
+    return {name: ca.SX.sym(name, *_SIZES.get(name, (1, 1))) for name in names}
+
+
+def _reported(problem: Problem) -> ca.Function:
+    """Compare the integral of the reported twist: ``(...) -> (reported, signs (2,))``.
+
+    The first of the signs is above 1 where it says that there is a fault; the second [m/s, rad/s] above 0 where one sample does.
+    """
+    gain, unit = problem.robot.gain_error, ca.DM(UNIT)
+    given = _symbols("executed", "sent", "lasted", "up", "down", "parked", "reported")
+    now = given | split(_REPORTED, given["reported"])
+    sent, lasted, fresh = now["sent"], now["lasted"], now["parked"] > 0.5
+    surprise = now["executed"] - sent
+    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
+    credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
+    scatter = ca.fmin(ca.fabs(surprise - now["surprise"]), credible) * lasted
+    drift, blur, path = (ca.if_else(fresh, 0, now[name]) for name in ("drift", "blur", "path"))
+    drift, blur = drift + surprise * lasted, blur + scatter**2 / 2
+    path = path + ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
+    # A twist may be reported as it is at the end of the period, and not as its mean.
+    slack = _CERTAIN * ca.sqrt(blur) + problem.dt * ca.fabs(sent)
+    slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
+    stretch = 1 + gain
+    by_twist = largest((ca.fmax(drift - stretch * now["down"], -drift - stretch * now["up"]) - slack) / unit)
+    strikes = largest((ca.fabs(surprise) * lasted - slack) / unit) > 1
+    strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
+    block = {"drift": drift, "blur": blur, "surprise": surprise, "path": path}
+    outputs = ca.cse(dense([joined(_REPORTED, block), ca.vertcat(by_twist, strike)]))
+    return ca.Function("reported_twist", list(given.values()), outputs, list(given), ["next_reported", "signs"])
+
+
+def _compared(problem: Problem) -> ca.Function:
+    """Compare the poses.
+
+    Returns:
+        Function that gives the next ``compared``, whether there is a fault, whether to come to rest, by how much the pose leapt
+        (6,), 0 where it does not jump, and the motion of the pose (6,).
+    """
+    robot, unit = problem.robot, ca.DM(UNIT)
+    names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
+    given = _symbols(*names, "period", "compared", "fault") | {"signs": ca.SX.sym("signs", 2)}
+    now = given | split(_COMPARED, given["compared"])
+    started, measured, parked = (now[name] > 0.5 for name in ("started", "measured", "parked"))
     sent, lasted = now["sent"], ca.if_else(started, now["lasted"], 0)
-    unit, noise = ca.DM(UNIT), ca.DM(robot.noise)
-    done = sent * lasted
+    noise, done = ca.DM(robot.noise), sent * lasted
     went = ca.if_else(started, _difference(now["stored"], now["pose"]), 0)
     # Beyond what it can have done in this period, whatever it still owed.
     leap = ca.fmax(went - now["fastest"] * lasted, 0) + ca.fmin(went - now["slowest"] * lasted, 0)
     held = _held(leap, sent, robot.longest_hold)
-    beside, leap = went - done - held, leap - held
-    surprise = ca.if_else(told, now["executed"] - sent, 0)
-
-    lengths = ca.vertcat(ca.norm_2(done[:3]), ca.norm_2(done[3:]))
-    spread = robot.gain_error * ca.vertcat(*[lengths[0]] * 3, *[lengths[1]] * 3)
+    leap = leap - held
+    apart = ca.if_else(parked, 0, now["apart"] + went - done - held)
     stretch = 1 + robot.gain_error
-    up, down = stretch * now["up"], stretch * now["down"]
-    apart = ca.if_else(parked, 0, was["apart"] + beside)
-    low, high = apart - down - noise, apart + up + noise
-    least = ca.if_else(parked, low, ca.if_else(measured, ca.fmax(was["least"] - spread, low), was["least"] - spread))
-    most = ca.if_else(parked, high, ca.if_else(measured, ca.fmin(was["most"] + spread, high), was["most"] + spread))
-    by_pose = largest((least - most) / unit)
+    low, high = apart - stretch * now["down"] - noise, apart + stretch * now["up"] + noise
+    least, most = now["least"], now["most"]
+    if robot.gain_error:
+        spread = robot.gain_error * ca.vertcat(*[ca.norm_2(done[:3])] * 3, *[ca.norm_2(done[3:])] * 3)
+        least, most = least - spread, most + spread
+    least = ca.if_else(parked, low, ca.if_else(measured, ca.fmax(least, low), least))
+    most = ca.if_else(parked, high, ca.if_else(measured, ca.fmin(most, high), most))
+    by_pose = ca.logic_and(measured, largest((least - most) / unit) > 1)
+    jumps = ca.logic_and(ca.logic_and(measured, started), largest((ca.fabs(leap) - 2 * noise) / unit) > 1)
+    found = ca.logic_or(ca.logic_or(by_pose, jumps), ca.logic_or(given["signs"][0] > 1, given["signs"][1] > 0))
 
-    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
-    credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
-    scatter = ca.fmin(ca.fabs(surprise - was["surprise"]), credible) * lasted
-    drift, blur, path = (ca.if_else(parked, 0, was[name]) for name in ("drift", "blur", "path"))
-    drift, blur, path = drift + surprise * lasted, blur + scatter**2 / 2, path + lengths
-    way = robot.gain_error * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
-    # A twist may be reported as it is at the end of the period, and not as its mean.
-    slack = _CERTAIN * ca.sqrt(blur) + way + problem.dt * ca.fabs(sent)
-    by_twist = ca.if_else(told, largest((ca.fmax(drift - down, -drift - up) - slack) / unit), 0)
+    calm = ca.if_else(parked, now["calm"] + now["period"], 0)
+    over = calm >= CALM + robot.dead_time + 3 * robot.lag
+    faulty = ca.logic_or(found, ca.logic_and(now["fault"] > 0.5, ca.logic_not(over)))
+    halted = ca.logic_or(ca.logic_or(faulty, now["stop"] > 0.5), ca.logic_and(now["halted"] > 0.5, ca.logic_not(parked)))
+    block = dict(zip(_COMPARED, (apart, least, most, calm, halted), strict=True))
+    outputs = ca.cse(dense([joined(_COMPARED, block), faulty, halted, ca.if_else(jumps, leap, 0), went]))
+    return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(5)])
 
-    jump = ca.fabs(leap) / unit
-    jumps = ca.logic_and(ca.logic_and(measured, started), largest(jump - 2 * noise / unit) > 1)
-    strikes = ca.logic_and(told, largest((ca.fabs(surprise) * lasted - slack) / unit) > 1)
-    found = ca.logic_or(ca.logic_or(ca.logic_and(measured, by_pose > 1), by_twist > 1), ca.logic_or(jumps, strikes))
 
-    forget = ca.fmax(0, 1 - lasted / _MEMORY)
-    seen = ca.if_else(measured, went, done + surprise * lasted)
-    news = ca.horzcat(done, seen, sent - was["last"])
-    moved = forget * was["moved"] + news
-    weighted = moved / ca.repmat(ca.DM(UNIT / UNIT[0]), 1, 3)
-    Y, y, s = ca.horzsplit(weighted)
+def _named() -> ca.Function:
+    """``(...) -> named``: the name of a fault that is there; it is made again at every step, from more that was seen."""
+    given = _symbols("named", "leap", "went", "measured", "told", "executed", "sent", "lasted") | {"signs": ca.SX.sym("signs", 2)}
+    now = split(_NAMED, given["named"])
+    sent, lasted, forget = given["sent"], given["lasted"], ca.fmax(0, 1 - given["lasted"] / _MEMORY)
+    done, reported = sent * lasted, given["executed"] * lasted
+    seen = ca.if_else(given["measured"] > 0.5, given["went"], ca.if_else(given["told"] > 0.5, reported, done))
+    changed = ca.if_else(now["fault"][0] > 0.5, sent - now["last"], 0)
+    moved = forget * now["moved"] + ca.horzcat(done, seen, changed)
+    Y, y, s = ca.horzsplit(moved / ca.repmat(ca.DM(UNIT / UNIT[0]), 1, 3))
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))
-    fit = forget * was["fit"] + products
-    known = ca.logic_or(found, was["fault"][0] > 0.5)
-    by_size = _name(fit, Y, y)
-    shifts, turns = (ca.vertcat(int(kind), ca.norm_2(part)) for kind, part in _halves(leap))
-    shift = ca.if_else(largest(jump[:3]) >= largest(jump[3:]), shifts, turns)
-    sudden = was["fault"][0] >= int(Fault.pose_jumps)
-    fault = ca.if_else(sudden, was["fault"], by_size)
-    fault = ca.if_else(jumps, shift, ca.if_else(strikes, ca.vertcat(int(Fault.speed_jumps), ca.norm_2(surprise)), fault))
-    calm = ca.if_else(parked, was["calm"] + now["dt"], 0)
-    waits = CALM + robot.dead_time + 3 * robot.lag
-    over = ca.logic_and(ca.logic_not(found), calm >= waits)
-    fault = ca.if_else(ca.logic_and(known, ca.logic_not(over)), fault, 0)
-    faulty = fault[0] > 0.5
-    halted = ca.logic_or(ca.logic_or(faulty, now["stop"] > 0.5), ca.logic_and(was["halted"] > 0.5, ca.logic_not(parked)))
-    after = (apart, least, most, drift, blur, surprise, path, moved, fit, sent, fault, calm, halted)
-    outputs = dense([*after, faulty])
-    inputs = {**was, **now}
-    return ca.Function(
-        "watch", list(inputs.values()), ca.cse(outputs), list(inputs), [*(f"next_{name}" for name in WATCH), "faulty"]
-    )
+    fit = forget * now["fit"] + products
+    leap, strike = given["leap"], given["signs"][1]
+    shift, turn = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])), ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
+    far = ca.fabs(leap) / ca.DM(UNIT)
+    leapt = ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn)
+    # What was sudden keeps its name.
+    fault = ca.if_else(now["fault"][0] >= int(Fault.pose_jumps), now["fault"], _name(fit, Y, y))
+    fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), fault)
+    fault = ca.if_else(largest(far) > 0, leapt, fault)
+    block = ca.cse(dense([joined(_NAMED, {"moved": moved, "last": sent, "fit": fit, "fault": fault})]))
+    return ca.Function("named_fault", list(given.values()), block, list(given), ["next_named"])
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
     """Displacement (6,) along the world's axes that leads from one pose to another."""
-    turned = after[:3, :3] @ before[:3, :3].T
-    sines = ca.vertcat(turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]) / 2
-    cosine = (ca.trace(turned) - 1) / 2
+    columns = [(before[:3, i], after[:3, i]) for i in range(3)]
+    sines = sum((ca.cross(*pair) for pair in columns), ca.SX(3, 1)) / 2
     # Half a turn has no sine; it is large all the same.
-    over = ca.if_else(cosine < 0, 1.0, 0.0)
+    over = ca.if_else(sum((ca.dot(*pair) for pair in columns), ca.SX(0)) < 1, 1.0, 0.0)
     return ca.vertcat(after[:3, 3] - before[:3, 3], sines[0] + ca.if_else(sines[0] < 0, -over, over), sines[1:])
 
 
@@ -159,10 +226,6 @@ def _held(leap: ca.SX, sent: ca.SX, hold: float) -> ca.SX:
         return ca.SX(6, 1)
     explained = ca.fmax(ca.fmin(leap, ca.fmax(0, hold * sent)), ca.fmin(0, hold * sent))
     return ca.if_else(largest(ca.fabs(leap) / ca.DM(UNIT)) > 1, explained, 0)
-
-
-def _halves(leap: ca.SX) -> tuple[tuple[Fault, ca.SX], tuple[Fault, ca.SX]]:
-    return (Fault.pose_jumps, leap[:3]), (Fault.pose_turns, leap[3:])
 
 
 def _name(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
@@ -193,7 +256,3 @@ def fault_sentence(kind: int, amount: float) -> str:
         Fault.speed_jumps: "robot: speed jumps",
     }.get(Fault(kind), "")
 
-
-def parked(planned: Any, sent: Any) -> Any:
-    """Return whether nothing is planned and nothing was sent for as long as the history reaches."""
-    return ca.sumsqr(planned) + ca.sumsqr(sent) <= 0

@@ -18,8 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import UnderWay
-from ergoqp.rigid import exp_rotation
+from ergoqp.errors import ProblemError
+from ergoqp.limits import Situation
+from ergoqp.linear import Shape, scalars, vectors
+from ergoqp.rigid import shifted
+from ergoqp.step_parts import count, joined, split
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -27,8 +30,11 @@ if TYPE_CHECKING:
 FAR: Final = 1e3
 """Age of what was before the first step: older than anything counts [s]."""
 
-_SPARE: Final = 2
-"""The history holds its seconds at periods of this fraction of the problem's, on average."""
+_SPARE: Final = 1.5
+"""The history holds this many times its seconds at the problem's period: periods may be that much shorter on average."""
+
+_SHORT: Final = 60
+"""So many twists are few."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ class History:
 def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
     """Return the shape of every part of the state that is history; see `initial_history`."""
     history = History.of(problem)
-    sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1)}
+    sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1), "idle": (1, 1)}
     if problem.robot.lag:
         sizes["tail"] = (6, 2)
     return sizes | ({"owed": (6, 1)} if _late(problem) else {})
@@ -72,73 +78,226 @@ def _late(problem: Problem) -> bool:
     return bool(problem.robot.dead_time or problem.robot.lag)
 
 
+def _counts(problem: Problem) -> int:
+    """How many hard rows have less than their distance to count on."""
+    robot = problem.robot
+    uncounted = problem.average or _late(problem) or robot.noise.any() or robot.longest_hold
+    return len(hard_names(problem)) if uncounted else 0
+
+
+def hard_names(problem: Problem) -> tuple[str, ...]:
+    """Return the names of the rows on the object side."""
+    return tuple(name for limit in problem.row_limits if limit.hard for name in limit.names)
+
+
 def way_size(problem: Problem) -> int:
-    """Return how many numbers `under_way_of` reads."""
-    history = History.of(problem)
-    pieces = (history.planned if problem.average else 0) + (history.sent if _late(problem) else 0)
-    return 6 + 7 * pieces + (12 if problem.robot.lag else 0) + (1 if _late(problem) else 0)
+    """Return how many numbers say what is under way: see `split_way`."""
+    return 6 + 2 * _counts(problem) + int(_late(problem))
 
 
-def under_way_of(problem: Problem, way: Any) -> UnderWay:
-    """Return what is under way from its numbers, the output ``way`` of `way_function`."""
-    kind, history, robot = type(way), History.of(problem), problem.robot
-    pieces = (history.planned if problem.average else 0) + (history.sent if _late(problem) else 0)
-    ends = np.cumsum([6, 6 * pieces, pieces, 12 if robot.lag else 0, 1 if _late(problem) else 0]).tolist()
-    total, twists, seconds, tail, turn = (way[start:end] for start, end in zip([0, *ends], ends, strict=False))
-    return UnderWay(
-        total,
-        ca.reshape(twists, 6, pieces) if pieces else kind(6, 0),
-        seconds,
-        ca.reshape(tail, 6, 2) if robot.lag else None,
-        turn if _late(problem) else None,
-        robot.gain_error,
-        robot.noise,
-        robot.longest_hold,
-    )
+def split_way(problem: Problem, way: Any) -> tuple[Any, dict[str, tuple[Any, Any]], Any]:
+    """Return (displacement under way (6,), what cannot be counted on by hard limit, uncertain turn or None).
 
-
-def way_function(problem: Problem) -> ca.Function:
-    """Return ``(history parts, dt) -> (way, owed (6,), begun (6,), own, up (6,), down (6,))``.
-
-    ``way`` is what is under way, for `under_way_of`; ``owed`` the displacement of it that was sent. The twist that is sent with
-    a planned one u is ``begun + own u``. ``up`` and ``down`` are the largest displacements along and against each axis that the
-    robot may still owe.
+    They are for `ergoqp.limits.Situation`.
     """
+    count, lost, start = _counts(problem), {}, 6
+    if count:
+        for limit in problem.row_limits:
+            if limit.hard:
+                end = start + len(limit.names)
+                lost[limit.names[0]] = way[start:end], way[start + count : end + count]
+                start = end
+    return way[:6], lost, way[way_size(problem) - 1] if _late(problem) else None
+
+
+@dataclass(frozen=True)
+class UnderWay:
+    """The object's motion between where it was measured and where it comes to rest if the planned twist were zero from now on.
+
+    Attributes:
+        total: displacement (6,) [m, rad].
+        twists: what is under way, piece by piece (6, k).
+        seconds: for how long each piece still acts (k,) [s].
+        tail: of what is older than the pieces: positive and negative parts (6, 2) [m, rad]; None: nothing is.
+        turn: largest angle of the part that a robot may have done already [rad]; None: there is none.
+        owed: displacement of the part that was sent (6,) [m, rad].
+        up: the most that the robot may still move along each axis (6,) [m, rad].
+        down: and against it (6,) [m, rad].
+        previous: twist that was planned last (6,).
+        sent: and the one that was sent (6,).
+        lasted: for how long [s].
+        changed: displacement by which less is owed than a period ago (6,) [m, rad].
+        slowest: least twist of a robot that does no more than it was sent (6,).
+        fastest: its greatest (6,).
+        begun: twist that is sent however the plan goes on (6,).
+        own: share of the planned twist that is sent beside it.
+        fits: whether the history still reaches far enough back after the period: it does not if periods are too short.
+        parked: whether nothing was planned and nothing sent for as long as the history reaches.
+    """
+
+    total: ca.MX
+    twists: ca.MX
+    seconds: ca.MX
+    tail: ca.MX | None
+    turn: ca.MX | None
+    owed: ca.MX
+    up: ca.MX
+    down: ca.MX
+    previous: ca.MX
+    sent: ca.MX
+    lasted: ca.MX
+    changed: ca.MX
+    slowest: ca.MX
+    fastest: ca.MX
+    begun: ca.MX
+    own: ca.MX
+    fits: ca.MX
+    parked: ca.MX
+
+
+def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
+    """Return what is under way at the begin of a period `dt` [s].
+
+    Args:
+        problem: the task.
+        history: as one vector of `history_sizes`.
+        dt: period [s].
+        shape: how functions are written, see `ergoqp.linear`.
+    """
+    sizes = history_sizes(problem)
+    symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
+    parts = vars(_under_way(problem, split(sizes, symbols[0]), symbols[1]))
+    present = [name for name, part in parts.items() if part is not None]
+    function = ca.Function("under_way", symbols, [ca.densify(parts[name]) for name in present])
+    found = _shape(problem, shape)(function)(history, dt)
+    return UnderWay(**(dict.fromkeys(parts) | dict(zip(present, found, strict=True))))  # pyright: ignore[reportArgumentType]
+
+
+def _shape(problem: Problem, shape: Shape) -> Shape:
+    """A short history is run faster as scalars, by an interpreter too."""
+    history = History.of(problem)
+    return scalars if history.planned + history.sent <= _SHORT else shape
+
+
+def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
     history, W = History.of(problem), problem.average
-    part = {name: ca.MX.sym(name, *size) for name, size in history_sizes(problem).items()}
-    dt = ca.MX.sym("dt")
     ends = ca.vertcat(0, part["ages"])
     pieces, seconds = [], []
     begun, own = ca.MX(ca.DM.zeros(6)), ca.MX(1.0)
+    owed = up = down = total = ca.MX(ca.DM.zeros(6))
     if W:
         own, weights, left = _mean(ends[: history.planned], dt, W)
-        begun = part["planned"] @ weights
+        begun, total = part["planned"] @ weights, part["planned"] @ left
         pieces, seconds = [part["planned"]], [left]
-    ahead = up = down = ca.MX(ca.DM.zeros(6))
-    total = part["planned"] @ seconds[0] if W else ahead
     tail = turn = None
     if _late(problem):
         dead, lag = problem.robot.dead_time, problem.robot.lag
         remaining = _remaining(ends[: history.sent], ends[1 : history.sent + 1], dead, lag)
-        ahead = part["sent"] @ remaining
+        owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
         turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
         if lag:
             tail = part["tail"]
             up, down = up + tail[:, 0], down + tail[:, 1]
-            ahead += tail[:, 0] - tail[:, 1]
+            owed += tail[:, 0] - tail[:, 1]
             turn += ca.norm_2(tail[3:, 0] + tail[3:, 1])
-        total = total + ahead
+        total = total + owed
         pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
-    way = ca.vertcat(
-        total,
-        *(ca.vec(ca.horzcat(*pieces)), ca.vertcat(*seconds)) if pieces else (),
-        *(() if tail is None else (ca.vec(tail),)),
-        *(() if turn is None else (turn,)),
+    twists = ca.horzcat(*pieces) if pieces else ca.MX(6, 0)
+    slowest = fastest = ca.MX(ca.DM.zeros(6))
+    for twist in ca.horzsplit(part["sent"]):
+        slowest, fastest = ca.fmin(slowest, twist), ca.fmax(fastest, twist)
+    if lag := problem.robot.lag:
+        slowest, fastest = slowest - part["tail"][:, 1] / lag, fastest + part["tail"][:, 0] / lag
+    stretch = 1 + problem.robot.gain_error
+    return UnderWay(
+        total=total,
+        twists=twists,
+        seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
+        tail=tail,
+        turn=turn,
+        owed=owed,
+        up=up,
+        down=down,
+        previous=part["planned"][:, 0],
+        sent=part["sent"][:, 0],
+        lasted=part["ages"][0],
+        changed=part["owed"] - owed if "owed" in part else owed,
+        slowest=stretch * slowest,
+        fastest=stretch * fastest,
+        begun=begun,
+        own=own,
+        fits=_holds_all(problem, part["ages"], dt),
+        parked=part["idle"] >= max(problem.average, problem.robot.dead_time),
     )
-    outputs = [ca.densify(each) for each in (way, ahead, begun, own, up, down)]
-    names = [*part, "dt"]
-    return ca.Function("way", [*part.values(), dt], outputs, names, ["way", "owes", "begun", "own", "up", "down"])
+
+
+def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vectors) -> tuple[ca.MX, ca.MX]:
+    """Return (where the object lands (4, 4), what is under way as numbers, see `split_way`).
+
+    A robot is declared by its upper ends: any share of each piece may be done already. So a piece that leads away from an end is
+    not counted on, and one that leads to it counts in full.
+
+    Args:
+        problem: the task.
+        found: what is under way.
+        pose: as measured, or as far as it is known (4, 4).
+        shape: how functions are written, see `ergoqp.linear`.
+    """
+    if not _counts(problem):
+        return pose, found.total
+    given = {name: part for name, part in vars(found).items() if name in _PARTS and part is not None}
+    symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
+    at = ca.MX.sym("pose", 4, 4)
+    function = ca.Function("way", [at, *symbols.values()], _counted(problem, at, symbols))
+    landed, way = _shape(problem, shape)(function)(pose, *given.values())
+    return landed, way
+
+
+_PARTS: Final = ("total", "twists", "seconds", "tail", "turn")
+
+
+def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
+    robot = problem.robot
+    landed, rows = _hard_rows(problem)(pose, found["total"])
+    done = rows @ found["twists"]
+    up, down = ca.fmax(done, 0) @ found["seconds"], ca.fmax(-done, 0) @ found["seconds"]
+    if "tail" in found:
+        tail, ahead, back = found["tail"], ca.fmax(rows, 0), ca.fmax(-rows, 0)
+        up += ahead @ tail[:, 0] + back @ tail[:, 1]
+        down += ahead @ tail[:, 1] + back @ tail[:, 0]
+    below, above = up, down
+    if robot.gain_error:
+        below, above = below + robot.gain_error * down, above + robot.gain_error * up
+    if robot.noise.any():
+        aside = ca.fabs(rows) @ ca.DM(robot.noise)
+        below, above = below + aside, above + aside
+    if robot.longest_hold:
+        below, above = (end + robot.longest_hold * _most(way) for end, way in ((below, -done), (above, done)))
+    turn = [found["turn"]] if "turn" in found else []
+    return [landed, ca.densify(ca.vertcat(found["total"], below, above, *turn))]
+
+
+def _most(values: ca.MX) -> ca.MX:
+    """The largest positive entry of each row."""
+    most = ca.MX(ca.DM.zeros(values.shape[0]))
+    for column in ca.horzsplit(values):
+        most = ca.fmax(most, column)
+    return most
+
+
+def _hard_rows(problem: Problem) -> ca.Function:
+    """``(pose, displacement under way (6,)) -> (where it lands, matrices of the hard rows there (h, 6))``."""
+    n = len(problem.coordinates)
+    pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
+    posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
+    landed = shifted(pose, total)
+    situation = Situation(posture, ca.SX.ones(n), landed, S, ca.SX(6, 1), ca.SX(6, 1), surface=problem.surface)
+    rows = ca.densify(ca.vertcat(*(limit.rows(situation).matrix for limit in problem.row_limits if limit.hard)))
+    if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
+        names = ", ".join(hard_names(problem))
+        raise ProblemError(f"limits: got a hard row among {names} that follows the posture, allowed rows of the object only")
+    return ca.Function("hard_rows", [pose, total], [ca.densify(landed), rows])
 
 
 def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX]:
@@ -184,24 +343,30 @@ def _remaining(younger: Any, older: Any, dead: float, lag: float) -> Any:
     return seconds
 
 
-def next_history(problem: Problem, part: Mapping[str, Any], planned: Any, sent: Any, owed: Any, dt: Any) -> dict[str, Any]:
-    """Return the history after a period `dt` [s] with a planned and a sent twist (6,).
+def next_history(problem: Problem) -> ca.Function:
+    """Return ``(history, planned (6,), sent (6,), owed (6,), dt) -> history`` after a period.
 
-    Args:
-        problem: the task.
-        part: the history before.
-        planned: twist that was planned for the end of the period.
-        sent: twist that was sent for it.
-        owed: displacement (6,) of what was sent before and not done at its begin [m, rad].
-        dt: period [s].
+    `planned` is the twist that was planned for the end of the period, `sent` the one that was sent for it, `owed` the displacement of
+    what was sent before and not done at its begin [m, rad].
     """
-    history, kind = History.of(problem), type(part["planned"])
+    sizes = history_sizes(problem)
+    before, dt = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
+    planned, sent, owed = (ca.MX.sym(name, 6) for name in ("planned", "sent", "owed"))
+    after = joined(sizes, _next(problem, split(sizes, before), planned, sent, owed, dt))
+    return ca.Function("next_history", [before, planned, sent, owed, dt], [after])
+
+
+def _next(
+    problem: Problem, part: Mapping[str, ca.MX], planned: ca.MX, sent: ca.MX, owed: ca.MX, dt: ca.MX
+) -> dict[str, ca.MX]:
+    history = History.of(problem)
     older = [part["ages"][: history.ages - 1] + dt] if history.ages > 1 else []
     ages = ca.vertcat(dt, *older)
     after = {
         "planned": ca.horzcat(planned, part["planned"][:, :-1]),
         "sent": ca.horzcat(sent, part["sent"][:, :-1]),
         "ages": ca.fmin(ages, FAR),
+        "idle": ca.if_else(ca.sumsqr(planned) + ca.sumsqr(sent) > 0, 0, ca.fmin(part["idle"] + dt, FAR)),
     }
     if lag := problem.robot.lag:
         # The oldest leaves the history; what it has still to do goes on fading.
@@ -212,27 +377,22 @@ def next_history(problem: Problem, part: Mapping[str, Any], planned: Any, sent: 
         after["tail"] = fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
     if _late(problem):
         after["owed"] = owed
-    return {name: ca.densify(kind(value)) for name, value in after.items()}
+    return after
 
 
-def holds_all(problem: Problem, ages: Any, dt: Any) -> Any:
-    """Return whether the history still reaches far enough back after a period `dt` [s]: it does not if periods are too short."""
+def _holds_all(problem: Problem, ages: ca.MX, dt: ca.MX) -> ca.MX:
     history = History.of(problem)
     needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
-    enough = [ages[last] + dt >= seconds for last, seconds in needed if seconds]
-    found = type(ages)(1)
-    for one in enough:
-        found = ca.logic_and(found, one)
+    found = ca.MX(1)
+    for last, seconds in needed:
+        if seconds:
+            found = ca.logic_and(found, ages[last] + dt >= seconds)
     return found
-
-
-def landed(pose: Any, way: Any) -> Any:
-    """Return where the object lands: its pose (4, 4) moved by what is under way."""
-    return exp_rotation(pose, way[:6])
 
 
 def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
     """Return the history of an object that has moved at `twist` (6,) for ever."""
     parts = {name: np.zeros(size) for name, size in history_sizes(problem).items()}
     parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
+    parts["idle"][:] = 0.0 if np.any(twist) else FAR
     return parts

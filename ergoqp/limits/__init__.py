@@ -8,6 +8,5 @@ from ergoqp.limits.limit import Situation as Situation
 from ergoqp.limits.one_class_boundary import OneClassBoundary as OneClassBoundary
 from ergoqp.limits.twist import AXES as AXES
 from ergoqp.limits.twist import TwistLimit as TwistLimit
-from ergoqp.limits.under_way import UnderWay as UnderWay
 from ergoqp.limits.workspace import AxisCone as AxisCone
 from ergoqp.limits.workspace import WorkspaceBox as WorkspaceBox

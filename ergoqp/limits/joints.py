@@ -86,7 +86,7 @@ class JointLimit:
         """Return one row per joint; rows that the object cannot move are zero."""
         lower, upper = self.range
         q, seen = situation.posture, situation.observed
-        landed = q + situation.sensitivity @ situation.ahead
+        landed = q + situation.shift
         below = ca.if_else(seen, landed - ca.DM(lower), ca.inf)
         above = ca.if_else(seen, ca.DM(upper) - landed, ca.inf)
         rate = ca.DM([np.radians(self.rate_deg)] * len(JOINTS))

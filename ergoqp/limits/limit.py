@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import casadi as ca
 
-from ergoqp.limits.under_way import UnderWay
 
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
@@ -28,7 +27,10 @@ class Situation:
         readings: what each limit's `measure` says at this posture, by the name of its first row.
         surface: the limit that the state has to stay on exactly, or None.
         ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not yet in `posture`.
-        under_way: what that is made of; None: `pose` is where the object is.
+        shift: what the posture will change by that (32,) [rad], S ahead.
+        lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot be counted on, by the name of its
+            first row; without an entry all of it can.
+        turn: largest angle under way that a robot may have done already [rad]; None: there is none.
     """
 
     posture: Expression
@@ -40,16 +42,22 @@ class Situation:
     readings: Mapping[str, Expression] = field(default_factory=dict)
     surface: Surface | None = None
     ahead: Expression = field(default_factory=lambda: ca.SX(6, 1))
-    under_way: UnderWay | None = None
+    shift: Expression = field(default_factory=lambda: ca.SX(32, 1))
+    lost: Mapping[str, tuple[Expression, Expression]] = field(default_factory=dict)
+    turn: Expression | None = None
 
-    def counted(self, rows: Rows) -> Rows:
+    def counted(self, name: str, rows: Rows) -> Rows:
         """Return rows on the object side with only the distances that can be counted on: every hard limit returns these.
 
         Where the object is measured with an error, or what it was sent may be done already or not, that much is not there.
+
+        Args:
+            name: of the limit's first row.
+            rows: as they are at `pose`.
         """
-        if self.under_way is None:
+        if name not in self.lost:
             return rows
-        below, above = self.under_way.lost(rows.matrix)
+        below, above = self.lost[name]
         return replace(rows, below=rows.below - below, above=rows.above - above)
 
 
@@ -97,7 +105,7 @@ class Limit(Protocol):
         names: name of each row, unique in a problem.
         unit: of the quantities, for people (``"rad"``, ``"m"``).
         hard: object side (True): kept by construction, braking included; its `rows` and `margins` count on no more than
-            `Situation.counted` leaves. Through S (False): kept as far as braking allows; they add what `Situation.ahead` moves.
+            `Situation.counted` leaves. Through S (False): kept as far as braking allows; they add `Situation.shift` to the posture.
         returns: whether each row, once outside, asks to come back: on the object side it does; a person's posture does not move
             the object by itself.
         tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.

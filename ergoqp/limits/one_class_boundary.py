@@ -77,7 +77,7 @@ class OneClassBoundary:
         lengths = ca.sqrt(ca.sum1(scaled**2))
         longest = ca.norm_2(scaled @ (situation.swing + situation.ahead)) + lengths @ situation.change
         value, slope = self._reading(situation)
-        value = value + ca.dot(slope, moves @ situation.ahead)
+        value = value + ca.dot(slope, situation.shift[self.model.coordinates.indices])
         swing, change = situation.swing, situation.change
         drop, stray = self._bow(situation, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3]))
         free = ca.SX([ca.inf])

@@ -52,7 +52,7 @@ class WorkspaceBox:
         matrix = ca.DM(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
         free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
-        return situation.counted(Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight))
+        return situation.counted(self.names[0], Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way; exact, a box is convex."""
@@ -107,7 +107,7 @@ class AxisCone:
         reserve = 1.5 * (ca.sqrt(bend) + change) ** 2 / (2 * ca.fmax(sine, 0.1))
         start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start - along
-        return situation.counted(Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve))
+        return situation.counted(self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margin while turning about a fixed axis; exact but for what is under way, see `_uncertain`.
@@ -126,12 +126,11 @@ class AxisCone:
         farthest = ca.pi + ca.atan2(sine, cosine)
         passes = ca.logic_and(farthest >= 0, farthest <= end)
         least = ca.fmin(at_end, ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
-        if situation.under_way is None:
-            return self._within(ca.fmin(constant + cosine, least))
-        matrix, apart, _ = self._slope(situation)
-        start, along = _uncertain(situation, apart, end)
-        margin = ca.fmin(self._within(constant + cosine), self._within(least) - along)
-        return margin - start - situation.under_way.lost(matrix)[1]
+        lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
+        if situation.turn is None:
+            return self._within(ca.fmin(constant + cosine, least)) - lost
+        start, along = _uncertain(situation, self._slope(situation)[1], end)
+        return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
     def _slope(self, situation: Situation) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Rate (1, 6) at which the angle to the middle grows per twist; its sine and cosine."""
@@ -152,11 +151,10 @@ def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca
     The direction in which the angle grows turns by at most L / sin(angle) while the axis turns by L; so the angle differs from
     its first-order change by at most L^2 / (2 sin), and a further turn by W adds W L / sin more or less than it would have.
     """
-    if situation.under_way is None or situation.under_way.turn is None:
+    if situation.turn is None:
         return ca.SX(0), ca.SX(0)
-    turn = situation.under_way.turn
-    bent = turn / ca.fmax(sine, 0.1)
-    return ca.fmin(turn, turn * bent / 2), ca.fmin(turn, end * bent)
+    bent = situation.turn / ca.fmax(sine, 0.1)
+    return ca.fmin(situation.turn, situation.turn * bent / 2), ca.fmin(situation.turn, end * bent)
 
 
 def _three(what: str, value: Sequence[float]) -> tuple[float, float, float]:

@@ -1,0 +1,31 @@
+"""Several arrays as one vector and back: what is handed on as a block costs an interpreter one copy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+Sizes = Mapping[str, tuple[int, int]]
+"""Shape of each part, in order."""
+
+
+def count(sizes: Sizes) -> int:
+    """Return how many numbers all parts have."""
+    return sum(rows * columns for rows, columns in sizes.values())
+
+
+def split(sizes: Sizes, vector: Any) -> dict[str, Any]:
+    """Return the parts of a vector by name, each in its shape."""
+    parts, start = {}, 0
+    for name, (rows, columns) in sizes.items():
+        part = vector[start : start + rows * columns]
+        parts[name] = part if columns == 1 else ca.reshape(part, rows, columns)
+        start += rows * columns
+    return parts
+
+
+def joined(sizes: Sizes, parts: Mapping[str, Any]) -> Any:
+    """Return the vector of the parts."""
+    return ca.vertcat(*(ca.vec(ca.densify(parts[name])) for name in sizes))
