@@ -58,11 +58,7 @@ def c_times(problem: Problem, calls: Sequence[Call], passes: int) -> CTimes | No
     if shutil.which("cmake") is None or shutil.which("cc") is None:
         return None
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "step"
-        export_step(problem, folder)
-        for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
-            subprocess.run(command, cwd=folder, check=True, capture_output=True)
-        wrapper = _wrapper(folder)
+        folder, wrapper = built(problem, Path(scratch) / "step")
         (folder / "inputs").write_bytes(b"".join(bytes(_input(wrapper, *call)) for call in calls))
         run = ["build/replay", "inputs", "outputs", str(passes)]
         shown = subprocess.run(run, cwd=folder, check=True, capture_output=True, text=True).stdout
@@ -77,6 +73,14 @@ def c_times(problem: Problem, calls: Sequence[Call], passes: int) -> CTimes | No
     names = ("median", "p99", "p999", "max", "shortest_p999")
     median, p99, p999, longest, own = (told[f"{name}_ns"] / 1e3 for name in names)
     return CTimes(median, p99, p999, longest, own, difference, len(calls))
+
+
+def built(problem: Problem, folder: Path) -> tuple[Path, ModuleType]:
+    """Export the step to a folder and build it there; return the folder, and its wrapper for Python."""
+    export_step(problem, folder)
+    for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return folder, _wrapper(folder)
 
 
 def _wrapper(folder: Path) -> ModuleType:

@@ -84,8 +84,8 @@ class Stop:
         # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-        reach = self.stretch * (self.share * dt + (stop + dt) / 2 + self.hurry)
-        return Braking(twist, low, high, reach, acceleration, dt)
+        reach = self.stretch * (self.share * dt + (stop + dt) / 2)
+        return Braking(twist, low, high, reach, self.stretch * self.hurry, acceleration, dt)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,8 @@ class Braking:
         twist: the braking twist (6,).
         low: least twist of this period (6,).
         high: greatest twist of this period (6,); both allow the braking twist.
-        reach: seconds of motion at the new twist that a stop from it takes at most [s]; of a mean that rises the simplest bound.
+        reach: seconds of motion at the new twist that a stop from it takes at most [s], but for a mean that still rises.
+        hurry: seconds that cover that too [s].
         acceleration: largest per axis (6,).
         dt: period [s].
     """
@@ -105,6 +106,7 @@ class Braking:
     low: Expression
     high: Expression
     reach: Expression
+    hurry: float
     acceleration: ca.DM
     dt: Expression
 

@@ -134,12 +134,12 @@ def _reported(problem: Problem) -> ca.Function:
     drift, blur, path = (ca.if_else(fresh, 0, now[name]) for name in ("drift", "blur", "path"))
     drift, blur = drift + surprise * lasted, blur + scatter**2 / 2
     path = path + ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
-    # A twist may be reported as it is at the end of the period, and not as its mean.
-    slack = _CERTAIN * ca.sqrt(blur) + problem.dt * ca.fabs(sent)
+    # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half a period.
+    slack = _CERTAIN * ca.sqrt(blur) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
-    by_twist = largest((ca.fmax(drift - stretch * now["down"], -drift - stretch * now["up"]) - slack) / unit)
-    strikes = largest((ca.fabs(surprise) * lasted - slack) / unit) > 1
+    by_twist = _size((ca.fmax(drift - stretch * now["down"], -drift - stretch * now["up"]) - slack) / unit)
+    strikes = _size((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
     block = {"drift": drift, "blur": blur, "surprise": surprise, "path": path}
     outputs = ca.cse(dense([joined(_REPORTED, block), ca.vertcat(by_twist, strike)]))
@@ -174,8 +174,8 @@ def _compared(problem: Problem) -> ca.Function:
         least, most = least - spread, most + spread
     least = ca.if_else(parked, low, ca.if_else(measured, ca.fmax(least, low), least))
     most = ca.if_else(parked, high, ca.if_else(measured, ca.fmin(most, high), most))
-    by_pose = ca.logic_and(measured, largest((least - most) / unit) > 1)
-    jumps = ca.logic_and(ca.logic_and(measured, started), largest((ca.fabs(leap) - 2 * noise) / unit) > 1)
+    by_pose = ca.logic_and(measured, _size((least - most) / unit) > 1)
+    jumps = ca.logic_and(ca.logic_and(measured, started), _size((ca.fabs(leap) - 2 * noise) / unit) > 1)
     found = ca.logic_or(ca.logic_or(by_pose, jumps), ca.logic_or(given["signs"][0] > 1, given["signs"][1] > 0))
 
     calm = ca.if_else(parked, now["calm"] + now["period"], 0)
@@ -218,6 +218,12 @@ def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
     # Half a turn has no sine; it is large all the same.
     over = ca.if_else(sum((ca.dot(*pair) for pair in columns), ca.SX(0)) < 1, 1.0, 0.0)
     return ca.vertcat(after[:3, 3] - before[:3, 3], sines[0] + ca.if_else(sines[0] < 0, -over, over), sines[1:])
+
+
+def _size(excess: ca.SX) -> ca.SX:
+    """The larger of the lengths of the two halves of a vector (6,), of which only what is positive counts."""
+    beyond = ca.fmax(excess, 0)
+    return ca.sqrt(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])))
 
 
 def _held(leap: ca.SX, sent: ca.SX, hold: float) -> ca.SX:

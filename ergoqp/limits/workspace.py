@@ -106,8 +106,8 @@ class AxisCone:
         bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
         reserve = 1.5 * (ca.sqrt(bend) + change) ** 2 / (2 * ca.fmax(sine, 0.1))
         start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
-        above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start - along
-        return situation.counted(self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve))
+        above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start
+        return situation.counted(self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margin while turning about a fixed axis; exact but for what is under way, see `_uncertain`.

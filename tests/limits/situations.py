@@ -10,55 +10,72 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.limits import Rows, Situation, TwistLimit
-from ergoqp.step_rows import braking, movable_rows, row_bounds, stop_displacement, stop_time
+from ergoqp.qp import FREE
+from ergoqp.step_rows import movable_rows, row_bounds
+from ergoqp.step_stop import Stop
 
 SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}
-SIZES["change"] = (6, 1)
-NAMES = [field.name for field in fields(Situation) if field.name not in ("readings", "surface")]
+SIZES |= {"change": (6, 1), "ahead": (6, 1), "shift": (32, 1)}
+NAMES = list(SIZES)
 DEFAULTS = {"observed": np.ones(32), "pose": np.eye(4)}
 
 
 def symbols() -> dict[str, ca.SX]:
-    return {name: ca.SX.sym(name, *SIZES.get(name, (1, 1))) for name in NAMES}
+    return {name: ca.SX.sym(name, *SIZES[name]) for name in NAMES}
 
 
-_MADE: dict[int, tuple[Any, ca.Function]] = {}
+_MADE: dict[tuple[int, bool], tuple[Any, ca.Function]] = {}
 
 
-def _rows(limit: Any) -> ca.Function:
+def _rows(limit: Any, uncertain: bool) -> ca.Function:
     """By identity: limits hold dicts."""
-    if id(limit) not in _MADE:
-        _MADE[id(limit)] = (limit, _build(limit))
-    return _MADE[id(limit)][1]
+    key = (id(limit), uncertain)
+    if key not in _MADE:
+        _MADE[key] = (limit, _build(limit, uncertain))
+    return _MADE[key][1]
 
 
-def _build(limit: Any) -> ca.Function:
+def _build(limit: Any, uncertain: bool) -> ca.Function:
     parts = symbols()
-    displacement = ca.SX.sym("displacement", 6)
+    displacement, m = ca.SX.sym("displacement", 6), len(limit.names)
+    unsure = {"lost below": ca.SX.sym("below", m), "lost above": ca.SX.sym("above", m), "turn": ca.SX.sym("turn")}
     situation = Situation(**parts)
+    if uncertain:
+        below, above, turn = unsure.values()
+        situation = Situation(**parts, lost={limit.names[0]: (below, above)}, turn=turn)
     rows = limit.rows(situation)
     outputs = [rows.matrix, rows.below, rows.above, rows.rate, limit.margins(situation, displacement)]
-    return ca.Function("limit", [*parts.values(), displacement], [ca.densify(part) for part in outputs])
+    inputs = [*parts.values(), displacement, *(unsure.values() if uncertain else ())]
+    return ca.Function("limit", inputs, [ca.densify(part) for part in outputs])
 
 
-def ask(limit: Any, *, displacement: Any = (0.0,) * 6, **given: Any) -> list[np.ndarray]:
-    """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is zero or as at rest."""
-    values = [given.get(name, DEFAULTS.get(name, np.zeros(SIZES.get(name, (1, 1))))) for name in NAMES]
-    found = [np.array(part) for part in _rows(limit)(*values, displacement)]
+def ask(limit: Any, *, displacement: Any = (0.0,) * 6, lost: Any = None, turn: Any = None, **given: Any) -> list[np.ndarray]:
+    """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is zero or as at rest.
+
+    `lost` (distances to the lower and to the upper ends that do not count) and `turn`, together: of a declared robot.
+    """
+    values = [given.pop(name, DEFAULTS.get(name, np.zeros(SIZES[name]))) for name in NAMES]
+    assert not given, f"unknown: {list(given)}"
+    uncertain = lost is not None
+    assert uncertain == (turn is not None)
+    unsure = [*lost, turn] if uncertain else []
+    found = [np.array(part) for part in _rows(limit, uncertain)(*values, displacement, *unsure)]
     return [found[0], *(part.ravel() for part in found[1:])]
 
 
 @cache
-def _brake(limit: TwistLimit) -> ca.Function:
+def _brake(stop: Stop) -> ca.Function:
     previous, dt = ca.SX.sym("previous", 6), ca.SX.sym("dt")
-    found = braking(limit, previous, dt)
-    outputs = [found.twist, found.low, found.high, stop_displacement(limit, previous, dt), stop_time(limit, previous)]
+    found = stop.braking(previous, dt)
+    outputs = [found.twist, found.low, found.high, found.reach, found.change, stop.displacement(previous, dt), stop.time(previous)]
     return ca.Function("brake", [previous, dt], [ca.densify(part) for part in outputs])
 
 
-def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float) -> dict[str, np.ndarray]:
-    names = ("twist", "low", "high", "displacement", "time")
-    return dict(zip(names, (np.array(part).ravel() for part in _brake(limit)(previous, dt)), strict=True))
+def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float, **law: float) -> dict[str, np.ndarray]:
+    """Braking from a planned twist, and the displacement of its own period and stop; `law` are other attributes of `Stop`."""
+    names = ("twist", "low", "high", "reach", "change", "displacement", "time")
+    found = _brake(Stop(limit, **law))(previous, dt)
+    return dict(zip(names, (np.array(part).ravel() for part in found), strict=True))
 
 
 _BOUNDS: dict[tuple[int, TwistLimit], tuple[Any, ca.Function, list[int]]] = {}
@@ -75,15 +92,23 @@ def _bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, list[int]
 def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, list[int]]:
     previous, dt, parts = ca.SX.sym("previous", 6), ca.SX.sym("dt"), symbols()
     pose, posture, sensitivity = parts["pose"], parts["posture"], parts["sensitivity"]
-    brake = braking(twist_limit, previous, dt)
+    # What is sent as planned: the rows are tested without the mean and without a declared robot.
+    brake = Stop(twist_limit).braking(previous, dt)
     situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1))
     movable = movable_rows(twist_limit, [limit], situation)
     all_rows = limit.rows(situation)
     rows = Rows(*(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows)))
-    found = row_bounds(twist_limit, [limit], rows, movable, brake, ca.SX(1))
+    found = row_bounds(twist_limit, [limit], rows, movable, _away(limit, rows, movable), brake, ca.SX(1))
     outputs = [found.lower, found.upper, found.side, found.cap]
     inputs = [pose, previous, dt, posture, sensitivity]
     return ca.Function("bounds", inputs, [ca.densify(part) for part in outputs]), movable
+
+
+def _away(limit: Any, rows: Rows, movable: list[int]) -> ca.SX:
+    """How far outside rows are that ask to come back, beyond the upper ends and beyond the lower ones."""
+    asks = ca.DM(np.broadcast_to(limit.returns, len(limit.names))[movable].astype(float))
+    distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
+    return ca.if_else(distance < -limit.tolerance, -distance, 0) * ca.vertcat(asks, asks)
 
 
 def bounds_of(

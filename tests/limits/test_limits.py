@@ -148,6 +148,50 @@ def test_cone_on_its_own_axis_and_opposite_to_it_is_finite() -> None:
         assert margins[0] < np.radians(35)
 
 
+# --- what a declared robot may have done already, or not ------------------------------------------------------------------
+
+
+def test_distances_that_cannot_be_counted_on_are_not_there() -> None:
+    rng = np.random.default_rng(4)
+    for limit in (BOX, CONES[0]):
+        m, pose, displacement = len(limit.names), pose_of(rng), rng.normal(size=6) * 0.2
+        lost = rng.uniform(0, 0.1, m), rng.uniform(0, 0.1, m)
+        matrix, below, above, _, margins = ask(limit, pose=pose, displacement=displacement)
+        found = ask(limit, pose=pose, displacement=displacement, lost=lost, turn=0.0)
+        np.testing.assert_array_equal(found[0], matrix)
+        np.testing.assert_allclose(found[1], below - lost[0], atol=1e-15)
+        np.testing.assert_allclose(found[2], above - lost[1], atol=1e-15)
+        if limit is BOX:
+            line = pose[:3, 3] + np.linspace(0, 1, 101)[:, None] * displacement[:3]
+            brute = np.minimum(line - BOX.lower - lost[0], BOX.upper - lost[1] - line).min(axis=0)
+            np.testing.assert_allclose(found[4], brute, atol=1e-12)
+        else:
+            np.testing.assert_allclose(found[4], margins - lost[1], atol=1e-12)
+
+
+@given(st.sampled_from(CONES), st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=200)
+def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(cone: AxisCone, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tilt = rng.uniform(0, 1.1) * np.radians(cone.half_angle_deg)
+    pose = moved(frame_along(cone.direction), np.array([0, 0, 0, *(tilt * _level(cone))]))
+    turns = [rng.normal(size=3) * rng.uniform(0, 0.08) for _ in range(rng.integers(1, 4))]
+    further = rng.normal(size=3) * rng.uniform(0, 0.2)
+    landed = moved(pose, np.array([0, 0, 0, *sum(turns)]))
+    matrix = ask(cone, pose=landed)[0][0, 3:]
+    # A turn that leads away from the end is not counted on: see `ergoqp.step_way.way_of`.
+    lost = sum(max(0.0, -matrix @ turn) for turn in turns)
+    turn = sum(float(np.linalg.norm(turn)) for turn in turns)
+    displacement = np.array([0, 0, 0, *further])
+    margin = ask(cone, pose=landed, displacement=displacement, lost=([0.0], [lost]), turn=turn)[4][0]
+    for _ in range(40):
+        at = pose
+        for part in turns:
+            at = moved(at, rng.choice([0.0, 1.0, rng.random()]) * np.array([0, 0, 0, *part]))
+        at = moved(at, rng.choice([0.0, 1.0, rng.random()]) * displacement)
+        assert np.radians(cone.half_angle_deg) - angle(at[:3, 0], cone.direction) >= margin - 1e-9
+
+
 # --- the joints ----------------------------------------------------------------------------------------------------------
 
 
@@ -162,6 +206,22 @@ def test_joint_rows_are_the_joints() -> None:
     np.testing.assert_allclose(above, upper - q, atol=1e-15)
     np.testing.assert_allclose(rate, np.radians(60))
     np.testing.assert_allclose(margins, np.minimum(below, above), atol=1e-15)
+
+
+def test_joint_rows_are_where_the_joints_will_be_when_what_is_under_way_is_done() -> None:
+    rng = np.random.default_rng(5)
+    q, S, shift = rng.uniform(LOWER, UPPER), rng.normal(size=(32, 6)), rng.normal(size=32) * 0.1
+    for found, same in zip(ask(NARROW, posture=q, sensitivity=S, shift=shift), ask(NARROW, posture=q + shift, sensitivity=S), strict=True):
+        np.testing.assert_allclose(found, same, atol=1e-15)
+
+
+def test_only_what_was_narrowed_is_asked_back_and_only_where_that_is_wanted() -> None:
+    assert not any(NARROW.returns)
+    assert not any(JointLimit(recover=True).returns)
+    asking = JointLimit(ranges_deg={"trunk_flexion": (-5, 40)}, recover=True)
+    assert [name for name, returns in zip(JOINTS, asking.returns, strict=True) if returns] == ["trunk_flexion"]
+    assert all(BOX.returns)
+    assert all(CONES[0].returns)
 
 
 def test_joint_margins_look_along_the_way() -> None:

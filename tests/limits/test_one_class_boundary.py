@@ -3,13 +3,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from step_samples import held_pose
 
 import ergoqp
 from benchmarks.boundary import FirstOrder, Outward, draw_case
 from ergoqp.coordinates import FOREARM, SCORED_JOINTS
 from ergoqp.costs.dataset import balanced_postures
 from ergoqp.errors import InputError, ProblemError
-from ergoqp.joints import INDEX
+from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, OneClassBoundary, TwistLimit
 from ergoqp.one_class import OneClass
 from ergoqp.responses import LinearResponse
@@ -107,12 +108,16 @@ def test_from_outside_it_comes_back_and_stays(arm, seed):
     assert margin[first:].min() >= 0
 
 
-def test_a_persons_posture_comes_back_into_the_data():
-    """In the full problem the row goes through S: kept as far as braking allows, and announced."""
+def in_data():
     postures, _ = balanced_postures(60, np.random.default_rng(0))
     model = OneClass.fit(postures[:, [INDEX[name] for name in SCORED_JOINTS]], SCORED_JOINTS, nu=0.05, gamma=0.05)
     plain = ergoqp.load_problem("screwing")
-    problem = plain.replace(limits=[*plain.limits, OneClassBoundary(model, tolerance=0.05, recovery_time=1.0)])
+    return plain, plain.replace(limits=[*plain.limits, OneClassBoundary(model, tolerance=0.05, recovery_time=1.0)]), model
+
+
+def test_a_persons_posture_stays_in_the_data():
+    """In the full problem the row goes through S: kept as far as braking allows, and announced."""
+    plain, problem, model = in_data()
     step = problem.stepper().step(problem.response.comfort)
     assert step.margins["boundary"] == pytest.approx(model.margin(model.coordinates.read(problem.response.comfort))[0])
     person, checker = sample_person(plain, 0), Checker(problem)
@@ -121,6 +126,32 @@ def test_a_persons_posture_comes_back_into_the_data():
     trace = run_loop(problem, person, start_at(person, posture), duration=4.0, seed=0, checker=checker)
     assert not any(checker.violations.values())
     assert trace.steps[-1].margins["boundary"] >= min(0.0, trace.steps[0].margins["boundary"])
+
+
+def test_a_persons_posture_outside_the_data_is_named_not_made_worse_and_moves_nothing_by_itself():
+    plain, problem, model = in_data()
+    # Far from all data, though no joint is near its end.
+    ends, middle = np.random.default_rng(0).choice([-0.4, 0.4], (100, 32)), (LOWER + UPPER) / 2
+    postures = middle + ends * (UPPER - LOWER)
+    posture = postures[np.argmin(model.margin(model.coordinates.read(postures)))]
+    outside = float(model.margin(model.coordinates.read(posture))[0])
+    assert outside < -0.5
+    stepper, moves = problem.stepper(), 0
+    for number in range(50):
+        step = stepper.step(posture, held_pose("screwing") if number == 0 else None)
+        assert step.status in ("optimal", "settled", "relaxed")
+        assert f"boundary by {-outside:.3g}, measured beyond its end, where it is held" in step.reason
+        slope = np.array(model.margin_and_slope(model.coordinates.read(posture))[1]).ravel()
+        # Not further out: the row's own rate toward the outside is nothing, but for the solver's rounding.
+        assert slope @ step.posture_rate[model.coordinates.indices] >= -1e-6
+        moves += bool(np.abs(step.twist).max() > 1e-3)
+    # And the other joints go on: the object is not held.
+    assert moves > 20
+
+
+def test_only_a_state_that_is_commanded_asks_to_come_back(case):
+    assert OneClassBoundary(case.model, hard=True).returns == (True,)
+    assert OneClassBoundary(case.model).returns == (False,)
 
 
 def test_terms_that_do_not_fit_are_refused(arm):

@@ -148,8 +148,24 @@ def test_no_row_asks_to_come_back_faster_than_its_own_rate() -> None:
     joint = INDEX["right_elbow_flexion"]
     posture, sensitivity = np.zeros(32), np.zeros((32, 6))
     posture[joint], sensitivity[joint, 0] = UPPER[joint] + 0.5, 1.0
-    found = bounds_of(JointLimit(rate_deg=5.0), LIMIT, np.eye(4), np.zeros(6), 0.01, posture=posture, sensitivity=sensitivity)
+    narrowed = JointLimit(ranges_deg={"right_elbow_flexion": (0, 100)}, rate_deg=5.0, recover=True)
+    found = bounds_of(narrowed, LIMIT, np.eye(4), np.zeros(6), 0.01, posture=posture, sensitivity=sensitivity)
     assert found["upper"][joint] == pytest.approx(-np.radians(5.0))
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [JointLimit(), JointLimit(recover=True), JointLimit(ranges_deg={"right_elbow_flexion": (0, 100)})],
+    ids=["the range of a body", "which is never asked for", "narrowed"],
+)
+def test_a_joint_measured_outside_only_stops_what_leads_further_out(limit: JointLimit) -> None:
+    """Only a range that was narrowed, with `recover`, may ask; an angle beyond what a body can do says that the sensor is off."""
+    joint = INDEX["right_elbow_flexion"]
+    posture, sensitivity = np.zeros(32), np.zeros((32, 6))
+    posture[joint], sensitivity[joint, 0] = UPPER[joint] + 0.5, 1.0
+    found = bounds_of(limit, LIMIT, np.eye(4), np.zeros(6), 0.01, posture=posture, sensitivity=sensitivity)
+    assert found["upper"][joint] == 0
+    assert found["lower"][joint] < -0.01
 
 
 def test_coming_back_never_asks_for_more_than_the_box_holds() -> None:

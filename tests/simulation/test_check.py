@@ -7,7 +7,7 @@ import pytest
 
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem import Control, Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.simulation.check import Checker
 
@@ -23,7 +23,8 @@ def problem() -> Problem:
         AxisCone((1, 0, 0), 30),
         JointLimit(ranges_deg={"trunk_flexion": (-10, 20)}, rate_deg=30),
     ]
-    return load_problem("screwing").replace(limits=limits)
+    # Sent as planned, so that single twists can be judged: with the mean there is a limit of the jerk too.
+    return load_problem("screwing").replace(limits=limits, control=Control(average=0.0))
 
 
 def along(axis: int, value: float) -> np.ndarray:
@@ -62,12 +63,35 @@ def test_twists_that_break_a_limit(problem: Problem, twist, previous, broken: st
     assert checker.max_violation[broken] == pytest.approx(amount)
 
 
-def test_braking_from_above_the_speed_is_no_violation(problem: Problem) -> None:
+def test_nothing_excuses_a_speed_above_the_limit(problem: Problem) -> None:
+    """Not even that the twist before was faster, and that this one brakes as fast as it may."""
     previous = along(0, 0.4)
     checker = Checker(problem)
-    assert checker.check(previous * (1 - DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT) == []
-    # A little less braking than that is one.
-    assert "speed" in checker.check(previous * (1 - 0.9 * DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT)
+    assert checker.check(previous * (1 - DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT, stops=True) == ["speed"]
+    assert checker.max_violation["speed"] == pytest.approx(0.19)
+
+
+def test_jerk_is_judged_where_the_mean_is_sent(problem: Problem) -> None:
+    """Twice the acceleration of 1 m/s^2 in 0.1 s: 20 m/s^3, from the middle of one period to that of the next."""
+    smooth = problem.replace(control=Control(average=0.1))
+    checker = Checker(smooth)
+    assert "jerk" in checker.units
+    assert "jerk" not in Checker(problem).units
+    twist, acceleration = STILL, 0.0
+    for dt in (0.01, 0.02, 0.005, DT):
+        acceleration += 20 * ((dt + checker._last[1]) / 2) * 0.999
+        before, twist = twist, twist + along(0, acceleration * dt)
+        assert checker.check(twist, before, HERE, UPRIGHT, NO_RATE, dt) == []
+    before, acceleration = twist, acceleration - 20 * DT * 1.01
+    twist = twist + along(0, acceleration * DT)
+    assert checker.check(twist, before, HERE, UPRIGHT, NO_RATE, DT) == ["jerk"]
+    assert checker.max_violation["jerk"] == pytest.approx(0.2)
+    # The other axes have their own: 40 rad/s^3.
+    turned = Checker(smooth)
+    assert turned.check(along(5, 0.39 * DT), STILL, HERE, UPRIGHT, NO_RATE, DT) == []
+    assert Checker(smooth).check(along(5, 0.41 * DT), STILL, HERE, UPRIGHT, NO_RATE, DT) == ["jerk"]
+    # A stop that comes at once is a jerk as well.
+    assert "jerk" in turned.check(along(5, 0.39 * DT), along(5, 0.41 * DT), HERE, UPRIGHT, NO_RATE, DT, stops=True)
 
 
 def test_leaving_the_box_and_the_cone(problem: Problem) -> None:
@@ -77,6 +101,16 @@ def test_leaving_the_box_and_the_cone(problem: Problem) -> None:
     turned = Checker(problem)
     assert turned.check(along(5, 0.3), along(5, 0.3), at(tilt=np.radians(29.9)), UPRIGHT, NO_RATE, DT) == ["tool axis"]
     assert turned.max_violation["tool axis"] == pytest.approx(0.003 - np.radians(0.1), abs=1e-9)
+
+
+def test_where_the_object_really_was_counts_and_not_where_the_twist_leads(problem: Problem) -> None:
+    checker = Checker(problem)
+    assert checker.check(along(0, 0.1), along(0, 0.1), at(0.0995), UPRIGHT, NO_RATE, DT, after=at(0.0999)) == []
+    assert checker.check(STILL, STILL, at(0.0999), UPRIGHT, NO_RATE, DT, after=at(0.1002)) == ["workspace"]
+    assert checker.max_violation["workspace"] == pytest.approx(0.0002)
+    turned = Checker(problem)
+    tilts = np.radians([29.9, 30.3])
+    assert turned.check(STILL, STILL, at(tilt=tilts[0]), UPRIGHT, NO_RATE, DT, after=at(tilt=tilts[1])) == ["tool axis"]
 
 
 def test_outside_it_may_come_in_but_what_came_in_stays(problem: Problem) -> None:
@@ -97,6 +131,11 @@ def test_joints_of_the_model(problem: Problem) -> None:
     fast = np.zeros(32)
     fast[other] = np.radians(31)
     assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT) == ["joint rate"]
+    # Acceleration and workspace come first: who brakes may need a joint's rate for it, and says so. Its range no.
+    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, stops=True) == []
+    assert checker.check(along(0, 0.01), STILL, HERE, near_end, rate, DT, stops=True) == ["joint range"]
+    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, gave_way=["right_elbow_flexion"]) == []
+    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, gave_way=["left_elbow_flexion"]) == ["joint rate"]
     # Outside and coming in is fine; nobody is blamed for a joint that is not seen, or without a frame.
     outside = near_end.copy()
     outside[other] = UPPER[other] + 0.1
