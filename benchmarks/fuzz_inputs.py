@@ -53,51 +53,6 @@ class Call:
     names: list[str] = field(default_factory=list)
 
 
-def random_problem(rng: Rng) -> Problem:
-    """Return one of the problems with another person, other limits and another response, possibly contradictory."""
-    while True:
-        try:
-            return _mutated(load_problem(str(rng.choice(TASKS))), rng)
-        except ErgoqpError:
-            continue
-
-
-def _mutated(problem: Problem, rng: Rng) -> Problem:
-    response: Any = problem.response
-    hands = (("right",), ("left",), ("right", "left"))[rng.integers(3)]
-    response = replace(
-        response,
-        hands=hands,
-        stance=str(rng.choice(["standing", "seated"])),
-        tool=str(rng.choice(["along", "thumb"])),
-        free_about_tool=bool(rng.integers(2)),
-        damping=float(10 ** rng.uniform(-3, -1)),
-    )
-    middle = np.array(response.contact()(response.comfort)[0])
-    axes = tuple(axis for axis in AXES if rng.random() < 0.7) or AXES
-    limits: list[Any] = [TwistLimit(*(float(10**x) for x in rng.uniform([-2, -1.5, -1, -0.5], [0, 0.3, 0.7, 1])), axes=axes)]
-    # A box without an inside along some axes, or one that does not hold the start at all.
-    size = rng.choice([0.0, 1e-9, 1e-4, 0.02, 0.3], 3, p=[0.1, 0.05, 0.1, 0.25, 0.5])
-    centre = middle[:3, 3] + rng.choice([0.0, 0.02, 0.3], p=[0.5, 0.3, 0.2]) * rng.normal(size=3)
-    if rng.random() < 0.9:
-        limits.append(WorkspaceBox(tuple(centre - size / 2), tuple(centre + size / 2)))
-    if rng.random() < 0.8:
-        direction = middle[:3, 0] + rng.choice([0.0, 0.3, 2.0], p=[0.4, 0.4, 0.2]) * rng.normal(size=3)
-        limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
-    limits.append(JointLimit(ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5))))
-    return problem.replace(response=response, limits=limits, name=f"random of {problem.name}")
-
-
-def _ranges(rng: Rng) -> dict[str, tuple[float, float]]:
-    ranges = {}
-    for joint, number in INDEX.items():
-        if rng.random() < 0.2:
-            low, high = np.degrees([LOWER[number], UPPER[number]])
-            middle, width = rng.uniform(low, high), rng.choice([0.1, 5.0, 40.0])
-            ranges[joint] = (max(low, middle - width), min(high, middle + width))
-    return ranges
-
-
 # --- attacks: (rng, problem, call) -> None -------------------------------------------------------------------------------
 
 

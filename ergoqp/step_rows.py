@@ -147,11 +147,11 @@ def _ends(
     rate, toward = twice(rows.rate), ca.vertcat(at_braking, -at_braking)
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
     moves = slowing > 1e-6
-    slower, reach = twice(slowing), brake.reach + brake.hurry
-    knee = slower * reach**2
+    slower = twice(slowing)
+    knee = slower * brake.reach**2
     left = distance - twice(rows.reserve + CLEARANCE)
     # d / h up to the knee, from there on its tangent parabola.
-    allowed = ca.sqrt(slower * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / reach
+    allowed = ca.sqrt(slower * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / brake.reach
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
     # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
     # object goes on without it.
@@ -160,7 +160,7 @@ def _ends(
         yields = ca.logic_and(ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
     # A row's own curvature must not carry it further out, on the object side by any amount.
-    curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / reach, 0))
+    curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / brake.reach, 0))
     # Where nothing asks to come back, the end only stops what leads further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.

@@ -84,8 +84,9 @@ class Stop:
         # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-        reach = self.stretch * (self.share * dt + (stop + dt) / 2)
-        return Braking(twist, low, high, reach, self.stretch * self.hurry, acceleration, dt)
+        # Rows take the simplest bound of a mean that rises: kept a little further away, the object is seldom left with braking only.
+        reach = self.stretch * (self.share * dt + (stop + dt) / 2 + self.hurry)
+        return Braking(twist, low, high, reach, acceleration, dt)
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,7 @@ class Braking:
         twist: the braking twist (6,).
         low: least twist of this period (6,).
         high: greatest twist of this period (6,); both allow the braking twist.
-        reach: seconds of motion at the new twist that a stop from it takes at most [s], but for a mean that still rises.
-        hurry: seconds that cover that too [s].
+        reach: seconds of motion at the new twist that a stop from it takes at most [s].
         acceleration: largest per axis (6,).
         dt: period [s].
     """
@@ -106,7 +106,6 @@ class Braking:
     low: Expression
     high: Expression
     reach: Expression
-    hurry: float
     acceleration: ca.DM
     dt: Expression
 

@@ -1,0 +1,82 @@
+"""The problems that the fuzzer runs: those of the package, and random ones, with and without a declared robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ergoqp.errors import ErgoqpError
+from ergoqp.joints import INDEX, LOWER, UPPER
+from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.problem import Control, Problem
+from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.robot import DeclaredRobot
+
+Rng = np.random.Generator
+
+
+def problem_of(number: int, rng: Rng) -> Problem:
+    """Return the problem of a chunk: in turns the package's own and random ones, every other time with a declared robot."""
+    kinds = 2 * (len(TASKS) + 5)
+    slot, declared = number % kinds // 2, number % 2
+    problem = load_problem(TASKS[slot]) if slot < len(TASKS) else random_problem(rng)
+    return problem.replace(robot=random_robot(rng), name=f"{problem.name} with a robot") if declared else problem
+
+
+def random_robot(rng: Rng) -> DeclaredRobot:
+    """Return a robot of which some things are declared, at least one."""
+    most = {"delay": 0.06, "lag": 0.1, "gain_error": 0.1, "pose_delay": 0.05, "pose_noise": 0.002, "pose_noise_deg": 0.5}
+    most["longest_hold"] = 0.3
+    while True:
+        given = {name: float(rng.uniform(0, value)) for name, value in most.items() if rng.random() < 0.4}
+        if given:
+            return DeclaredRobot(**given)
+
+
+def random_problem(rng: Rng) -> Problem:
+    """Return one of the problems with another person, other limits and another response, possibly contradictory."""
+    while True:
+        try:
+            return _mutated(load_problem(str(rng.choice(TASKS))), rng)
+        except ErgoqpError:
+            continue
+
+
+def _mutated(problem: Problem, rng: Rng) -> Problem:
+    response: Any = problem.response
+    hands = (("right",), ("left",), ("right", "left"))[rng.integers(3)]
+    response = replace(
+        response,
+        hands=hands,
+        stance=str(rng.choice(["standing", "seated"])),
+        tool=str(rng.choice(["along", "thumb"])),
+        free_about_tool=bool(rng.integers(2)),
+        damping=float(10 ** rng.uniform(-3, -1)),
+    )
+    middle = np.array(response.contact()(response.comfort)[0])
+    axes = tuple(axis for axis in AXES if rng.random() < 0.7) or AXES
+    limits: list[Any] = [TwistLimit(*(float(10**x) for x in rng.uniform([-2, -1.5, -1, -0.5], [0, 0.3, 0.7, 1])), axes=axes)]
+    # A box without an inside along some axes, or one that does not hold the start at all.
+    size = rng.choice([0.0, 1e-9, 1e-4, 0.02, 0.3], 3, p=[0.1, 0.05, 0.1, 0.25, 0.5])
+    centre = middle[:3, 3] + rng.choice([0.0, 0.02, 0.3], p=[0.5, 0.3, 0.2]) * rng.normal(size=3)
+    if rng.random() < 0.9:
+        limits.append(WorkspaceBox(tuple(centre - size / 2), tuple(centre + size / 2)))
+    if rng.random() < 0.8:
+        direction = middle[:3, 0] + rng.choice([0.0, 0.3, 2.0], p=[0.4, 0.4, 0.2]) * rng.normal(size=3)
+        limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
+    limits.append(JointLimit(ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5))))
+    return problem.replace(response=response, limits=limits, name=f"random of {problem.name}")
+
+
+def _ranges(rng: Rng) -> dict[str, tuple[float, float]]:
+    ranges = {}
+    for joint, number in INDEX.items():
+        if rng.random() < 0.2:
+            low, high = np.degrees([LOWER[number], UPPER[number]])
+            middle, width = rng.uniform(low, high), rng.choice([0.1, 5.0, 40.0])
+            ranges[joint] = (max(low, middle - width), min(high, middle + width))
+    return ranges
+
+

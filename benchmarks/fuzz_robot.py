@@ -1,0 +1,159 @@
+"""What the step has to say of the robot, reckoned by the fuzzer from the calls alone: `RobotReckoning`.
+
+Measured motion is compared with what was sent since the object last stood still. Beyond 1 mm and 0.2 deg, and what is declared, it
+is a fault. Near the threshold, and where a declared robot leaves room, saying so and not saying so are both right.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from benchmarks.fuzz_world import turned
+from ergoqp.problem import Problem
+
+_UNIT: Final = np.repeat([1e-3, np.radians(0.2)], 3)
+_FEW, _MANY: Final = 0.8, 1.25
+"""Of the difference that is a fault: what certainly is none, what certainly is one."""
+
+_CALM: Final = 0.5
+"""For how long the object stands still after a fault [s]."""
+
+
+class RobotReckoning:
+    """Whether the object may move, must not, or either, as far as the robot is concerned.
+
+    Attributes:
+        must: whether this step has to brake: there certainly is a fault, or the object has not come to rest since one.
+        may: whether it may brake because of the robot.
+        named: whether it has to say ``robot: ...``.
+    """
+
+    def __init__(self, problem: Problem, honest: bool, twist: np.ndarray) -> None:
+        """Begin a loop.
+
+        Args:
+            problem: the task, and what it declares of the robot.
+            honest: whether the robot keeps what is declared and nothing that is reported is a lie.
+            twist: with which the object moves already (6,).
+        """
+        self._robot, self._average, self._dt, self._honest = problem.robot, problem.average, problem.dt, honest
+        limit = problem.twist_limit
+        self._credible = 0.5 * np.repeat([limit.linear_speed, limit.angular_speed], 3)
+        self._noise = np.repeat([problem.robot.pose_noise, np.radians(problem.robot.pose_noise_deg)], 3)
+        self.must = self.may = self.named = False
+        self._still, self._since, self._phase = (0.0 if twist.any() else np.inf), np.inf, ""
+        self._sent, self._lasted, self._first = np.array(twist), problem.dt, True
+        self._surprise = np.zeros(6)
+        self._stand_still()
+
+    def _stand_still(self) -> None:
+        """Begin to compare again."""
+        self._apart, self._low, self._high, self._path = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+        self._drift, self._blur, self._most, self._lied = np.zeros(6), np.zeros(6), np.abs(self._sent), False
+
+    @property
+    def _pause(self) -> float:
+        """Seconds of standing still after which nothing is under way any more."""
+        return max(self._average, self._robot.delay + self._robot.pose_delay)
+
+    def look(self, before: np.ndarray | None, pose: np.ndarray, measured: bool, told: np.ndarray | None, lied: bool) -> None:
+        """Reckon with one call, before its answer is judged.
+
+        Args:
+            before: pose that the last step reckoned with (4, 4); None: none was known.
+            pose: that this step reckons with (4, 4).
+            measured: whether it was given.
+            told: reported twist, if a usable one was given (6,).
+            lied: whether pose or twist are made up.
+        """
+        parked = self._still >= self._pause
+        if parked:
+            self._stand_still()
+        self._lied |= lied
+        surely, perhaps = [0.0], [0.0]
+        if before is not None:
+            went, done = turned(before, pose), self._sent * self._lasted
+            self._compare(went, done, measured, parked, surely, perhaps)
+        if told is not None:
+            self._listen(told, surely, perhaps)
+        fault = max(surely) > _MANY
+        possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
+        limit = self._pause + (0.0 if self._phase == "halted" else _CALM) + self._robot.delay + self._robot.pose_delay
+        limit += 3 * self._robot.lag + 4 * max(self._lasted, self._dt)
+        owes = bool(self._phase) and min(self._still, self._since) < limit
+        rests = self._still < (_CALM if self._phase == "fault" else 1e-12)
+        self.named, self.must = fault, fault or (bool(self._phase) and rests)
+        self.may = self.must or possible or owes
+        if fault:
+            self._begin("fault")
+
+    def _compare(
+        self, went: np.ndarray, done: np.ndarray, measured: bool, parked: bool, surely: list[float], perhaps: list[float]
+    ) -> None:
+        """Compare motion with what was sent."""
+        robot = self._robot
+        self._path = self._path + np.abs(done)
+        self._most = np.maximum(self._most, np.abs(self._sent))
+        self._apart = np.zeros(6) if parked else self._apart + went - done
+        if not measured:
+            return
+        if parked:
+            self._low = self._high = np.zeros(6)
+        else:
+            self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
+        # Whatever the robot may owe, not do, or do on for once, in any direction.
+        slow = (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
+        room = 2 * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
+        fast = (1 + robot.gain_error) * self._most * self._lasted
+        least, most = (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
+        leap, apart = np.abs(went - np.clip(went, least, most)), self._high - self._low
+        surely.append(float(np.max((apart - room) / _UNIT)))
+        perhaps.append(_size(apart))
+        held = robot.longest_hold * self._most
+        surely.append(float(np.max((leap - 2 * self._noise - held) / _UNIT)))
+        perhaps.append(_size(leap))
+
+    def _listen(self, told: np.ndarray, surely: list[float], perhaps: list[float]) -> None:
+        """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
+        robot, lasted = self._robot, self._lasted
+        surprise = told - self._sent
+        scatter = np.minimum(np.abs(surprise - self._surprise), self._credible) * lasted
+        self._surprise = surprise
+        self._drift, self._blur = self._drift + surprise * lasted, self._blur + scatter**2 / 2
+        slow = (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + self._dt
+        room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * np.linalg.norm(self._path + np.abs(told) * lasted)
+        if not self._first:
+            # Before the first step nobody knows for how long the last twist was sent.
+            surely.append(float(np.max((np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room) / _UNIT)))
+        perhaps += [_size(self._drift), _size(surprise * lasted), np.inf if self._first and surprise.any() else 0.0]
+
+    def _begin(self, phase: str) -> None:
+        if phase == "fault" or not self._phase:
+            self._phase, self._since = phase, 0.0
+
+    def follow(self, reason: str, stopped: bool, twist: np.ndarray, dt: float) -> None:
+        """Take over what was answered.
+
+        Args:
+            reason: of the step.
+            stopped: whether the object was not allowed to move: not enabled, or no pose of a robot that needs one.
+            twist: sent (6,).
+            dt: for how long [s].
+        """
+        said = "robot:" in reason
+        if said and self.may:
+            self._begin("fault")
+        elif stopped:
+            self._begin("halted")
+        elif self._phase and not self.must and not said and "comes to rest" not in reason:
+            self._phase = ""
+        self._still, self._since = (0.0 if twist.any() else self._still + dt), self._since + dt
+        self._sent, self._lasted, self._first = np.array(twist), dt, False
+
+
+def _size(difference: np.ndarray) -> float:
+    """How large a difference (6,) is in units of what is none yet: the longer of shift and turn."""
+    parts = difference / _UNIT
+    return float(max(np.linalg.norm(parts[:3]), np.linalg.norm(parts[3:])))
