@@ -1,7 +1,8 @@
 """What the fuzzer feeds a stepper: sane trajectories with attacks between them, and what each attack must be called.
 
-An `Attack` changes the arguments of one call and says which causes the answer has to name; an attack that names none is a
-strange but usable input, which must get a usable answer.
+An attack changes one call and says which causes the answer has to name; one that names none is a strange but usable input, which
+must get a usable answer. Lies are about the robot: a pose where the object is not, a twist that it does not have, a robot that does
+something else. What they must be called is reckoned by `benchmarks.fuzz_robot`.
 """
 
 from __future__ import annotations
@@ -12,11 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.simulation.robot import moved
 
 Rng = np.random.Generator
 Arguments = dict[str, Any]
@@ -36,7 +36,7 @@ class Hostile:
 
 @dataclass
 class Call:
-    """One call of `Stepper.step`, as it will be made.
+    """One call of a stepper, as it will be made.
 
     Attributes:
         posture: what is passed as posture.
@@ -44,6 +44,10 @@ class Call:
         causes: words that the reason must contain, one per thing that is wrong.
         invalid: whether the status must be ``invalid``.
         names: attacks that made it, for the report.
+        kind: of which method: ``step``, ``brake`` or ``reset``.
+        lies: what in it is made up, ``pose`` or ``twist``.
+        hold: seconds for which the robot goes on with the twist because the next call is late.
+        does: what the robot makes of every twist from now on (6, 6); None: what it did.
     """
 
     posture: Any
@@ -51,6 +55,10 @@ class Call:
     causes: list[str] = field(default_factory=list)
     invalid: bool = False
     names: list[str] = field(default_factory=list)
+    kind: str = "step"
+    lies: set[str] = field(default_factory=set)
+    hold: float = 0.0
+    does: np.ndarray | None = None
 
 
 # --- attacks: (rng, problem, call) -> None -------------------------------------------------------------------------------
@@ -140,11 +148,27 @@ def pose_elsewhere(rng: Rng, problem: Problem, call: Call) -> None:
     if cone is not None and rng.random() < 0.6:
         pose[:3, :3] = _along(np.asarray(cone.direction) + rng.choice([0.0, 0.3]) * rng.normal(size=3), rng)
     call.arguments["pose"] = pose
+    call.lies.add("pose")
 
 
 def pose_nearly_rigid(rng: Rng, problem: Problem, call: Call) -> None:
     pose_elsewhere(rng, problem, call)
     call.arguments["pose"][:3, :3] += rng.normal(size=(3, 3)) * 1e-10
+
+
+def pose_nudged(rng: Rng, problem: Problem, call: Call) -> None:
+    if "pose" in call.arguments:
+        size = rng.choice([0.1, 0.5, 1.0, 1.5, 10.0]) * np.repeat([1e-3, np.radians(0.2)], 3)
+        call.arguments["pose"] = moved(call.arguments["pose"], size * rng.uniform(-1, 1, 6))
+        call.lies.add("pose")
+
+
+def disobeyed(rng: Rng, problem: Problem, call: Call) -> None:
+    if "pose" in call.arguments and not problem.robot.pose_delay:
+        half = np.zeros((6, 6))
+        half[:3, :3], half[3:, 3:] = _rotation(rng), _rotation(rng)
+        call.does = (0.0 * half, 0.5 * np.eye(6), 1.4 * np.eye(6), half, -np.eye(6))[rng.integers(5)]
+        call.lies.add("robot")
 
 
 def not_a_pose(rng: Rng, problem: Problem, call: Call) -> None:
@@ -160,7 +184,8 @@ def not_a_pose(rng: Rng, problem: Problem, call: Call) -> None:
 def did_something_else(rng: Rng, problem: Problem, call: Call) -> None:
     limit = problem.twist_limit
     full = np.repeat([limit.linear_speed, limit.angular_speed], 3)
-    call.arguments["twist"] = rng.uniform(-1, 1, 6) * full * rng.choice([0.1, 1.0, 3.0]) * (rng.random(6) < 0.7)
+    call.arguments["twist"] = rng.uniform(-1, 1, 6) * full * rng.choice([0.1, 1.0, 3.0, 10.0]) * (rng.random(6) < 0.7)
+    call.lies.add("twist")
 
 
 def not_a_twist(rng: Rng, problem: Problem, call: Call) -> None:
@@ -179,13 +204,52 @@ def not_a_twist(rng: Rng, problem: Problem, call: Call) -> None:
 
 
 def other_period(rng: Rng, problem: Problem, call: Call) -> None:
-    call.arguments["dt"] = float(10 ** rng.uniform(-3, np.log10(0.05)))
+    call.arguments["dt"] = float(problem.dt * 10 ** rng.uniform(-1, np.log10(3)))
+
+
+def longest_period(rng: Rng, problem: Problem, call: Call) -> None:
+    call.arguments["dt"] = problem.longest_period
+
+
+def tiny_period(rng: Rng, problem: Problem, call: Call) -> None:
+    call.arguments["dt"] = float(10 ** rng.uniform(-5, -3))
+
+
+def long_period(rng: Rng, problem: Problem, call: Call) -> None:
+    call.arguments["dt"] = float(problem.longest_period * (1 / problem.longest_period) ** rng.uniform(1e-3, 1))
+    call.causes.append("three periods")
 
 
 def not_a_period(rng: Rng, problem: Problem, call: Call) -> None:
-    choices = [0.0, -0.01, np.nan, np.inf, 10.0, "soon", Hostile(), np.array([0.01, 0.02]), 1j, 10**400]
+    choices = [0.0, -0.01, np.nan, np.inf, 10.0, 1.01, 1e-6, "soon", Hostile(), np.array([0.01, 0.02]), 1j, 10**400]
     call.arguments["dt"] = choices[rng.integers(len(choices))]
     _wrong(call, "dt is")
+
+
+def held(rng: Rng, problem: Problem, call: Call) -> None:
+    call.hold = float(problem.robot.longest_hold * rng.choice([1.0, rng.random()]))
+
+
+def watchdog(rng: Rng, problem: Problem, call: Call) -> None:
+    call.kind, call.arguments, call.causes, call.invalid = "brake", {}, ["asked to brake"], False
+    if rng.random() < 0.4:
+        (other_period, long_period, not_a_period)[rng.integers(3)](rng, problem, call)
+    if rng.random() < 0.5:
+        choices = [rng.uniform(0, 0.1), rng.uniform(0, 1), 1e-9, 70.0, 1e9, np.inf, -1.0, np.nan, "late", Hostile(), None]
+        call.arguments["elapsed"] = choices[rng.choice(11, p=[0.3, 0.25, 0.05, 0.05, 0.05, *[0.05] * 6])]
+
+
+def taken_over(rng: Rng, problem: Problem, call: Call) -> None:
+    call.kind, call.arguments, call.causes, call.invalid = "reset", {"twist": moving(rng, problem)}, [], False
+    if rng.random() < 0.3:
+        choices: list[Any] = [np.full(6, np.nan), np.zeros(5), "still", Hostile(), [None] * 6, np.zeros(6) + 1j]
+        call.arguments["twist"], call.invalid = choices[rng.integers(len(choices))], True
+
+
+def moving(rng: Rng, problem: Problem) -> np.ndarray:
+    """Return a twist with which an object may be moving, now and then beyond its limits."""
+    full = np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3)
+    return rng.uniform(-1, 1, 6) * full * rng.choice([0.3, 1.0, 1.5]) * (rng.random(6) < 0.7)
 
 
 def late(rng: Rng, problem: Problem, call: Call) -> None:
@@ -221,36 +285,47 @@ def not_a_mask(rng: Rng, problem: Problem, call: Call) -> None:
     _wrong(call, "observed")
 
 
-USABLE: Final[tuple[Callable[[Rng, Problem, Call], None], ...]] = (
-    *(at_the_limits, beyond_the_limits, anywhere, straight, jumped, listed, single_precision),
-    *(pose_elsewhere, pose_nearly_rigid, did_something_else, other_period, late, partly_seen),
-)
-"""Strange, and to be worked with (`late` only if it is not too late)."""
+_Attack = Callable[[Rng, Problem, Call], None]
 
-UNUSABLE: Final[tuple[Callable[[Rng, Problem, Call], None], ...]] = (
-    *(not_a_number, degrees, not_a_posture, lost, not_a_pose, not_a_twist, not_a_period, not_an_age, disabled, not_a_mask),
+USABLE: Final[tuple[_Attack, ...]] = (
+    *(at_the_limits, beyond_the_limits, anywhere, straight, jumped, listed, single_precision),
+    *(other_period, longest_period, tiny_period, late, partly_seen, held, watchdog),
+)
+"""Strange, and to be worked with (`late` only if it is not too late), or with an answer of its own."""
+
+UNUSABLE: Final[tuple[_Attack, ...]] = (
+    *(not_a_number, degrees, not_a_posture, lost, not_a_pose, not_a_twist, not_a_period, long_period, not_an_age, disabled),
+    not_a_mask,
 )
 """Wrong: the answer must brake and name each cause."""
 
+LIES: Final[tuple[_Attack, ...]] = (
+    *(pose_elsewhere, pose_nearly_rigid, pose_nudged, pose_nudged, disobeyed, did_something_else, did_something_else, taken_over),
+)
+"""About the robot: usable, and a fault of the robot where they contradict what was sent."""
+
 _OF_POSTURE: Final = (*USABLE[:7], *UNUSABLE[:4], partly_seen, not_a_mask)
+_ALONE: Final = (watchdog, taken_over, disobeyed)
 
 
-def attack(rng: Rng, problem: Problem, call: Call) -> None:
-    """Change a call by one to three attacks, at most one of them on the posture."""
-    touched = False
-    for number in rng.permutation(len(USABLE) + len(UNUSABLE))[: rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1])]:
-        chosen = (USABLE + UNUSABLE)[number]
-        if chosen in _OF_POSTURE and touched:
+def attack(rng: Rng, problem: Problem, call: Call, lying: bool) -> None:
+    """Change a call by one to three attacks, at most one of them on the posture; lies only if `lying`."""
+    touched, known = False, USABLE + UNUSABLE + (LIES if lying else ())
+    count = int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))
+    for number in rng.permutation(len(known))[:count]:
+        chosen = known[number]
+        if (chosen in _OF_POSTURE and touched) or (chosen in _ALONE and call.names):
             continue
         touched |= chosen in _OF_POSTURE
-        before = set(call.arguments)
-        tried = replace(call, arguments=dict(call.arguments), causes=list(call.causes))
+        tried = replace(call, arguments=dict(call.arguments), causes=list(call.causes), lies=set(call.lies))
         chosen(rng, problem, tried)
         # An argument that was attacked already stays as it is.
-        if any(tried.arguments[name] is not call.arguments[name] for name in before):
+        if call.names and any(tried.arguments[name] is not value for name, value in call.arguments.items()):
             continue
-        call.posture, call.arguments, call.causes, call.invalid = tried.posture, tried.arguments, tried.causes, tried.invalid
+        vars(call).update(vars(tried))
         call.names.append(chosen.__name__)
+        if chosen in _ALONE:
+            return
 
 
 def _rotation(rng: Rng) -> np.ndarray:

@@ -66,8 +66,12 @@ def _mutated(problem: Problem, rng: Rng) -> Problem:
     if rng.random() < 0.8:
         direction = middle[:3, 0] + rng.choice([0.0, 0.3, 2.0], p=[0.4, 0.4, 0.2]) * rng.normal(size=3)
         limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
-    limits.append(JointLimit(ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5))))
-    return problem.replace(response=response, limits=limits, name=f"random of {problem.name}")
+    recover = bool(rng.random() < 0.2)
+    limits.append(JointLimit(ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5)), recover=recover))
+    dt = float(rng.choice([0.004, 0.01, 0.02, 0.05], p=[0.1, 0.6, 0.2, 0.1]))
+    average = (None, 0.0, 0.02, 0.2)[rng.choice(4, p=[0.5, 0.2, 0.15, 0.15])]
+    terms: dict[str, Any] = {"response": response, "limits": limits, "dt": dt, "control": Control(average=average)}
+    return problem.replace(**terms, name=f"random of {problem.name}")
 
 
 def _ranges(rng: Rng) -> dict[str, tuple[float, float]]:

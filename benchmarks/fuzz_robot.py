@@ -14,8 +14,11 @@ from benchmarks.fuzz_world import turned
 from ergoqp.problem import Problem
 
 _UNIT: Final = np.repeat([1e-3, np.radians(0.2)], 3)
-_FEW, _MANY: Final = 0.8, 1.25
-"""Of the difference that is a fault: what certainly is none, what certainly is one."""
+_FEW: Final = 0.8
+"""So much of the difference that is a fault certainly is none."""
+
+_MANY: Final = 1.25
+"""So much certainly is one."""
 
 _CALM: Final = 0.5
 """For how long the object stands still after a fault [s]."""

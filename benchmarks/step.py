@@ -22,6 +22,7 @@ its parts (`benchmarks.step_phases`), which add up to ``median_us``.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,11 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
     return 1e6 * float(np.median(times))
 
 
+def sent_as_planned(problem: Problem) -> Problem:
+    """Return a problem in which nothing is averaged: the QP of its step is one that others can solve by themselves."""
+    return problem.replace(control=replace(problem.control, average=0.0))
+
+
 def measure(report: Report) -> None:
     """Time every problem."""
     duration = report.pick(20.0, 100.0)
@@ -164,6 +170,8 @@ def _peers(report: Report, median: float) -> None:
         report.figure("c_own_p999_us", c.own_p999_us, "the same, of every step's shortest time over the passes")
         report.figure("c_max_difference", c.difference, f"largest difference from Python over {c.states} steps [m/s, rad/s]")
         forms["mink_ratio_c"] = c.median_us
+    problem = sent_as_planned(problem)
+    calls = trajectory(problem, problem.stepper(), report.pick(20.0, 100.0)).calls
     peer = mink_steps(problem, calls, "arm")
     report.figure("mink_us", float(np.median(peer.whole_us)), "mink on the same QP, arm as unknowns, inputs to twist")
     report.figure("mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP")

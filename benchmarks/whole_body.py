@@ -114,7 +114,7 @@ def differences(trace: WholeBodyTrace) -> list[float]:
 def _with_distance(
     found: Found, problem: Problem, whole: WholeBody, person: Follower, posture: np.ndarray, duration: float, seed: int
 ) -> None:
-    checker = Checker(problem)
+    checker = Checker(whole.problem)
     trace = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=EXACT, checker=checker)
     found.kept.append(min(trace.distances))
     found.robot_violations += trace.broken_limits(whole)

@@ -20,6 +20,8 @@ Examples:
   ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
   ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
   ergoqp run overhead --guide best                   drawn to the best place where descent alone stays at a worse one
+  ergoqp run screwing --robot lag=0.1                with a robot that lags, which the problem does not declare
+  ergoqp run screwing --bias-deg right_knee_flexion=-4   with a knee that reads wrong
 """
 
 _ABOUT_OPTIMISE = """Look for the best place of the object, offline, for a person who comes to rest by their own comfort.
@@ -69,11 +71,20 @@ def _run(
         str | None,
         typer.Option("--guide", metavar="best|FILE", help="A place to be drawn to: looked for, or an optimum.json [none]."),
     ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", metavar="NAME=VALUE,...", help="What the simulated robot does, such as lag=0.1,gain=1.02 [declared]."),
+    ] = None,
+    bias_deg: Annotated[
+        str | None,
+        typer.Option("--bias-deg", metavar="JOINT=DEG,...", help="Angles that the sensors read wrong all the time [none]."),
+    ] = None,
 ) -> None:
     from ergoqp.commands.common import RecordingOptions
-    from ergoqp.commands.run import run
+    from ergoqp.commands.run import Simulated, run
 
-    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping), guide)
+    simulated = Simulated(robot, bias_deg)
+    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping), guide, simulated)
 
 
 @app.command("optimise", help=_ABOUT_OPTIMISE, short_help="Look for the best place of the object, offline.")

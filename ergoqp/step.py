@@ -16,6 +16,7 @@ from ergoqp.step_guide import TRIAL
 from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_state import initial_state
 from ergoqp.step_values import number, put, truth
+from ergoqp.step_way import history_sizes
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -164,6 +165,9 @@ class Stepper:
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
         self._begin = initial_state(self.problem, self._guided)
+        # The history comes first in the state, the planned twists in it, then the sent ones; newest first.
+        sent_at = 6 * history_sizes(self.problem)["planned"][1]
+        self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
         self._function = self.problem.step_function(solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
         names_in, names_out = self._function.name_in(), self._function.name_out()
@@ -311,6 +315,19 @@ class Stepper:
             self._brake(period)
             late = late - period if late < _LONGEST_RAMP else 0.0
         return self._brake(self.dt if dt is None else number(dt))
+
+    def sent_instead(self, twist: Any) -> None:
+        """Say that another twist than the step's was sent, for whoever limits it further: the next step goes on from there.
+
+        Args:
+            twist: (6,) [m/s, rad/s], within the limits of the object.
+
+        Raises:
+            InputError: if what is sent is a mean (`Control.average`), which cannot be changed afterwards.
+        """
+        if self.problem.average:
+            raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
+        self._state_in[self._planned_at], self._state_in[self._sent_at] = twist, twist
 
     def _brake(self, dt: float) -> Step:
         start = time.perf_counter()

@@ -25,19 +25,21 @@ QP_DATA: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
 
 
 def qp_data(problem: Problem) -> ca.Function:
-    """Return the QP of a control step as a function of what the step knows.
+    """Return the QP of a control step as a function of what the step knows, for an object with nothing under way.
+
+    That is so where every twist is sent as planned (`Control.average` 0) and no robot is declared.
 
     Returns:
-        Function ``(posture (n,), observed (n,), pose (4, 4), landed (4, 4), way, previous (6,), dt, locked (n,), final) ->
-        (*QP_DATA, S, E)``, by these names. `landed` and `way` are as in `ergoqp.step_inputs.Known`: a step's `account` has them. `locked`
-        is 1 for joints that do not follow; `final` 1 makes joints close to their end rows like all others (the last locking pass), 0
-        lets them be locked instead. The rows of `A` are those of `movable_names`.
+        Function ``(posture (n,), observed (n,), pose (4, 4), previous (6,), dt, locked (n,), final) -> (*QP_DATA, S, E)``, by
+        these names. `locked` is 1 for joints that do not follow; `final` 1 makes joints close to their end rows like all others
+        (the last locking pass), 0 lets them be locked instead. The rows of `A` are those of `movable_names`.
     """
-    names = ("posture", "observed", "pose", "landed", "way", "previous", "dt", "locked", "final")
+    names = ("posture", "observed", "pose", "previous", "dt", "locked", "final")
     given = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
     data, _ = pass_data(problem)
     _, value, gradient = cost_function(problem)(given["posture"], given["observed"])
     known = given | {"readings": readings_function(problem)(given["posture"]), "value": value, "gradient": gradient}
+    known |= {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(way_size(problem)))}
     known |= {"away": away_function(problem)(*(known[name] for name in AWAY[:-1]), 1)}
     parts = data(*(known[data.name_in(i)] for i in range(data.n_in())))
     return ca.Function("qp_data", list(given.values()), list(parts)[:-1], list(given), [*QP_DATA, "S", "E"])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
-from ergoqp.step import Stepper
+from ergoqp.simulation.robot import moved
+from ergoqp.step import Step, Stepper
 
 NAMES = ("dentist", "desk", "low_bin", "overhead", "screwing")
 
@@ -20,15 +23,37 @@ def problem_of(name: str) -> Problem:
 
 
 @cache
-def _stepper(name: str, solver: str) -> Stepper:
-    return problem_of(name).stepper(solver=solver)
+def plain_of(name: str) -> Problem:
+    """The problem without the mean: what is planned is sent, so that answers and braking are those of the law itself."""
+    problem = problem_of(name)
+    return problem.replace(control=replace(problem.control, average=0.0))
 
 
-def stepper_of(name: str, solver: str = "daqp") -> Stepper:
-    """A stepper as new; there is one per problem and solver."""
-    stepper = _stepper(name, solver)
+@cache
+def _stepper(name: str, solver: str, plain: bool) -> Stepper:
+    return (plain_of if plain else problem_of)(name).stepper(solver=solver)
+
+
+def stepper_of(name: str, solver: str = "daqp", plain: bool = False) -> Stepper:
+    """A stepper as new; there is one per problem and solver, and one of each problem without the mean."""
+    stepper = _stepper(name, solver, plain)
     stepper.reset()
     return stepper
+
+
+class Held:
+    """A stepper in a loop with a robot that does what it is sent, and is measured without an error."""
+
+    def __init__(self, stepper: Stepper, pose: np.ndarray) -> None:
+        self.stepper, self.pose = stepper, pose.copy()
+
+    def step(self, posture: Any, **given: Any) -> Step:
+        """Step from where the object is, and move it as it is sent; other arguments as those of `Stepper.step`."""
+        step = self.stepper.step(posture, given.pop("pose", self.pose), **given)
+        dt = given.get("dt", self.stepper.dt)
+        usable = isinstance(dt, (int, float)) and 0 < dt <= 1
+        self.pose = moved(self.pose, step.twist * (dt if usable else self.stepper.dt))
+        return step
 
 
 def comfort_of(name: str) -> np.ndarray:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -22,15 +25,58 @@ from ergoqp.commands.common import (
 from ergoqp.commands.guide import guide_named
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide
+from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
 from ergoqp.recordings import Recording
 from ergoqp.recordings.person import given_person
 from ergoqp.report import run_table, write_run_page
 from ergoqp.sheets.reba import ACTION_LEVELS
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import check_numbers, simulate
 from ergoqp.simulation.starts import PLACES, awkward_start
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """How robot and sensors of the simulation are, as on the command line.
+
+    Attributes:
+        robot: ``NAME=VALUE,...`` of `ergoqp.simulation.robot.RobotKind`; None: as declared.
+        bias_deg: ``JOINT=DEG,...``; None: no joint reads wrong all the time.
+    """
+
+    robot: str | None = None
+    bias_deg: str | None = None
+
+    def terms(self) -> dict[str, Any]:
+        """Return the arguments of `simulate`.
+
+        Raises:
+            InputError: for what is none of the names, or no number.
+        """
+        terms: dict[str, Any] = {}
+        if self.robot is not None:
+            names = [entry.name for entry in fields(RobotKind)]
+            terms["robot"] = RobotKind(**_pairs("--robot", self.robot, names))
+        if self.bias_deg is not None:
+            terms["senses"] = Senses(bias_deg=_pairs("--bias-deg", self.bias_deg, JOINTS))
+        return terms
+
+
+def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
+    pairs: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        known = ", ".join(names) if len(names) < 10 else "joints such as right_knee_flexion"
+        if name.strip() not in names:
+            raise InputError(f"{option}: got {part!r}, allowed NAME=VALUE with a NAME of {known}")
+        try:
+            pairs[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"{option}: got {part!r}, allowed a number after {name}=") from None
+    return pairs
 
 
 def run(
@@ -42,6 +88,7 @@ def run(
     duration: float,
     options: RecordingOptions,
     guide: str | None = None,
+    simulated: Simulated | None = None,
 ) -> None:
     """Close the loop, print the table, and write ``run.json``, ``run.npz`` and ``report.html``.
 
@@ -49,6 +96,7 @@ def run(
         ErgoqpError: if what the user gave cannot be used.
     """
     problem = load_person_problem(problem_name)
+    how = (simulated or Simulated()).terms()
     check_numbers(problem, duration, seed)
     screen = console()
     if recording_path is None:
@@ -57,14 +105,14 @@ def run(
             raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
-        result = _from_awkward_place(problem, screen, seed, duration, options, place)
+        result = _from_awkward_place(problem, screen, seed, duration, options, place, how)
     else:
         with working(f"reading {recording_path.name}"):
             recording = options.load(recording_path)
         frame = frame_of_recording(problem, recording, at)
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
-        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration, place)
+        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration, place, how)
     with writing(folder):
         result.save(folder)
     print_assumptions(screen, result.assumptions)
@@ -73,7 +121,7 @@ def run(
 
 
 def _from_awkward_place(
-    problem: Problem, screen: Console, seed: int, duration: float, options: RecordingOptions, place: Guide | None
+    problem: Problem, screen: Console, seed: int, duration: float, options: RecordingOptions, place: Guide | None, how: dict[str, Any]
 ) -> Run:
     body = None if options.person_value is None else given_person(options.person_value)
     with working("looking for an awkward place"):
@@ -82,7 +130,7 @@ def _from_awkward_place(
     screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
     note = f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed {seed})."
     with working(f"closed loop, {duration:g} s") as done:
-        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done, guide=place)
+        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done, guide=place, **how)
 
 
 def _from_recording(
@@ -95,6 +143,7 @@ def _from_recording(
     seed: int,
     duration: float,
     place: Guide | None,
+    how: dict[str, Any],
 ) -> Run:
     posture, time = recording.postures[frame], float(recording.time[frame])
     which = "the worst-scored frame" if is_worst else "frame"
@@ -119,6 +168,7 @@ def _from_recording(
             assumptions=notes,
             progress=done,
             guide=place,
+            **how,
         )
 
 

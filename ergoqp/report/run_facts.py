@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from typing import Final
@@ -10,6 +11,8 @@ import numpy as np
 
 from ergoqp.report import palette
 from ergoqp.simulation.run import Run
+
+_MOST_REASONS: Final = 25
 
 STATUSES: Final = ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
 """Every status of a step, best first."""
@@ -103,3 +106,31 @@ def violation_rows(run: Run) -> list[tuple[str, str, str]]:
         worst = f"{run.max_violation.get(name, 0.0):.3g} {unit}".rstrip() if count else "–"
         rows.append((name, str(count), worst))
     return rows
+
+
+def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
+    """Return per reason its status, its number of steps, when it was first and last given [s], and its sentence; the commonest first.
+
+    A reason that only counts on (``by 0.137``, ``by 0.136``) is one reason, told with its last numbers.
+    """
+    kinds: dict[tuple[str, str], list[int]] = {}
+    for i, (status, reason) in enumerate(zip(run.statuses, run.reasons, strict=True)):
+        if reason:
+            kinds.setdefault((status, re.sub(r"\d[\d.e+-]*", "#", reason)), []).append(i)
+    most = sorted(kinds.values(), key=lambda steps: (-len(steps), steps[0]))[:_MOST_REASONS]
+    return [
+        (run.statuses[at[0]], str(len(at)), f"{run.time[at[0]]:.2f}", f"{run.time[at[-1]]:.2f}", run.reasons[at[-1]])
+        for at in most
+    ]
+
+
+def told_of(run: Run, most: int = 3) -> list[str]:
+    """Return what the steps said of robot and sensors, the commonest first, each with for how long it was said."""
+    said: dict[str, tuple[int, str]] = {}
+    for reason in run.reasons:
+        for part in reason.split("; "):
+            if part.startswith("robot:") or "measured beyond its end" in part or "given up" in part:
+                kind = re.sub(r"\d[\d.e+-]*", "#", part)
+                said[kind] = (said.get(kind, (0, ""))[0] + 1, part)
+    chosen = sorted(said.values(), key=lambda each: -each[0])[:most]
+    return [f"{sentence} ({count * run.dt:.1f} s)" for count, sentence in chosen]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -15,7 +14,7 @@ from ergoqp.report.charts import lines_chart, score_chart, timing_chart
 from ergoqp.report.figure import posture_figure
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
 from ergoqp.report.replay import Movement, timing_of
-from ergoqp.report.run_facts import RunFacts, facts_of, segments_at, violation_rows
+from ergoqp.report.run_facts import RunFacts, facts_of, reasons_of, segments_at, violation_rows
 from ergoqp.report.scene import scene_html
 from ergoqp.report.strips import Strip, segments_chart, segments_strips, strips_chart
 from ergoqp.report.task import is_seated, scored_alike
@@ -31,9 +30,6 @@ _STATUS_STYLE: Final = {
     "invalid": "level4",
 }
 _MOST_LIMITS: Final = 16
-_MOST_REASONS: Final = 25
-
-
 def write_run_page(run: Run, path: Path) -> None:
     """Write the report of a run: one HTML file that needs nothing else.
 
@@ -191,25 +187,9 @@ def _steps(run: Run, facts: RunFacts) -> Section:
             Picture(timing_chart(run.step_time, run.dt), f"Duration of a step: {facts.timing}."),
         ],
         tables=[Table(("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3))]
-        if (rows := _reasons(run))
+        if (rows := reasons_of(run))
         else [],
     )
-
-
-def _reasons(run: Run) -> list[tuple[str, str, str, str, str]]:
-    """Return per reason its status, its number of steps, when it was first and last given [s], and its sentence.
-
-    A reason that only counts on (``by 0.137``, ``by 0.136``) is one reason, told with its first numbers.
-    """
-    kinds: dict[tuple[str, str], list[int]] = {}
-    for i, (status, reason) in enumerate(zip(run.statuses, run.reasons, strict=True)):
-        if reason:
-            kinds.setdefault((status, re.sub(r"\d[\d.e+-]*", "#", reason)), []).append(i)
-    most = sorted(kinds.values(), key=lambda steps: (-len(steps), steps[0]))[:_MOST_REASONS]
-    return [
-        (run.statuses[at[0]], str(len(at)), f"{run.time[at[0]]:.2f}", f"{run.time[at[-1]]:.2f}", run.reasons[at[0]])
-        for at in most
-    ]
 
 
 def _share(here: np.ndarray) -> str:

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
-from ergoqp.report.run_facts import facts_of, violation_rows
+from ergoqp.report.run_facts import facts_of, told_of, violation_rows
 from ergoqp.report.scores import summary_of
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
@@ -39,6 +39,8 @@ def run_table(run: Run) -> RenderableType:
         rows.append(("let go", f"the person could not reach any more at {run.let_go:.1f} s"))
     broken = [f"{name} {count} steps, worst {worst}" for name, count, worst in violation_rows(run) if count != "0"]
     rows.append(("limits broken", "; ".join(broken) or "none"))
+    if said := told_of(run):
+        rows.append(("said on the way", "; ".join(said)))
     outside = [f"{joint} {count} samples" for joint, count in run.person_outside.items() if count]
     if outside:
         rows.append(("person beyond range", "; ".join(outside)))

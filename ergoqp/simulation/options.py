@@ -17,6 +17,12 @@ _UNITS: Final[dict[str, str]] = {
     "move_after": "s",
     "rest_filter": "s",
     "max_age": "s",
+    "average": "s",
+    "delay": "s",
+    "lag": "s",
+    "pose_delay": "s",
+    "pose_noise": "m",
+    "longest_hold": "s",
     "recovery_time": "s",
     "relaxation_time": "s",
     "rate_deg": "deg/s",
@@ -47,6 +53,7 @@ def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
         problem: the task.
         solver: name of the QP solver.
     """
+    control = _fields(problem.control) | {"average": problem.average}
     changed = [(name, value) for name, value in _fields(problem.method).items() if value != getattr(Method(), name)]
     return [
         ("cost", _cost(problem.cost)),
@@ -54,7 +61,8 @@ def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
         *((_spaced(type(limit).__name__), _sentence(_fields(limit))) for limit in problem.limits),
         *(("task: " + _label(name), _value(name, value)) for name, value in problem.task.items()),
         *(("method: " + _label(name), _value(name, value)) for name, value in changed),
-        *(("control: " + _label(name), _value(name, value)) for name, value in _fields(problem.control).items()),
+        *(("control: " + _label(name), _value(name, value)) for name, value in control.items()),
+        *(("robot: " + _label(name), _value(name, value)) for name, value in _fields(problem.robot).items() if value),
         ("QP solver", solver),
     ]
 

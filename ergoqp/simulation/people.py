@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.joints import JOINTS
+from ergoqp.joints import INDEX, JOINTS
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.person import Follower
@@ -26,6 +26,7 @@ class Senses:
         drift_deg: slow drift of every angle, one standard deviation [deg].
         drift_time: time in which the drift changes [s].
         lost: share of frames that do not arrive.
+        bias_deg: constant error of some joints' angles, by their names [deg].
     """
 
     delay: float = 0.15
@@ -34,6 +35,20 @@ class Senses:
     drift_deg: float = 1.0
     drift_time: float = 10.0
     lost: float = 0.01
+    bias_deg: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the joints that read wrong."""
+        for name, error in self.bias_deg.items():
+            if name not in INDEX:
+                raise InputError(f"bias_deg: got {name!r}, allowed a joint such as 'right_knee_flexion'")
+            if not (isinstance(error, (int, float)) and -90 <= error <= 90):
+                raise InputError(f"bias_deg of {name}: got {error!r}, allowed -90 to 90 deg")
+
+    @property
+    def bias(self) -> np.ndarray:
+        """Constant error of every joint (32,) [rad]."""
+        return np.radians([self.bias_deg.get(name, 0.0) for name in JOINTS])
 
 
 def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Follower:
@@ -63,4 +78,4 @@ def frames(senses: Senses, dt: float, rng: np.random.Generator) -> Iterator[tupl
     drift = rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
     while True:
         drift = keep * drift + np.sqrt(1 - keep**2) * rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
-        yield drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg), bool(rng.random() >= senses.lost)
+        yield senses.bias + drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg), bool(rng.random() >= senses.lost)

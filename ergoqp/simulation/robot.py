@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, Self
 
 import numpy as np
 
+from ergoqp.errors import InputError
 from ergoqp.robot import DeclaredRobot
 
 _PART: Final = 0.002
@@ -36,6 +37,14 @@ class RobotKind:
     pose_noise: float = 0.0
     pose_noise_deg: float = 0.0
     speed_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        largest = {"gain": 10.0, "pose_noise": 1.0, "pose_noise_deg": 90.0, "speed_noise": 10.0}
+        for entry in fields(self):
+            value, most = getattr(self, entry.name), largest.get(entry.name, 10.0)
+            if not (isinstance(value, (int, float)) and 0 <= value <= most):
+                raise InputError(f"robot {entry.name}: got {value!r}, allowed 0 to {most:g}")
 
     @classmethod
     def of(cls, declared: DeclaredRobot, rng: np.random.Generator, share: float = 1.0) -> Self:

@@ -26,7 +26,7 @@ class Run:
         time: time of each sample [s], shape (n,).
         postures: the person's true posture at each sample, shape (n, 32) [rad].
         base_poses: pelvis in the world, shape (n, 4, 4).
-        poses: commanded pose of the object's contact frame in the world, shape (n, 4, 4).
+        poses: true pose of the object's contact frame in the world, shape (n, 4, 4).
         twists: object twist sent at each sample, shape (n, 6) [m/s, rad/s].
         reba: exact score of the true posture, shape (n,).
         cost: smooth cost of the measured posture, shape (n,).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from numbers import Integral, Real
 from typing import Any
 
@@ -16,11 +17,13 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Start, outside_of_range, run_loop, settle_time, start_at
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
+from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 
 LONGEST = 3600.0
@@ -46,6 +49,8 @@ def simulate(
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
     guide: Any = None,
+    robot: RobotKind | None = None,
+    senses: Senses | None = None,
 ) -> Run:
     """Close the loop of a problem with a simulated person who is built otherwise than the controller's model.
 
@@ -62,6 +67,8 @@ def simulate(
         progress: called now and then with the share that is done.
         guide: a place that the control step is drawn to where descent alone comes to rest at a worse one: the optimum of
             ``problem.optimise`` or a pose (4, 4), see `ergoqp.guide.read_guide`; None: descent alone.
+        robot: how the robot really does what it is sent; None: as badly as the problem declares it.
+        senses: what lies between person and controller, constant errors of angles too; None: the usual noise.
 
     Returns:
         Everything that happened, judged by the independent checker.
@@ -80,7 +87,9 @@ def simulate(
     checker = _Watched(problem, progress, round(duration / problem.dt))
     place = None if guide is None else read_guide(problem, guide)
     stepper = problem.stepper(solver=_SOLVER, guide=place)
-    trace = run_loop(problem, follower, start, duration=duration, seed=seed, stepper=stepper, observed=seen, checker=checker)
+    senses = senses or Senses()
+    how = {"duration": duration, "seed": seed, "observed": seen, "checker": checker, "robot": robot, "senses": senses}
+    trace = run_loop(problem, follower, start, stepper=stepper, **how)
     postures = np.array(trace.postures)
     scores = problem.assess(postures).final
     settled = settle_time(trace)
@@ -110,7 +119,7 @@ def simulate(
         person_outside=outside_of_range(postures),
         let_go=trace.let_go,
         options=options_of(problem, _SOLVER),
-        assumptions=[*assumptions, *beyond, *_assumptions(model, follower, unobserved, place)],
+        assumptions=[*assumptions, *beyond, *_assumptions(model, follower, senses, unobserved, place), *_robot(problem, robot)],
         recording=recording,
         start_time=start_time,
         unobserved=unobserved,
@@ -187,8 +196,42 @@ def _read_observed(observed: ArrayLike | None) -> np.ndarray | None:
     return seen
 
 
-def _assumptions(model: IkResponse, person: Follower, unobserved: tuple[str, ...], place: Guide | None) -> list[str]:
-    senses, own = Senses(), person.response.body
+def _robot(problem: Problem, robot: RobotKind | None) -> list[str]:
+    """What is declared of the robot, and what it does."""
+    declared = _told(problem.robot)
+    does = _told(robot) if robot is not None else ""
+    return [
+        f"The controller is told of the robot: {declared}."
+        if declared
+        else "The controller is told nothing of the robot: it reckons with one that does exactly, and at once, what it is sent.",
+        "The simulated robot "
+        + ("does exactly that." if robot is None and not declared else "is as bad as that." if robot is None else f"has {does}."),
+    ]
+
+
+def _told(robot: DeclaredRobot | RobotKind) -> str:
+    """A robot in words; what is as in a perfect one is left out."""
+    perfect, words = type(robot)(), []
+    for entry in fields(robot):
+        value = getattr(robot, entry.name)
+        if value == getattr(perfect, entry.name):
+            continue
+        name = entry.name.removesuffix("_deg").replace("_", " ")
+        if entry.name.endswith("_deg"):
+            words.append(f"{name} {value:g} deg")
+        elif entry.name == "pose_noise":
+            words.append(f"{name} {1e3 * value:g} mm")
+        elif entry.name in ("gain_error", "speed_noise"):
+            words.append(f"{name} {100 * value:g} %")
+        else:
+            words.append(f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms")
+    return ", ".join(words)
+
+
+def _assumptions(
+    model: IkResponse, person: Follower, senses: Senses, unobserved: tuple[str, ...], place: Guide | None
+) -> list[str]:
+    own = person.response.body
     sentences = [
         f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay ({1e3 * senses.delay:.0f} ms) and "
         f"measurement noise ({senses.noise_deg:g} deg white, {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the "
@@ -203,6 +246,9 @@ def _assumptions(model: IkResponse, person: Follower, unobserved: tuple[str, ...
             f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there where descent alone comes "
             "to rest at a worse one."
         )
+    if senses.bias_deg:
+        wrong = ", ".join(f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items())
+        sentences.append(f"The sensors read wrong all the time, and the controller does not know: {wrong}.")
     if unobserved:
         sentences.append(
             f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated person starts with "

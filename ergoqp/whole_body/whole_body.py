@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -103,7 +103,8 @@ class WholeBody:
     ) -> None:
         """Build the model, the functions and the QP's terms once; this takes about a second."""
         self._person = person_of(problem)
-        self.stepper = problem.stepper(dt=dt)
+        # The object does what the arm can, and not always what its own step says: so nothing is averaged.
+        self.stepper = problem.replace(control=replace(problem.control, average=0.0)).stepper(dt=dt)
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
         self.robot, object_size = robot_of(robot, frame), size_of(object_size)
@@ -150,7 +151,8 @@ class WholeBody:
         Args:
             posture: joint angles of the person (32,) [rad]; None when no frame arrived.
             arm: joint positions of the arm (k,) [rad].
-            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was sent.
+            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was sent. Limits of speed and
+                acceleration go on from what was sent, whatever it says.
             pose: measured contact frame in the world (4, 4) [m]; None: where the arm holds it.
             age: of the posture [s].
             enable: False decelerates to rest.
@@ -158,16 +160,19 @@ class WholeBody:
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
-        positions, speeds = numbers(arm, k), self._sent if arm_speed is None else numbers(arm_speed, k)
-        if positions is None or speeds is None:
+        positions, measured = numbers(arm, k), self._sent if arm_speed is None else numbers(arm_speed, k)
+        if positions is None or measured is None:
             what = "arm" if positions is None else "arm_speed"
             return self._blind(begin, posture, f"{what} is not {k} finite numbers")
-        if (too_fast := implausible_speed(self.robot, speeds)) is not None:
+        if (too_fast := implausible_speed(self.robot, measured)) is not None:
             return self._blind(begin, posture, too_fast)
-        contact, jacobian = self._look(positions, speeds)
+        # Limits go on from what was sent: what is measured says where the arm is, not what it may do next.
+        speeds = self._sent
+        contact, jacobian = self._look(positions, measured)
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
-        object_step = self.stepper.step(posture, seen, done, age=age, enable=enable, observed=observed)
+        self.stepper.sent_instead(done)
+        object_step = self.stepper.step(posture, seen, age=age, enable=enable, observed=observed)
         usable = object_step.status != "invalid"
         sees = np.ones(len(JOINTS)) if observed is None or not usable else np.asarray(observed, dtype=float)
         if usable and posture is not None:

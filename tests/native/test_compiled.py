@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from step_calls import wandering_calls
+from step_calls import wandering_steps
 
 import ergoqp
 from ergoqp.errors import InputError
@@ -30,15 +30,27 @@ def test_compiled_answers_are_those_of_the_interpreted_step(name):
     problem = ergoqp.load_problem(name)
     plain, fast = problem.stepper(), problem.stepper(compiled=True)
     statuses = set()
-    for call in wandering_calls(problem, 400, seed=3):
-        one, other = plain.step(**call), fast.step(**call)
+    for call, one in wandering_steps(problem, plain, 400, seed=3):
+        other = fast.step(**call)
         statuses.add(one.status)
-        for output in ("twist", "posture_rate", "margins", "causes", "next_rest"):
+        for output in ("twist", "pose_used", "posture_rate", "margins", "causes", "fault", "next_state"):
             np.testing.assert_allclose(other.account(output), one.account(output), atol=1e-9, rtol=0)
         if one.residuals["qp"] < TOLERANCE:  # what a solver leaves behind when it gives up is its own
             for output in ("slack", "residuals"):
                 np.testing.assert_allclose(other.account(output), one.account(output), atol=1e-6, rtol=0)
     assert len(statuses) > 2
+
+
+def test_compiled_it_takes_over_and_brakes_alike():
+    problem = ergoqp.load_problem("screwing")
+    steppers = problem.stepper(), problem.stepper(compiled=True)
+    moving = 0.6 * problem.twist_limit.speed
+    for stepper in steppers:
+        stepper.reset(twist=moving)
+    for dt, elapsed in ((None, 0.0), (0.02, 0.0), (0.005, 0.07)):
+        one, other = (stepper.brake(dt, elapsed) for stepper in steppers)
+        assert 0 < np.abs(one.twist).max() < 0.6
+        np.testing.assert_allclose(other.account("next_state"), one.account("next_state"), atol=1e-12, rtol=0)
 
 
 def test_a_second_stepper_finds_the_library_again(monkeypatch):

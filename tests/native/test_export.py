@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from step_calls import wandering_calls
+from step_calls import start_of, wandering_steps
 
 import ergoqp
 from ergoqp.cli import execute
@@ -67,6 +67,11 @@ def exported(request, tmp_path_factory):
     return problem, folder, library
 
 
+def away_from_rest(problem):
+    """A state from which the object moves at once."""
+    return start_of(problem) + 0.03 * np.random.default_rng(1).normal(size=len(problem.coordinates))
+
+
 def load_wrapper(folder):
     spec = importlib.util.spec_from_file_location("exported_step", folder / "python/ergoqp_step.py")
     module = importlib.util.module_from_spec(spec)
@@ -84,8 +89,7 @@ def test_the_exported_step_gives_what_python_gives(exported):
     problem, folder, library = exported
     stepper, other = problem.stepper(), load_wrapper(folder).Stepper(str(library))
     seen = set()
-    for call in wandering_calls(problem, 300, seed=5):
-        step = stepper.step(**call)
+    for call, step in wandering_steps(problem, stepper, 300, seed=5):
         posture, given = c_call(call)
         answer = other.step(posture, **given)
         seen.add(step.status)
@@ -94,12 +98,16 @@ def test_the_exported_step_gives_what_python_gives(exported):
         np.testing.assert_allclose(answer.posture_rate[:], step.posture_rate, atol=1e-12, rtol=0)
         np.testing.assert_allclose(answer.pose[:], step.pose.ravel(), atol=1e-12, rtol=0)
         np.testing.assert_allclose(answer.margins[:], list(step.margins.values()), atol=1e-12, rtol=0)
+        assert answer.causes == step.account("causes")[0]
+        kind, amount = step.account("fault")
+        assert answer.fault == kind
+        assert answer.fault_amount == pytest.approx(amount, abs=1e-9)
     assert {"braking", "invalid"} < seen
 
 
 def test_the_wrapper_names_what_it_cannot_take(exported):
     problem, folder, library = exported
-    stepper, posture = load_wrapper(folder).Stepper(str(library)), next(wandering_calls(problem, 1, seed=1))["posture"]
+    stepper, posture = load_wrapper(folder).Stepper(str(library)), start_of(problem)
     with pytest.raises(ValueError, match="pose: got 3 numbers, allowed 16"):
         stepper.step(posture, pose=[1, 2, 3])
     with pytest.raises(ValueError, match=f"posture: got 2 numbers, allowed {len(posture)}"):
@@ -119,11 +127,59 @@ def test_names_of_any_letters_are_literals_of_c(tmp_path):
 def test_reset_starts_again_from_standstill(exported):
     problem, folder, library = exported
     stepper = load_wrapper(folder).Stepper(str(library))
-    posture = next(wandering_calls(problem, 1, seed=1))["posture"]
+    posture = away_from_rest(problem)
     first = [stepper.step(posture).twist[:] for _ in range(5)]
     stepper.reset()
     assert [stepper.step(posture).twist[:] for _ in range(5)] == first
     assert first[0] != first[1]
+
+
+def test_it_takes_over_a_moving_object_as_python_does(exported):
+    problem, folder, library = exported
+    stepper, other, posture = problem.stepper(), load_wrapper(folder).Stepper(str(library)), start_of(problem)
+    speed = problem.twist_limit.speed
+    # The last one is clipped. Elbow and wrist move alike: a twist that would change the forearm's length cannot be kept.
+    for moving in (0.3 * speed, -speed, np.array([3.0, -1, 1, 3.0, -1, 1]) * speed):
+        stepper.reset(twist=moving)
+        other.take_over(moving)
+        for number in range(12):
+            step, answer = stepper.step(posture), other.step(posture)
+            np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)
+            if number == 0:
+                assert np.abs(step.twist - np.clip(moving, -speed, speed)).max() < 0.2 * np.abs(moving).max()
+    with pytest.raises(ValueError, match="twist: got a number that is not finite"):
+        other.take_over([0.0, np.nan, 0, 0, 0, 0])
+    # What was refused has changed nothing.
+    step, answer = stepper.step(posture), other.step(posture)
+    np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)
+
+
+def test_it_brakes_without_data_as_python_does(exported):
+    problem, folder, library = exported
+    stepper, other, posture = problem.stepper(), load_wrapper(folder).Stepper(str(library)), away_from_rest(problem)
+
+    def both(call, *arguments, **given):
+        step, answer = (getattr(one, call)(*arguments, **given) for one in (stepper, other))
+        assert Status(answer.status).name == step.status
+        assert answer.causes == step.account("causes")[0]
+        np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)
+        np.testing.assert_allclose(answer.pose[:], step.pose.ravel(), atol=1e-12, rtol=0)
+        return step
+
+    moving = 0.5 * problem.twist_limit.speed
+    # Braking once, with another period, after the robot's own ramp, and going on from there.
+    for calls in ([{}, {}], [{"dt": 0.003}], [{"elapsed": 0.013}], [{"dt": 0.02, "elapsed": 0.1}, {}], [{"elapsed": 100.0}]):
+        stepper.reset(twist=moving)
+        other.take_over(moving)
+        both("step", posture)
+        for given in calls:
+            assert both("brake", **given).status == "braking"
+        for _ in range(5):
+            both("step", posture)
+    stepper.reset(twist=moving)
+    other.take_over(moving)
+    while both("brake").twist.any():
+        pass
 
 
 def test_the_wrapper_reserves_enough_memory(exported, tmp_path):

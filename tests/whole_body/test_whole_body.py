@@ -52,7 +52,7 @@ def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
     careless = WholeBody(problem, posture=posture, distance=None)
     without = run_whole_body(careless, person, posture, duration=4.5)
     assert min(without.distances) < 0.045
-    checker = Checker(problem)
+    checker = Checker(careless.problem)
     careful = WholeBody(problem, posture=posture, distance=0.05)
     trace = run_whole_body(careful, person, posture, duration=4.5, checker=checker)
     assert min(trace.distances) >= 0.05 - 1e-4
@@ -107,11 +107,11 @@ def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
         assert (np.abs(moving.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
     hasty = whole.step(posture, whole.start, [0, 0, 50.0, 0, 0, 0, 0])
     assert hasty.reason.startswith("arm_speed: joint3 is 50 rad/s, allowed within +-4.35, twice its largest speed")
-    for speed, words in ((-0.5, "held back by the acceleration of joint"), (-1.5, "every joint of the robot stops by itself")):
-        blind = whole.step(bad_posture, whole.start, np.full(7, speed))
-        assert blind.status == "invalid"
-        assert blind.reason.startswith("posture: ")
-        assert words in blind.reason
+    # What is measured says where the arm is; its limits go on from what was sent.
+    for speed in (-0.5, -1.5):
+        before = whole.step(posture, whole.start).joint_velocities
+        other = whole.step(posture, whole.start, np.full(7, speed))
+        assert (np.abs(other.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
     whole.reset()
     unseen = np.ones(32, dtype=bool)
     unseen[4] = False
