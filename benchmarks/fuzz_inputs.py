@@ -139,15 +139,7 @@ def lost(rng: Rng, problem: Problem, call: Call) -> None:
 
 
 def pose_elsewhere(rng: Rng, problem: Problem, call: Call) -> None:
-    pose = np.eye(4)
-    pose[:3, :3] = _rotation(rng)
-    box = problem.limit_of(WorkspaceBox)
-    low, high = (np.asarray(box.lower), np.asarray(box.upper)) if box else (np.zeros(3), np.ones(3))
-    pose[:3, 3] = rng.uniform(low, high) + rng.choice([0.0, 0.01, 0.5]) * rng.normal(size=3)
-    cone = problem.limit_of(AxisCone)
-    if cone is not None and rng.random() < 0.6:
-        pose[:3, :3] = _along(np.asarray(cone.direction) + rng.choice([0.0, 0.3]) * rng.normal(size=3), rng)
-    call.arguments["pose"] = pose
+    call.arguments["pose"] = somewhere(rng, problem)
     call.lies.add("pose")
 
 
@@ -231,7 +223,7 @@ def held(rng: Rng, problem: Problem, call: Call) -> None:
 
 
 def watchdog(rng: Rng, problem: Problem, call: Call) -> None:
-    call.kind, call.arguments, call.causes, call.invalid = "brake", {}, ["asked to brake"], False
+    call.kind, call.arguments, call.causes, call.invalid = "brake", {}, ["asked to brake", "no posture arrived"], False
     if rng.random() < 0.4:
         (other_period, long_period, not_a_period)[rng.integers(3)](rng, problem, call)
     if rng.random() < 0.5:
@@ -326,6 +318,19 @@ def attack(rng: Rng, problem: Problem, call: Call, lying: bool) -> None:
         call.names.append(chosen.__name__)
         if chosen in _ALONE:
             return
+
+
+def somewhere(rng: Rng, problem: Problem) -> np.ndarray:
+    """Return a pose (4, 4) in the workspace, at its edge or beyond it."""
+    pose, outside = np.eye(4), rng.random() < 0.3
+    pose[:3, :3] = _rotation(rng)
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    low, high = (np.asarray(box.lower), np.asarray(box.upper)) if box else (np.zeros(3), np.ones(3))
+    pose[:3, 3] = rng.uniform(low, high) + outside * rng.choice([0.0, 0.01, 0.5]) * rng.normal(size=3)
+    if cone is not None and not (outside and rng.random() < 0.5):
+        wide = np.sin(min(np.radians(cone.half_angle_deg), 1.5)) / np.sqrt(2)
+        pose[:3, :3] = _along(np.asarray(cone.direction) + wide * rng.uniform(-1, 1) * _rotation(rng)[:, 0], rng)
+    return pose
 
 
 def _rotation(rng: Rng) -> np.ndarray:

@@ -203,6 +203,12 @@ class Law:
         W, h = self.problem.average, 3 * self.problem.dt
         return (h * (W / 2 + dt) + h**2 / 8) * self.problem.twist_limit.acceleration if W else np.zeros(6)
 
+    def apart(self, dt: float) -> np.ndarray:
+        """Return by how much the ways of two stops can differ (6,) when their periods do."""
+        previous, h = np.abs(self._plan[-1][0]), 3 * self.problem.dt
+        # Without a mean every period is held at its end, so shorter ones add up to half a period.
+        return np.minimum(1.5 * h * previous, self.rise(dt)) if self.problem.average else h / 2 * previous
+
     def way(self, twists: np.ndarray, dt: float) -> np.ndarray:
         """Return what planned twists (n, 6) add to what is under way (n, 6): their period, and the stop after it."""
         W, h, rise = self.problem.average, 3 * self.problem.dt, self.rise(dt)
@@ -249,10 +255,10 @@ class Law:
         late = bool(robot.delay or robot.pose_delay or robot.lag)
         for done in (0.0, 1.0) if late else (1.0,):
             for gain in {1 - robot.gain_error, 1 + robot.gain_error}:
-                for held in {0.0, robot.longest_hold}:
+                for held in (0, twists, self._sent[-1][0]) if robot.longest_hold else (0,):
                     ahead = gain * ((1 - done) * owed + first)
                     there = np.repeat(moved(pose, ahead)[None], len(twists), axis=0)
-                    onward = gain * (ways + held * twists)
+                    onward = gain * (ways + robot.longest_hold * held)
                     worst.append(np.maximum(self.rows.along(pose[None], ahead[None]), self.rows.along(there, onward)))
         noise = np.repeat([robot.pose_noise, np.radians(robot.pose_noise_deg)], 3)
         hard = np.max(worst, axis=0) + self.rows.reach(noise)

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.fuzz_inputs import Call, moving
+from benchmarks.fuzz_inputs import Call, moving, somewhere
 from benchmarks.fuzz_judge import Law, Sent, Tally
 from benchmarks.fuzz_reasons import ReasonJudge
 from benchmarks.fuzz_robot import RobotReckoning
@@ -25,6 +25,8 @@ ALLOWED: Final = 1e-8
 
 ALLOWED_LATE: Final = np.array([1e-5, np.radians(0.01)])
 """What is taken for inside of robots that are late: turns are put together in parts [m, rad]."""
+
+_BRAKES: Final = ("braking", "invalid")
 
 _STOPS: Final = 0.1
 """Share of the steps from which the object is really braked down."""
@@ -76,9 +78,7 @@ class Loop:
         self.kind = kind
         place = None
         if self.measures != "integrated":
-            place = np.array(self._contact(self.person)[0])
-            if rng.random() < 0.5:
-                place = moved(place, rng.normal(size=6) * [0.1, 0.1, 0.1, 0.2, 0.2, 0.2])
+            place = np.array(self._contact(self.person)[0]) if rng.random() < 0.3 else somewhere(rng, self.problem)
         self._begin(moving(rng, self.problem) if rng.random() < 0.25 else np.zeros(6), place)
 
     def _begin(self, twist: np.ndarray, place: np.ndarray | None) -> None:
@@ -95,7 +95,8 @@ class Loop:
         self.world = None if place is None else TrueObject(self.kind, place, start)
         self.place = place
         self.before: np.ndarray | None = None
-        self.least, self.can_hold, self._disobeys = np.zeros(len(self.rows.names)), True, 0
+        self.least, self.can_hold = np.zeros(len(self.rows.names)), True
+        self._disobeys, self._stray = 0, False
         self.periods: deque[float] = deque(maxlen=400)
 
     def sane(self) -> Call:
@@ -215,17 +216,17 @@ class Loop:
         stopped = given.get("enable") is False or bool(self.problem.robot.gain_error and not measured)
         if jumped and self.world is not None:
             self._forced(state, dt)
-        self.robot.look(self.before, step.pose, measured, told, bool(call.lies) or self._disobeys > 0)
+        self.robot.look(self.before, step.pose, measured, told, bool(call.lies) or self._disobeys > 0, dt)
         self._certify(call, step, posture, seen, dt, short, stopped, where)
         unmeasured = bool(self.problem.robot.gain_error and not measured)
         self.reasons.judge(call, step, self.robot, posture, seen, short, unmeasured, where)
         self._judge_joints(call, step, posture, seen, dt, where)
-        if step.status in ("braking", "invalid") and self.dice.random() < _STOPS:
+        if step.status in _BRAKES and self.dice.random() < _STOPS:
             self._judge_braking(step, state, dt, where)
         self._go(step, dt, reason, where, stopped)
         if call.hold and self.world is not None:
             self._judge_way(self.world.send(step.twist, call.hold), step, f"{where} held on")
-        if self.world is not None and self.dice.random() < _STOPS * min(1.0, 50 * self.problem.dt / self._longest_stop()):
+        if self.world is not None and not self._disobeys and self.dice.random() < _STOPS * min(1.0, 50 * self.problem.dt / self._longest_stop()):
             self._judge_stop(step, where)
         if call.kind == "step":
             self.person = np.clip(self.person + step.posture_rate * dt, LOWER, UPPER)
@@ -237,19 +238,20 @@ class Loop:
         self.law.take(self._state[:6], step.twist, dt)
         if np.abs(self.law.mean() - step.twist).max() > 1e-9 and not self._may_be_short(dt):
             self.tally.wrong("unsafe", "not the mean", where, f"{step.twist} and {self.law.mean()}")
-        self.robot.follow(reason, stopped, step.twist, dt)
+        self.robot.follow(reason, step.status in _BRAKES, stopped, step.twist, dt)
         self._done = sum((part for _, part in self._declared.send(step.twist, dt)), np.zeros(6))
         self.periods.appendleft(dt)
         self.before = step.pose.copy() if self.world is not None else None
         if self.world is not None:
             self._judge_way(self.world.send(step.twist, dt), step, where)
-            if self.world.at_rest:
+            if self.world.at_rest and not self._disobeys:
                 self.least = np.minimum(self.least, np.maximum(self.rows.outside(self.world.pose), 0))
                 self.can_hold = True
         if self._disobeys:
             self._disobeys -= 1
             if not self._disobeys and self.world is not None:
                 self.world.disobey(None)
+                self._stray = True
 
     def _frame(self, call: Call) -> tuple[np.ndarray | None, np.ndarray]:
         """The posture that the step may use, None if it is not usable, and which joints of it are seen."""
@@ -261,14 +263,11 @@ class Loop:
         return np.asarray(call.posture, dtype=float), seen
 
     def _may_be_short(self, dt: float) -> bool:
-        """Whether the last periods were clearly shorter than the loop's, on average over what is averaged or under way."""
-        robot, age, count = self.problem.robot, dt, 1
-        for period in self.periods:
-            count += 1
-            age += period
-            if age >= max(self.problem.average, robot.delay + robot.pose_delay):
-                break
-            if count > 1.25 * age / self.problem.dt + 4:
+        """Whether the last periods were 1.5 times shorter than the loop's, on average over what is averaged or under way."""
+        robot, usual = self.problem.robot, self.problem.dt
+        for seconds in (self.problem.average, robot.delay + robot.pose_delay):
+            count = int(np.ceil(1.5 * seconds / usual))
+            if len(self.periods) >= count > 0 and dt + sum(list(self.periods)[: count - 1]) < 1.05 * seconds:
                 return True
         return False
 
@@ -296,7 +295,8 @@ class Loop:
             done, sent = self._done, self.sent.twist
             if told is not None:
                 exact = not self._late
-                done = np.clip(told, np.minimum(sent, 0), np.maximum(sent, 0)) * self.sent.lasted
+                most = (1 + self.problem.robot.gain_error) * sent
+                done = np.clip(told, np.minimum(most, 0), np.maximum(most, 0)) * self.sent.lasted
             expected = moved(self.before, done)
         exact &= not (short and not measured)
         if exact and np.abs(step.pose - expected).max() > 1e-8:
@@ -310,7 +310,8 @@ class Loop:
         if measured:
             if "pose" in call.lies or (self.before is None and self.measures != "measured"):
                 self.world.teleport(step.pose)
-            return self.before is None or bool(call.lies) or self._disobeys > 0
+            stray, self._stray = self._stray, False
+            return self.before is None or bool(call.lies) or self._disobeys > 0 or stray
         if self.before is not None and (("twist" in call.lies and told is not None) or short):
             # The report is believed, as far as it goes: so it is true.
             off = turned(moved(self.before, self._done), step.pose)
@@ -349,25 +350,29 @@ class Loop:
     def _forced(self, state: np.ndarray, dt: float) -> None:
         """The object is where nobody sent it: from now on it may be as far outside as braking forces from there, and no further.
 
-        The stop is really braked, at the shortest and the longest periods; what a mean may add at periods in between is allowed.
+        The stop is really braked, at the usual and the longest periods; by how much others may differ is allowed.
         """
         assert self.world is not None
-        kept, h, allowed = self._state.copy(), 3 * self.problem.dt, np.maximum(self.rows.outside(self.world.pose), 0)
-        for periods in ([dt] * 3, [dt, h, h, h]):
+        kept, h = self._state.copy(), 3 * self.problem.dt
+        here = np.maximum(self.rows.outside(self.world.pose), 0)
+        worst, apart = here, self.rows.reach(self.law.apart(min(dt, h)))
+        for periods in ([dt, *[self.problem.dt] * 3], [dt, h, h, h]):
             self._state[:] = state
-            worst, _ = self._brake_down(self.world.copy(), self.sent.copy(), periods, "a stop that is forced")
-            beyond = np.where(worst > allowed + ALLOWED, self.rows.reach(self.law.rise(min(dt, h))), 0)
-            allowed = np.maximum(allowed, worst + beyond)
+            worst = np.maximum(worst, self._brake_down(self.world.copy(), self.sent.copy(), periods, "a stop that is forced")[0])
+        allowed = worst + np.where(worst > here + ALLOWED, apart, 0)
         self._state[:] = kept
         self.least = allowed
 
     def _tolerance(self) -> np.ndarray:
         noise = self.rows.reach(self.noise) if not self.problem.robot.declared else 0.0
-        late = np.array([ALLOWED_LATE[name == "tool axis"] for name in self.rows.names]) if self._late else ALLOWED
+        late = np.array([ALLOWED_LATE[int(name == "tool axis")] for name in self.rows.names]) if self._late else ALLOWED
         return late + noise
 
     def _judge_way(self, way: Way, step: Step, where: str) -> None:
         worst = self.rows.worst(way)
+        if self._disobeys:
+            # Where a robot that disobeys leads the object is not the step's; from when it obeys again on, it is.
+            self.least = np.maximum(self.least, worst)
         for i in np.flatnonzero(worst > self.least + self._tolerance()):
             what = f"{worst[i]:.3g} outside, allowed {self.least[i]:.3g}: {step.status} {step.twist} {step.reason!r}"
             self.tally.wrong("unsafe", f"{self.rows.names[i]}", where, what)
@@ -382,13 +387,16 @@ class Loop:
         here = worst
         if self.can_hold and self.problem.robot.longest_hold and self.dice.random() < 0.5:
             worst = self.rows.worst(world.send(step.twist, self.problem.robot.longest_hold))
-        periods = [usual * float(x) for x in self.dice.choice([0.5, 1.0, 3.0, self.dice.uniform(0.3, 3)], 4)]
-        worst = np.maximum(worst, self._brake_down(world, self.sent.copy(), periods, where)[0])
+        # Not shorter than the loop's on average.
+        periods = [usual * float(x) for x in ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[self.dice.integers(4)] * 3]
+        way, end = self._brake_down(world, self.sent.copy(), periods, where)
+        worst = np.maximum(worst, way)
         for i in np.flatnonzero(worst > self.least + self._tolerance()):
             what = f"{worst[i]:.3g} outside, allowed {self.least[i]:.3g}, periods {periods}: {step.status} {step.twist}"
             self.tally.wrong("unsafe", f"stop: {self.rows.names[i]}", where, what)
             self.least[i] = worst[i]
-        inward = worst <= here + 1e-12
+        # What comes in, whatever the periods, stays in.
+        inward = (worst <= here + 1e-12) & (end < here - self.rows.reach(self.law.apart(usual)))
         self.least = np.where(inward, np.minimum(self.least, np.maximum(here, 0)), self.least)
 
     def _judge_braking(self, step: Step, state: np.ndarray, dt: float, where: str) -> None:
@@ -430,7 +438,7 @@ class Loop:
         """Count a step whose inputs were usable, and whether it found something else to do than to brake where there was."""
         if call.causes or posture is None or short or stopped or self.robot.may:
             return
-        if step.status not in ("braking", "invalid"):
+        if step.status not in _BRAKES:
             self.tally.judged += 1
             self.tally.answered += 1
         elif self.law.another_way(posture, seen, step.locked, step.pose, dt, self.dice):

@@ -29,7 +29,7 @@ class ReasonJudge:
         """Keep what it goes by."""
         self._problem, self._rows, self._joints, self._tally = problem, rows, joints, tally
         noise = problem.robot.pose_noise, np.radians(problem.robot.pose_noise_deg)
-        self._noise = np.array([noise[name == "tool axis"] for name in rows.names])
+        self._noise = np.array([noise[int(name == "tool axis")] for name in rows.names])
 
     def judge(
         self,

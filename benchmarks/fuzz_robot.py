@@ -61,7 +61,9 @@ class RobotReckoning:
         """Seconds of standing still after which nothing is under way any more."""
         return max(self._average, self._robot.delay + self._robot.pose_delay)
 
-    def look(self, before: np.ndarray | None, pose: np.ndarray, measured: bool, told: np.ndarray | None, lied: bool) -> None:
+    def look(
+        self, before: np.ndarray | None, pose: np.ndarray, measured: bool, told: np.ndarray | None, lied: bool, dt: float
+    ) -> None:
         """Reckon with one call, before its answer is judged.
 
         Args:
@@ -70,6 +72,7 @@ class RobotReckoning:
             measured: whether it was given.
             told: reported twist, if a usable one was given (6,).
             lied: whether pose or twist are made up.
+            dt: period [s].
         """
         parked = self._still >= self._pause
         if parked:
@@ -86,7 +89,8 @@ class RobotReckoning:
         limit = self._pause + (0.0 if self._phase == "halted" else _CALM) + self._robot.delay + self._robot.pose_delay
         limit += 3 * self._robot.lag + 4 * max(self._lasted, self._dt)
         owes = bool(self._phase) and min(self._still, self._since) < limit
-        rests = self._still < (_CALM if self._phase == "fault" else 1e-12)
+        # The period that begins counts already.
+        rests = self._still == 0 or (self._phase == "fault" and self._still + dt < _CALM - 1e-9)
         self.named, self.must = fault, fault or (bool(self._phase) and rests)
         self.may = self.must or possible or owes
         if fault:
@@ -136,11 +140,12 @@ class RobotReckoning:
         if phase == "fault" or not self._phase:
             self._phase, self._since = phase, 0.0
 
-    def follow(self, reason: str, stopped: bool, twist: np.ndarray, dt: float) -> None:
+    def follow(self, reason: str, braked: bool, stopped: bool, twist: np.ndarray, dt: float) -> None:
         """Take over what was answered.
 
         Args:
             reason: of the step.
+            braked: whether it was to brake.
             stopped: whether the object was not allowed to move: not enabled, or no pose of a robot that needs one.
             twist: sent (6,).
             dt: for how long [s].
@@ -150,7 +155,7 @@ class RobotReckoning:
             self._begin("fault")
         elif stopped:
             self._begin("halted")
-        elif self._phase and not self.must and not said and "comes to rest" not in reason:
+        elif self._phase and not braked:
             self._phase = ""
         self._still, self._since = (0.0 if twist.any() else self._still + dt), self._since + dt
         self._sent, self._lasted, self._first = np.array(twist), dt, False

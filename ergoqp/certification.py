@@ -130,12 +130,12 @@ def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca
     used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
     close = _close_function(problem)
     given = known | {"used": used, "any_outside": largest(known["outside"])}
-    planned, sent, status, causes, residuals = close(*(given[close.name_in(i)] for i in range(close.n_in())))
+    planned, sent, still, status, causes, residuals = close(*(given[close.name_in(i)] for i in range(close.n_in())))
     rate = _model_rate(limits, situation_of(problem, known, known["S"]), known["S"] @ sent, known["dt"])
     slack, multipliers = (_spread(known[name], movable, len(problem.row_names)) for name in ("slack", "multipliers"))
     # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way as well, and is named.
     slack = ca.fmax(slack, _rate_excess(rows, sent)) if len(limits) else slack
-    outputs = [planned, sent, rate, status, causes, slack, multipliers, residuals]
+    outputs = [planned, sent, still, rate, status, causes, slack, multipliers, residuals]
     return ca.Function("account", list(known.values()), [ca.densify(part) for part in outputs])
 
 
@@ -163,8 +163,9 @@ def _close_function(problem: Problem) -> ca.Function:
     status = ca.if_else(wrong, int(Status.invalid), status)
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ sent))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
-    outputs = [planned, sent, status, causes, residuals]
-    named = ["planned", "sent", "status", "all_causes", "residuals"]
+    still = ca.sumsqr(planned) + ca.sumsqr(sent) <= 0
+    outputs = [planned, sent, still, status, causes, residuals]
+    named = ["planned", "sent_twist", "still", "status", "all_causes", "residuals"]
     return ca.Function("close", list(sx.values()), ca.cse(dense(outputs)), list(sx), named)
 
 

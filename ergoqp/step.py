@@ -184,6 +184,8 @@ class Stepper:
         # What one step leaves to the next.
         self._state_in, self._state_out = self._inputs["state"], self._out[self._slices["next_state"]]
         self._status_at = self._slices["status"].start
+        # CasADi's matrices are column by column.
+        self._pose_in = self._inputs["pose"].reshape(4, 4).T
         self._notes: dict[str, str] = {}
         if place is not None:
             self._lead(place)
@@ -273,7 +275,7 @@ class Stepper:
                 unseen joint's entry in `posture` says is not used.
         """
         start = time.perf_counter()
-        into, notes = self._inputs, {**self._notes}
+        into, notes = self._inputs, {**self._notes} if self._notes else {}
         into["frame"][0] = posture is not None
         if posture is not None:
             put(into["posture"], posture, self._state, "posture", notes)
@@ -287,7 +289,7 @@ class Stepper:
                 notes.setdefault("observed", "observed is not a mask of zeros and ones")
         into["has_pose"][0] = pose is not None
         if pose is not None:
-            put(into["pose"], pose, (4, 4), "pose", notes)
+            put(self._pose_in, pose, (4, 4), "pose", notes)
         into["has_twist"][0] = twist is not None
         if twist is not None:
             put(into["executed"], twist, (6,), "twist", notes)

@@ -79,10 +79,10 @@ def build_step(
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, shift, dt, S, wanted, brake, now)
     here = (posture, seen, readings, known.pose, dt, S, residual, usable, E, slack, multipliers, known.causes)
     under_way = known.under_way
-    planned, twist, rate, status, causes, slack, multipliers, residuals = account(
+    planned, twist, still, rate, status, causes, slack, multipliers, residuals = account(
         *here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent
     )
-    after = {"history": shape(next_history(problem))(state["history"], planned, twist, under_way.owed, dt)}
+    after = {"history": ca.vertcat(*next_history(problem, state["history"], under_way, planned, twist, still, dt))}
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
     if asks_back(problem):
         after["asked"] = asked_update(problem, state["asked"], now, dt)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+_FLOAT: Final = np.dtype(float)
+
 
 def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]) -> None:
-    """Copy a user's array into a buffer; on anything unusable fill it with NaN, which the step judges, and say what it was."""
+    """Copy a user's array into a buffer of its shape; anything unusable fills it with NaN, which the step judges, and is noted."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
+        target[...] = value
+        return
     try:
         array = value if type(value) is np.ndarray else np.asarray(value)
         if array.shape != shape:
@@ -16,11 +21,11 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
         elif array.dtype.kind not in "biuf":
             notes[name] = f"{name} holds {array.dtype.name} values, allowed real numbers"
         else:
-            target[:] = array.T.ravel() if len(shape) == 2 else array
+            target[...] = array
             return
     except Exception as error:  # whatever a user's object does when it is read, the loop goes on
         notes[name] = f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
-    target[:] = np.nan
+    target[...] = np.nan
 
 
 def number(value: Any) -> float:

@@ -32,6 +32,9 @@ CALM: Final = 0.5
 _MEMORY: Final = 0.3
 """How far back the motion is looked at to name a fault [s]."""
 
+_WIDE: Final = 1e3
+"""Further apart than anything [m, rad]."""
+
 _CERTAIN: Final = 6.0
 """Noise of a reported twist counts as none up to so many standard deviations of its sum."""
 
@@ -61,6 +64,7 @@ _REPORTED: Final = {
     "blur": (6, 1),  # its variance, and the last sample
     "surprise": (6, 1),
     "path": (2, 1),  # how far it went, and turned, since it stood still
+    "signs": (2, 1),  # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample does
 }
 _NAMED: Final = {
     "moved": (6, 3),  # since there is a fault: sent motion, measured motion, change of the sent twist
@@ -73,15 +77,17 @@ WATCH: Final = {"compared": _COMPARED, "reported": _REPORTED, "named": _NAMED}
 
 _SIZES: Final = (
     {**_COMPARED, **_REPORTED, **_NAMED}
-    | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "leap", "went"), (6, 1))
+    | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "went"), (6, 1))
     | dict.fromkeys(("pose", "stored"), (4, 4))
     | {name: (count(block), 1) for name, block in WATCH.items()}
-    | {"fault": (1, 1)}
+    | {"fault": (1, 1), "signs": (2, 1)}
 )
 
 
 def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX, ca.MX]:
     """Return the blocks of `WATCH` after the last period, whether there is a fault, and whether the object has to come to rest.
+
+    What a reported twist shows counts from the next step on.
 
     Args:
         problem: the task.
@@ -91,42 +97,82 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
             move now), ``period`` [s].
         shape: how functions are written, see `ergoqp.linear`.
     """
-
-    def ask(function: ca.Function, known: Mapping[str, ca.MX]) -> list[ca.MX]:
-        return function.call([known[name] for name in function.name_in()])
-
-    reported, signs = ask(_branch("told", _reported(problem), {"reported"}, shape), dict(given))
-    kind = given["named"][-2]
-    compared, faulty, halted, leap, went = ask(shape(_compared(problem)), {**given, "signs": signs, "fault": kind})
-    facts = {**given, "signs": signs, "leap": leap, "went": went, "faulty": faulty}
-    (named,) = ask(_branch("faulty", _named(), set(), shape), facts)
+    compare, explain = shape(_compared(problem)), _explained(problem)
+    known = {**given, "fault": given["named"][-2], "signs": given["reported"][-2:]}
+    compared, faulty, halted, went = compare.call([known[name] for name in compare.name_in()])
+    # Where no twist is reported and nothing is wrong, there is nothing to explain.
+    inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
+    was = dict(zip(explain.name_in(), inputs, strict=True))
+    quiet = [ca.vertcat(was["reported"][:-2], 0, 0), ca.MX(ca.DM.zeros(*was["named"].shape))]
+    choose = ca.Function.if_else("explain_or_not", shape(explain), ca.Function("quiet", inputs, quiet))
+    facts = {**given, "went": went, "faulty": faulty}
+    reported, named = choose.call([ca.logic_or(faulty, given["told"]), *(facts[name] for name in was)])
     return {"compared": compared, "reported": reported, "named": named}, faulty, halted
-
-
-def _branch(condition: str, function: ca.Function, kept: set[str], shape: Shape) -> ca.Function:
-    """Return a function that is evaluated where a condition is not 0; else outputs are the inputs of the name, or 0."""
-    inputs = [ca.MX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    was = dict(zip(function.name_in(), inputs, strict=True))
-    names = [function.name_out(i).removeprefix("next_") for i in range(function.n_out())]
-    stays = [was[name] if name in kept else ca.MX(ca.DM.zeros(*function.size_out(i))) for i, name in enumerate(names)]
-    choose = ca.Function.if_else(condition, shape(function), ca.Function(f"not_{condition}", inputs, stays))
-    decides = ca.MX.sym(condition)
-    return ca.Function(f"if_{condition}", [decides, *inputs], choose.call([decides, *inputs]), [condition, *was], function.name_out())
 
 
 def _symbols(*names: str) -> dict[str, ca.SX]:
     return {name: ca.SX.sym(name, *_SIZES.get(name, (1, 1))) for name in names}
 
 
-def _reported(problem: Problem) -> ca.Function:
-    """Compare the integral of the reported twist: ``(...) -> (reported, signs (2,))``.
+def _compared(problem: Problem) -> ca.Function:
+    """Compare the poses: ``(...) -> (compared, whether there is a fault, whether to come to rest, motion of the pose (6,))``.
 
-    The first of the signs is above 1 where it says that there is a fault; the second [m/s, rad/s] above 0 where one sample does.
+    An interpreter pays for every scalar here in every step, so what is not needed to see a fault is in `_explained`.
     """
+    robot, stretch = problem.robot, 1 + problem.robot.gain_error
+    names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
+    given = _symbols(*names, "period", "compared", "fault", "signs")
+    now = given | split(_COMPARED, given["compared"])
+    parked, noise = now["parked"], ca.DM(robot.noise)
+    done = now["sent"] * (now["lasted"] * now["started"])
+    went = now["started"] * _difference(now["stored"], now["pose"])
+    apart = now["apart"] + went - done
+    if robot.longest_hold:
+        apart -= _held(_leap(now, went), now["sent"], robot.longest_hold)
+    low, high = apart - noise, apart + noise
+    if robot.dead_time or robot.lag:
+        low, high = low - stretch * now["down"], high + stretch * now["up"]
+    least, most = now["least"], now["most"]
+    if robot.gain_error:
+        spread = robot.gain_error * ca.vertcat(*[ca.norm_2(done[:3])] * 3, *[ca.norm_2(done[3:])] * 3)
+        least, most = least - spread, most + spread
+    unseen = _WIDE * (1 - now["measured"])
+    low, high = low - unseen, high + unseen
+    beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high), 0) * ca.DM(1 / UNIT)
+    by_pose = ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1
+    found = ca.logic_or(by_pose, ca.logic_or(given["signs"][0] > 1, given["signs"][1] > 0))
+    # Standing still the difference counts anew.
+    anew, shift = _WIDE * parked, parked * apart
+    least, most = ca.fmax(least - anew, low) - shift, ca.fmin(most + anew, high) - shift
+
+    calm = parked * (now["calm"] + now["period"])
+    over = calm >= CALM + robot.dead_time + 3 * robot.lag
+    faulty = ca.logic_or(found, ca.logic_and(now["fault"] > 0.5, ca.logic_not(over)))
+    halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
+    block = dict(zip(_COMPARED, (apart - shift, least, most, calm, halted), strict=True))
+    outputs = ca.cse(dense([joined(_COMPARED, block), faulty, halted, went]))
+    return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(4)])
+
+
+def _explained(problem: Problem) -> ca.Function:
+    """``(...) -> (reported, named)``: what a reported twist shows, and the name of a fault, made again from more at every step."""
+    names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
+    given = _symbols(*names, "parked", "reported", "named")
+    told, faulty = given["told"] > 0.5, given["faulty"] > 0.5
+    now = given | split(_REPORTED, given["reported"]) | split(_NAMED, given["named"])
+    reported = _reported(problem, now)
+    strike = ca.if_else(told, reported["signs"][1], 0)
+    kept = {name: now[name] for name in _REPORTED} | {"signs": ca.SX(2, 1)}
+    block = ca.if_else(told, joined(_REPORTED, reported), joined(_REPORTED, kept))
+    named = ca.if_else(faulty, joined(_NAMED, _named(problem, now, strike)), 0)
+    outputs = ca.cse(dense([block, named]))
+    return ca.Function("explained", list(given.values()), outputs, list(given), ["next_reported", "next_named"])
+
+
+def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """Compare the integral of the reported twist with what was sent."""
     gain, unit = problem.robot.gain_error, ca.DM(UNIT)
-    given = _symbols("executed", "sent", "lasted", "up", "down", "parked", "reported")
-    now = given | split(_REPORTED, given["reported"])
-    sent, lasted, fresh = now["sent"], now["lasted"], now["parked"] > 0.5
+    sent, lasted, fresh = now["sent"], now["lasted"] * now["started"], now["parked"] > 0.5
     surprise = now["executed"] - sent
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
@@ -141,74 +187,35 @@ def _reported(problem: Problem) -> ca.Function:
     by_twist = _size((ca.fmax(drift - stretch * now["down"], -drift - stretch * now["up"]) - slack) / unit)
     strikes = _size((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    block = {"drift": drift, "blur": blur, "surprise": surprise, "path": path}
-    outputs = ca.cse(dense([joined(_REPORTED, block), ca.vertcat(by_twist, strike)]))
-    return ca.Function("reported_twist", list(given.values()), outputs, list(given), ["next_reported", "signs"])
+    return {"drift": drift, "blur": blur, "surprise": surprise, "path": path, "signs": ca.vertcat(by_twist, strike)}
 
 
-def _compared(problem: Problem) -> ca.Function:
-    """Compare the poses.
-
-    Returns:
-        Function that gives the next ``compared``, whether there is a fault, whether to come to rest, by how much the pose leapt
-        (6,), 0 where it does not jump, and the motion of the pose (6,).
-    """
-    robot, unit = problem.robot, ca.DM(UNIT)
-    names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
-    given = _symbols(*names, "period", "compared", "fault") | {"signs": ca.SX.sym("signs", 2)}
-    now = given | split(_COMPARED, given["compared"])
-    started, measured, parked = (now[name] > 0.5 for name in ("started", "measured", "parked"))
-    sent, lasted = now["sent"], ca.if_else(started, now["lasted"], 0)
-    noise, done = ca.DM(robot.noise), sent * lasted
-    went = ca.if_else(started, _difference(now["stored"], now["pose"]), 0)
-    # Beyond what it can have done in this period, whatever it still owed.
-    leap = ca.fmax(went - now["fastest"] * lasted, 0) + ca.fmin(went - now["slowest"] * lasted, 0)
-    held = _held(leap, sent, robot.longest_hold)
-    leap = leap - held
-    apart = ca.if_else(parked, 0, now["apart"] + went - done - held)
-    stretch = 1 + robot.gain_error
-    low, high = apart - stretch * now["down"] - noise, apart + stretch * now["up"] + noise
-    least, most = now["least"], now["most"]
-    if robot.gain_error:
-        spread = robot.gain_error * ca.vertcat(*[ca.norm_2(done[:3])] * 3, *[ca.norm_2(done[3:])] * 3)
-        least, most = least - spread, most + spread
-    least = ca.if_else(parked, low, ca.if_else(measured, ca.fmax(least, low), least))
-    most = ca.if_else(parked, high, ca.if_else(measured, ca.fmin(most, high), most))
-    by_pose = ca.logic_and(measured, _size((least - most) / unit) > 1)
-    jumps = ca.logic_and(ca.logic_and(measured, started), _size((ca.fabs(leap) - 2 * noise) / unit) > 1)
-    found = ca.logic_or(ca.logic_or(by_pose, jumps), ca.logic_or(given["signs"][0] > 1, given["signs"][1] > 0))
-
-    calm = ca.if_else(parked, now["calm"] + now["period"], 0)
-    over = calm >= CALM + robot.dead_time + 3 * robot.lag
-    faulty = ca.logic_or(found, ca.logic_and(now["fault"] > 0.5, ca.logic_not(over)))
-    halted = ca.logic_or(ca.logic_or(faulty, now["stop"] > 0.5), ca.logic_and(now["halted"] > 0.5, ca.logic_not(parked)))
-    block = dict(zip(_COMPARED, (apart, least, most, calm, halted), strict=True))
-    outputs = ca.cse(dense([joined(_COMPARED, block), faulty, halted, ca.if_else(jumps, leap, 0), went]))
-    return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(5)])
-
-
-def _named() -> ca.Function:
-    """``(...) -> named``: the name of a fault that is there; it is made again at every step, from more that was seen."""
-    given = _symbols("named", "leap", "went", "measured", "told", "executed", "sent", "lasted") | {"signs": ca.SX.sym("signs", 2)}
-    now = split(_NAMED, given["named"])
-    sent, lasted, forget = given["sent"], given["lasted"], ca.fmax(0, 1 - given["lasted"] / _MEMORY)
-    done, reported = sent * lasted, given["executed"] * lasted
-    seen = ca.if_else(given["measured"] > 0.5, given["went"], ca.if_else(given["told"] > 0.5, reported, done))
+def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
+    """The name of the fault that fits best to what moved since it is there."""
+    sent, lasted, forget = now["sent"], now["lasted"] * now["started"], ca.fmax(0, 1 - now["lasted"] / _MEMORY)
+    done, told = sent * lasted, now["executed"] * lasted
+    seen = ca.if_else(now["measured"] > 0.5, now["went"], ca.if_else(now["told"] > 0.5, told, done))
     changed = ca.if_else(now["fault"][0] > 0.5, sent - now["last"], 0)
     moved = forget * now["moved"] + ca.horzcat(done, seen, changed)
     Y, y, s = ca.horzsplit(moved / ca.repmat(ca.DM(UNIT / UNIT[0]), 1, 3))
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))
     fit = forget * now["fit"] + products
-    leap, strike = given["leap"], given["signs"][1]
+    leap = _leap(now, now["went"])
     shift, turn = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])), ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
-    far = ca.fabs(leap) / ca.DM(UNIT)
-    leapt = ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn)
-    # What was sudden keeps its name.
-    fault = ca.if_else(now["fault"][0] >= int(Fault.pose_jumps), now["fault"], _name(fit, Y, y))
-    fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), fault)
-    fault = ca.if_else(largest(far) > 0, leapt, fault)
-    block = ca.cse(dense([joined(_NAMED, {"moved": moved, "last": sent, "fit": fit, "fault": fault})]))
-    return ca.Function("named_fault", list(given.values()), block, list(given), ["next_named"])
+    far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
+    jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), _size(far) > 1)
+    # What was sudden keeps its name, and what a second sudden thing adds is only its coming back.
+    sudden = now["fault"][0] >= int(Fault.pose_jumps)
+    fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), _name(fit, Y, y))
+    fault = ca.if_else(jumps, ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn), fault)
+    fault = ca.if_else(sudden, now["fault"], fault)
+    return {"moved": moved, "last": sent, "fit": fit, "fault": fault}
+
+
+def _leap(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:
+    """By how much (6,) the pose moved beyond what the robot can have done in this period, whatever it still owed."""
+    lasted = now["lasted"] * now["started"]
+    return ca.fmax(went - now["fastest"] * lasted, 0) + ca.fmin(went - now["slowest"] * lasted, 0)
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:

@@ -129,6 +129,7 @@ class UnderWay:
         changed: displacement by which less is owed than a period ago (6,) [m, rad].
         slowest: least twist of a robot that does no more than it was sent (6,).
         fastest: its greatest (6,).
+        aged: ages of the ends of the periods before, at the end of this one (k,) [s].
         begun: twist that is sent however the plan goes on (6,).
         own: share of the planned twist that is sent beside it.
         fits: whether the history still reaches far enough back after the period: it does not if periods are too short.
@@ -149,6 +150,7 @@ class UnderWay:
     changed: ca.MX
     slowest: ca.MX
     fastest: ca.MX
+    aged: ca.MX
     begun: ca.MX
     own: ca.MX
     fits: ca.MX
@@ -225,6 +227,7 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         changed=part["owed"] - owed if "owed" in part else owed,
         slowest=stretch * slowest,
         fastest=stretch * fastest,
+        aged=part["ages"] + dt,
         begun=begun,
         own=own,
         fits=_holds_all(problem, part["ages"], dt),
@@ -261,7 +264,8 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     robot = problem.robot
     landed, rows = _hard_rows(problem)(pose, found["total"])
     done = rows @ found["twists"]
-    up, down = ca.fmax(done, 0) @ found["seconds"], ca.fmax(-done, 0) @ found["seconds"]
+    up = ca.fmax(done, 0) @ found["seconds"]
+    down = up - done @ found["seconds"]
     if "tail" in found:
         tail, ahead, back = found["tail"], ca.fmax(rows, 0), ca.fmax(-rows, 0)
         up += ahead @ tail[:, 0] + back @ tail[:, 1]
@@ -308,31 +312,31 @@ def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX]:
         acts when it is not yet sent (n,), the half of this period that leads away from the last one included.
     """
     n = ages.numel()
-    near, far = _segments(ages + dt, W)
+    length, share = _segments(ages + dt, W)
+    far = length * share / 2
     # The last twist is taken to have been there for ever: before the first step the plan was at rest.
     rest = W - ca.fmin(ages[n - 1] + dt, W)
     first = ca.fmin(dt, W)
     own = first * (2 - first / dt) / (2 * W)
     before = ca.vertcat(first * (first / dt) / 2, ca.MX(ca.DM.zeros(n - 1)))
-    weights = (before + ca.vertcat(near, 0) + ca.vertcat(0, far) + ca.vertcat(ca.DM.zeros(n - 1), rest)) / W
+    weights = (before + ca.vertcat(length - far, rest) + ca.vertcat(0, far)) / W
 
-    start, end = ca.fmin(ages[:-1], W), ca.fmin(ages[1:], W)
-    share = (end - start) / ca.fmax(ages[1:] - ages[:-1], 1e-9)
-    now, then = 1 - start / W, 1 - end / W
-    mixed = now + 2 * then
-    later = (end - start) / 6 * share * mixed
-    sooner = (end - start) / 6 * (2 * now + then + mixed) - later
+    length, share = _segments(ages, W)
+    left = 1 - ca.fmin(ages, W) / W
+    now, then, sixth = left[:-1], left[1:], length / 6
+    later = sixth * share * (now + 2 * then)
+    sooner = 3 * sixth * (now + then) - later
     oldest = (W - ca.fmin(ages[n - 1], W)) ** 2 / (2 * W)
     ahead = ca.vertcat(dt / 2, ca.DM.zeros(n - 1)) + ca.vertcat(sooner, oldest) + ca.vertcat(0, later)
     return own, weights, ahead
 
 
 def _segments(ages: ca.MX, W: float) -> tuple[ca.MX, ca.MX]:
-    """Integral of a line over the part of each segment that is younger than W, as weights of its younger and older end."""
-    start, end = ca.fmin(ages[:-1], W), ca.fmin(ages[1:], W)
-    length = end - start
-    share = length / ca.fmax(ages[1:] - ages[:-1], 1e-9)
-    return length * (2 - share) / 2, length * share / 2
+    """Return how much of each segment between two ages is younger than W [s], and as a share of it."""
+    ends = ca.fmin(ages, W)
+    length = ends[1:] - ends[:-1]
+    # Segments of before the first step have no length at all.
+    return length, length / (ages[1:] - ages[:-1] + 1e-30)
 
 
 def _remaining(younger: Any, older: Any, dead: float, lag: float) -> Any:
@@ -343,41 +347,33 @@ def _remaining(younger: Any, older: Any, dead: float, lag: float) -> Any:
     return seconds
 
 
-def next_history(problem: Problem) -> ca.Function:
-    """Return ``(history, planned (6,), sent (6,), owed (6,), dt) -> history`` after a period.
+def next_history(
+    problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX, dt: ca.MX
+) -> list[ca.MX]:
+    """Return the history after a period, in pieces that are put one below the other.
 
-    `planned` is the twist that was planned for the end of the period, `sent` the one that was sent for it, `owed` the displacement of
-    what was sent before and not done at its begin [m, rad].
+    Args:
+        problem: the task.
+        history: before, as one vector of `history_sizes`.
+        found: what was under way.
+        planned: twist that was planned for the end of the period (6,).
+        sent: twist that was sent for it (6,).
+        still: 1 if both are zero.
+        dt: period [s].
     """
-    sizes = history_sizes(problem)
-    before, dt = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
-    planned, sent, owed = (ca.MX.sym(name, 6) for name in ("planned", "sent", "owed"))
-    after = joined(sizes, _next(problem, split(sizes, before), planned, sent, owed, dt))
-    return ca.Function("next_history", [before, planned, sent, owed, dt], [after])
-
-
-def _next(
-    problem: Problem, part: Mapping[str, ca.MX], planned: ca.MX, sent: ca.MX, owed: ca.MX, dt: ca.MX
-) -> dict[str, ca.MX]:
-    history = History.of(problem)
-    older = [part["ages"][: history.ages - 1] + dt] if history.ages > 1 else []
-    ages = ca.vertcat(dt, *older)
-    after = {
-        "planned": ca.horzcat(planned, part["planned"][:, :-1]),
-        "sent": ca.horzcat(sent, part["sent"][:, :-1]),
-        "ages": ca.fmin(ages, FAR),
-        "idle": ca.if_else(ca.sumsqr(planned) + ca.sumsqr(sent) > 0, 0, ca.fmin(part["idle"] + dt, FAR)),
-    }
+    kept, sizes = History.of(problem), history_sizes(problem)
+    first = 6 * kept.planned
+    after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
+    after += [dt, found.aged[: kept.ages - 1]]
+    after.append(still * (split(sizes, history)["idle"] + dt))
     if lag := problem.robot.lag:
         # The oldest leaves the history; what it has still to do goes on fading.
+        part = split(sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
-        m = history.sent
-        seconds = _remaining(ends[m - 1] + dt, ends[m] + dt, problem.robot.dead_time, lag)
+        seconds = _remaining(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
         fades = ca.exp(-dt / lag) * part["tail"]
-        after["tail"] = fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
-    if _late(problem):
-        after["owed"] = owed
-    return after
+        after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
+    return [*after, found.owed] if _late(problem) else after
 
 
 def _holds_all(problem: Problem, ages: ca.MX, dt: ca.MX) -> ca.MX:

@@ -30,6 +30,19 @@ def plain_of(name: str) -> Problem:
 
 
 @cache
+def bold_of(name: str) -> Problem:
+    """The problem with an object that goes at full speed and never rests by itself, so that it comes to its walls."""
+    boldly = {"effort_linear": 0.01, "effort_angular": 0.01, "contact": 0.0, "caution": 0.0}
+    problem = problem_of(name)
+    return problem.replace(control=replace(problem.control, rest_below=0.0, stall_after=1e6, **boldly))
+
+
+@cache
+def bold_stepper(name: str) -> Stepper:
+    return bold_of(name).stepper()
+
+
+@cache
 def _stepper(name: str, solver: str, plain: bool) -> Stepper:
     return (plain_of if plain else problem_of)(name).stepper(solver=solver)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from step_samples import NAMES, Held, comfort_of, held_pose, near_comfort, plain_of, problem_of, stepper_of
+from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_comfort, problem_of, stepper_of
 
 import ergoqp.step
 from ergoqp.errors import InputError
@@ -195,7 +195,7 @@ def test_an_unusable_input_is_invalid_named_and_brakes(given: dict[str, Any], se
 
 
 def test_with_the_mean_an_unusable_input_brakes_as_gently_as_the_jerk_allows_and_comes_to_rest() -> None:
-    loop, q, limit = Held(stepper_of("screwing"), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15), None
+    loop, q = Held(stepper_of("screwing"), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
     for _ in range(60):
         before = loop.step(q)
     limit, window = problem_of("screwing").twist_limit, problem_of("screwing").average
@@ -518,6 +518,140 @@ def test_reset_forgets() -> None:
     again = [stepper.step(q) for _ in range(5)][-1]
     assert first.twist.tobytes() == again.twist.tobytes()
     assert first.pose.tobytes() == again.pose.tobytes()
+
+
+@pytest.mark.parametrize("name", ["desk", "screwing"])
+@pytest.mark.parametrize("plain", [True, False], ids=["as planned", "the mean"])
+def test_reset_takes_over_an_object_that_moves(name: str, plain: bool) -> None:
+    rng, limit, q = np.random.default_rng(16), problem_of(name).twist_limit, comfort_of(name)
+    stepper, window = stepper_of(name, plain=plain), problem_of(name).average
+    for _ in range(20):
+        stepper.step(q)
+        wild = rng.normal(size=6) * 2 * limit.speed.max()
+        stepper.reset(twist=wild)
+        # Clipped to the speed limits: nothing is left on the axes of a desk that cannot move.
+        last, change = np.clip(wild, -limit.speed, limit.speed), np.zeros(6)
+        for _ in range(15):
+            step = stepper.step(q)
+            assert np.all(np.abs(step.twist) <= limit.speed)
+            assert np.all(np.abs(step.twist - last) <= limit.acceleration * 0.01 + 1e-12)
+            if not plain:
+                assert np.all(np.abs(step.twist - last - change) <= 2 * limit.acceleration / window * 0.01**2 + 1e-12)
+            last, change = step.twist, step.twist - last
+
+
+@pytest.mark.parametrize("wrong", [np.full(6, np.nan), np.zeros(5), "fast", [None] * 6, [[1.0], [2.0, 3.0]], 0.1])
+def test_a_twist_that_cannot_be_taken_over_is_refused_and_changes_nothing(wrong: Any) -> None:
+    q, one, other = near_comfort("screwing", np.random.default_rng(17)), *(problem_of("screwing").stepper() for _ in range(2))
+    for stepper in (one, other):
+        for _ in range(10):
+            stepper.step(q)
+    with pytest.raises(InputError, match="twist: got .*, allowed 6 finite numbers"):
+        one.reset(twist=wrong)
+    assert one.step(q).twist.tobytes() == other.step(q).twist.tobytes()
+
+
+# --- the robot's own watchdog ---------------------------------------------------------------------------------------------
+
+
+def moving_stepper(plain: bool = False, share: float = 0.5) -> ergoqp.step.Stepper:
+    """A stepper that has just sent a twist of about half the largest speed, in a known place."""
+    stepper = stepper_of("screwing", plain=plain)
+    stepper.reset(twist=share * problem_of("screwing").twist_limit.speed)
+    stepper.step(comfort_of("screwing"), held_pose("screwing"))
+    return stepper
+
+
+def test_brake_gives_the_stop_that_a_lost_frame_gives() -> None:
+    one, other = moving_stepper(), problem_of("screwing").stepper()
+    other._state_in[:] = one._state_in
+    for dt in (0.01, 0.02, 0.003, 0.03, 0.01):
+        asked, lost = one.brake(dt), other.step(None, dt=dt)
+        assert (asked.status, asked.reason) == ("braking", "no posture arrived; asked to brake")
+        assert (lost.status, lost.reason) == ("braking", "no posture arrived")
+        assert asked.twist.tobytes() == lost.twist.tobytes()
+        assert asked.pose.tobytes() == lost.pose.tobytes()
+
+
+@pytest.mark.parametrize("plain", [True, False], ids=["as planned", "the mean"])
+def test_brake_repeated_comes_to_rest_in_time_and_stays_there_until_a_step_goes_on(plain: bool) -> None:
+    limit, window = problem_of("screwing").twist_limit, 0.0 if plain else problem_of("screwing").average
+    for seed in range(10):
+        rng, stepper = np.random.default_rng(seed), stepper_of("screwing", plain=plain)
+        start = rng.uniform(-1, 1, 6) * limit.speed
+        stepper.reset(twist=start)
+        stopping, seconds, last = float(np.max(np.abs(start) / limit.acceleration)), 0.0, start
+        # The plan and the mean each end with a period that began before its time was over.
+        while seconds < stopping + window + (0.0 if plain else 0.03):
+            dt = float(rng.uniform(0.005, 0.03))
+            step, seconds = stepper.brake(dt), seconds + dt
+            assert np.all(np.abs(step.twist - last) <= limit.acceleration * dt + 1e-12)
+            assert np.all(np.abs(step.twist) <= np.abs(last) + 1e-12)
+            # Along the way it went.
+            np.testing.assert_allclose(np.outer(step.twist, start), np.outer(start, step.twist), atol=1e-12)
+            last = step.twist
+        assert not last.any()
+        assert not any(stepper.brake().twist.any() for _ in range(5))
+        q = near_comfort("screwing", rng, 15)
+        step = stepper.step(q, held_pose("screwing"))
+        assert step.status in ("optimal", "relaxed")
+        assert np.all(np.abs(step.twist) <= limit.acceleration * 0.01 + 1e-12)
+
+
+def test_brake_keeps_the_workspace_and_a_step_goes_on_from_there() -> None:
+    box, limit, stepper = problem_of("screwing").limit_of(WorkspaceBox), problem_of("screwing").twist_limit, bold_stepper("screwing")
+    for seed in range(6):
+        rng, pose = np.random.default_rng(seed), held_pose("screwing")
+        stepper.reset()
+        q, last, near = near_comfort("screwing", rng, 40), np.zeros(6), np.inf
+        for number in range(400):
+            dt = float(rng.uniform(0.005, 0.03))
+            silent = number % 37 > 30
+            step = stepper.brake(dt) if silent else stepper.step(q, dt=dt, **({} if number else {"pose": pose}))
+            assert np.all(np.abs(step.twist - last) <= limit.acceleration * dt + 1e-12)
+            np.testing.assert_allclose(step.pose, pose, atol=1e-12)
+            pose, last = moved(pose, step.twist * dt), step.twist
+            room = np.minimum(pose[:3, 3] - box.lower, box.upper - pose[:3, 3])
+            assert room.min() >= -1e-9
+            near = min(near, room.min())
+        assert near < 1e-3
+
+
+@pytest.mark.parametrize("elapsed", [0.004, 0.01, 0.03, 0.04, 0.06, 0.07, 0.09, 0.1, 0.15, 0.2, 0.27, 0.3])
+def test_brake_after_the_robots_own_ramp_is_where_braking_for_so_long_leads(elapsed: float) -> None:
+    stepper, limit = moving_stepper(plain=True, share=1.0), problem_of("screwing").twist_limit
+    start = stepper._state_in[:6].copy()
+    seconds = float(np.max(np.abs(start) / limit.acceleration))
+    assert seconds > elapsed + 0.01
+    step = stepper.brake(elapsed=elapsed)
+    np.testing.assert_allclose(step.twist, start * (1 - (elapsed + 0.01) / seconds), atol=1e-9)
+
+
+@pytest.mark.parametrize("elapsed", [0.02, 0.05, 0.09, 0.2])
+def test_brake_after_the_robots_own_ramp_is_brake_called_meanwhile(elapsed: float) -> None:
+    """With the mean, too: the same periods one by one give the same twist and the same place."""
+    one, other, left = moving_stepper(), problem_of("screwing").stepper(), elapsed
+    other._state_in[:] = one._state_in
+    while left > 1e-9:
+        other.brake(min(left, 0.03))
+        left -= 0.03
+    found, expected = one.brake(elapsed=elapsed), other.brake()
+    np.testing.assert_allclose(found.twist, expected.twist, atol=1e-9)
+    np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
+
+
+@pytest.mark.parametrize("elapsed", [2.0, 59.9, 60.0, 61.0, 1e6, float("inf")])
+def test_a_robot_that_has_ramped_down_for_long_stands_still(elapsed: float) -> None:
+    assert not moving_stepper().brake(elapsed=elapsed).twist.any()
+
+
+@pytest.mark.parametrize("value", [float("nan"), -1.0, "soon", None, np.zeros(3), object()])
+def test_brake_never_raises(value: Any) -> None:
+    """What is no number of seconds is none; what is no period is the loop's."""
+    for given in ({"elapsed": value}, {"dt": value}):
+        one, other = moving_stepper(), problem_of("screwing").stepper()
+        other._state_in[:] = one._state_in
+        assert one.brake(**given).twist.tobytes() == other.brake().twist.tobytes()
 
 
 def test_answers_do_not_share_memory_with_the_stepper() -> None:
