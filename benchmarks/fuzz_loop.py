@@ -96,7 +96,7 @@ class Loop:
         self.place = place
         self.before: np.ndarray | None = None
         self.least, self.can_hold = np.zeros(len(self.rows.names)), True
-        self._disobeys, self._stray = 0, False
+        self._disobeys, self._stray, self._anchored, self._fresh = 0, False, False, True
         self.periods: deque[float] = deque(maxlen=400)
 
     def sane(self) -> Call:
@@ -182,6 +182,8 @@ class Loop:
         while left > 0 and (self.sent.twist.any() or self.law.braked(0.0).any()):
             period = min(left, 3 * self.problem.dt)
             left -= period
+            if period < 1e-5:
+                break
             step = self.stepper.brake(period)
             self._go(step, period, "asked to brake", where, stopped=bool(self.problem.robot.gain_error))
         then = self._state.copy()
@@ -214,8 +216,9 @@ class Loop:
         short = self._may_be_short(dt)
         jumped = self._place(call, step, posture, seen, measured, told, short, where)
         stopped = given.get("enable") is False or bool(self.problem.robot.gain_error and not measured)
-        if jumped and self.world is not None:
+        if (jumped or self._fresh) and self.world is not None:
             self._forced(state, dt)
+            self._fresh = False
         self.robot.look(self.before, step.pose, measured, told, bool(call.lies) or self._disobeys > 0, dt)
         self._certify(call, step, posture, seen, dt, short, stopped, where)
         unmeasured = bool(self.problem.robot.gain_error and not measured)
@@ -241,7 +244,7 @@ class Loop:
         self.robot.follow(reason, step.status in _BRAKES, stopped, step.twist, dt)
         self._done = sum((part for _, part in self._declared.send(step.twist, dt)), np.zeros(6))
         self.periods.appendleft(dt)
-        self.before = step.pose.copy() if self.world is not None else None
+        self.before = step.pose.copy() if self._anchored else None
         if self.world is not None:
             self._judge_way(self.world.send(step.twist, dt), step, where)
             if self.world.at_rest and not self._disobeys:
@@ -284,6 +287,7 @@ class Loop:
     ) -> bool:
         """Judge the pose that the step reckoned with, and put the object where that makes it be; returns whether it jumped."""
         exact = True
+        self._anchored |= measured or posture is not None
         if measured:
             expected: Any = np.asarray(call.arguments["pose"], dtype=float)
         elif self.before is None:
@@ -308,16 +312,21 @@ class Loop:
             self.world = TrueObject(self.kind, step.pose, self.start)
             return True
         if measured:
-            if "pose" in call.lies or (self.before is None and self.measures != "measured"):
+            known = self.before is not None or self.place is not None
+            if "pose" in call.lies or not known:
                 self.world.teleport(step.pose)
             stray, self._stray = self._stray, False
-            return self.before is None or bool(call.lies) or self._disobeys > 0 or stray
-        if self.before is not None and (("twist" in call.lies and told is not None) or short):
+            return not known or bool(call.lies) or self._disobeys > 0 or stray
+        if self.before is None:
+            # Nobody said otherwise, so it is where the posture says.
+            self.world.teleport(step.pose)
+            return True
+        if ("twist" in call.lies and told is not None) or short:
             # The report is believed, as far as it goes: so it is true.
             off = turned(moved(self.before, self._done), step.pose)
             self.world.teleport(moved(self.world.seen.pose, off))
             return True
-        return self.before is None
+        return False
 
     # --- workspace and tool axis -----------------------------------------------------------------------------------------
 

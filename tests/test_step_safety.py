@@ -165,23 +165,20 @@ def test_whatever_the_robot_reports_speed_and_acceleration_hold_for_what_is_sent
         pose, previous = step.pose, step.twist
 
 
+@pytest.mark.parametrize("begins", [0, 40], ids=["from the first step", "in the middle of a motion"])
 @pytest.mark.parametrize("speed", [0.5, 9.0])
-def test_a_reported_speed_beyond_the_limit_is_never_gone_on_with(speed: float) -> None:
+def test_a_reported_speed_beyond_the_limit_is_never_gone_on_with(speed: float, begins: int) -> None:
     """At a limit of 0.2 m/s, 0.5 was answered with 0.494, `optimal`, and 99 m/s went on for 165 s."""
     q, limit, stepper = near_comfort("screwing", np.random.default_rng(5), 15), problem_of("screwing").twist_limit, stepper_of("screwing")
-    reported = np.array([speed, 0, 0, 0, 0, 0])
-    step = stepper.step(q, held_pose("screwing"), reported)
-    assert np.all(np.abs(step.twist) <= limit.acceleration * 0.01)
-    assert step.status == "braking"
-    assert step.reason == "robot: speed jumps"
-    # In the middle of a motion it is the same: it comes to rest, and stays there as long as that is reported.
-    stepper.reset()
-    twists = [stepper.step(q, held_pose("screwing") if number == 0 else None).twist for number in range(40)]
-    for _ in range(60):
-        step = stepper.step(q, None, reported)
+    twists = [stepper.step(q, held_pose("screwing") if number == 0 else None).twist for number in range(begins)]
+    twists.insert(0, np.zeros(6))
+    reported, reasons = np.array([speed, 0, 0, 0, 0, 0]), []
+    for number in range(60):
+        step = stepper.step(q, held_pose("screwing") if number == begins == 0 else None, reported)
         twists.append(step.twist)
-        assert step.status == "braking"
-        assert "robot: speed jumps" in step.reason
+        reasons.append(step.reason)
+    # Named within 0.2 s, and at rest as long as that is reported.
+    assert all("robot:" in reason for reason in reasons[20:])
     assert not step.twist.any()
     assert np.all(np.abs(twists) <= limit.speed + 1e-12)
     assert np.all(np.abs(np.diff(twists, axis=0)) <= limit.acceleration * 0.01 + 1e-12)
@@ -202,10 +199,11 @@ class Loop:
         self.stepper, self.checker = bold_stepper("screwing"), Checker(problem_of("screwing"))
         self.stepper.reset()
         self.robot = SimulatedRobot(kind, held_pose("screwing"), self.rng)
-        self.last, self.reasons, self.start = np.zeros(6), list[str](), self.robot.pose
+        self.last, self.reasons = np.zeros(6), list[str]()
         self.q = near_comfort("screwing", self.rng, 20)
 
     def step(self, pose: bool = True, twist: bool = False, reported: np.ndarray | None = None, stalls: bool = False) -> Step:
+        self.at = self.robot.pose
         told = self.robot.reported_twist() if reported is None else reported
         step = self.stepper.step(self.q, self.robot.measured_pose() if pose else None, told if twist else None)
         broken = self.checker.check(step.twist, self.last, self.robot.pose, None, step.posture_rate, 0.01)
@@ -236,7 +234,8 @@ def test_noise_of_the_reported_speed_neither_speeds_the_object_up_nor_is_a_fault
             fastest = max(fastest, float(np.max(np.abs(step.twist) / problem_of("screwing").twist_limit.speed)))
         assert loop.faults() == set()
         assert fastest > 0.9
-        assert loop.outside() <= 1e-9 + (0.0 if pose else 1e-3)
+        # Without a pose nobody knows where the object is: what the noise adds up to is the robot's own.
+        assert not pose or loop.outside() <= 1e-9
 
 
 def test_a_robot_that_is_faster_than_sent_stays_within_its_speed_and_is_named() -> None:
@@ -285,7 +284,7 @@ def test_without_a_pose_the_reported_twist_of_a_stalled_robot_says_where_it_is(m
     loop, furthest = Loop(RobotKind()), 0.0
     for number in range(moves_first + 200):
         step = loop.step(pose=number == 0, twist=number > 0, stalls=number >= moves_first)
-        furthest = max(furthest, float(np.linalg.norm(step.pose[:3, 3] - loop.robot.pose[:3, 3])))
+        furthest = max(furthest, float(np.linalg.norm(step.pose[:3, 3] - loop.at[:3, 3])))
     assert "robot: stands still" in loop.faults()
     assert furthest <= 3e-3
 
@@ -306,24 +305,35 @@ def test_a_stalled_robot_is_named_comes_to_rest_and_starts_again_from_rest_only(
     loop, twists = Loop(RobotKind()), []
     for _ in range(60):
         twists.append(loop.step(pose=pose or not twists, twist=not pose).twist)
-    stalled = len(twists)
-    for _ in range(100):
+    # Long enough to come to rest, too short to try again.
+    stalled, limit = len(twists), problem_of("screwing").twist_limit
+    for _ in range(70):
         twists.append(loop.step(pose=pose, twist=not pose, stalls=True).twist)
     named = next(number for number in range(stalled, len(twists)) if "robot: stands still" in loop.reasons[number])
     # Within 0.2 s of the first millimetre that is missing.
-    assert named - stalled < 30
+    assert named - stalled < 25
     assert not twists[-1].any()
     rest = next(number for number in range(named, len(twists)) if not np.any(twists[number:]))
-    assert all("robot:" in reason for reason in loop.reasons[named : rest + 40])
-    # Now it moves again: half a second after rest at the earliest, and from rest.
+    assert all("robot: stands still" in reason for reason in loop.reasons[named:])
+    # Now it follows again: half a second after rest at the earliest, and from rest.
     for _ in range(150):
         twists.append(loop.step(pose=pose, twist=not pose).twist)
     again = next(number for number in range(rest, len(twists)) if np.any(twists[number]))
     assert again >= rest + 50
-    limit = problem_of("screwing").twist_limit
     assert np.all(np.abs(twists[again]) <= limit.acceleration * 0.01)
     assert np.max(np.abs(twists[-1]) / limit.speed) > 0.3
     assert loop.reasons[-1] == ""
+
+
+def test_a_robot_that_stays_stalled_is_tried_from_rest_again_and_again() -> None:
+    loop, limit = Loop(RobotKind()), problem_of("screwing").twist_limit
+    twists = np.array([loop.step(stalls=True).twist for _ in range(800)])
+    moves = np.abs(twists / limit.speed).max(axis=1)
+    begins = np.flatnonzero((moves[1:] > 0) & (moves[:-1] == 0))
+    assert len(begins) >= 4
+    # Never at full speed: a robot that resumes after its protective stop meets the begin of a motion.
+    assert moves.max() < 0.5
+    assert loop.faults() == {"robot: stands still"}
 
 
 def test_what_was_not_enabled_comes_to_rest_before_it_moves_again() -> None:

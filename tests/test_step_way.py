@@ -1,0 +1,102 @@
+"""What is under way against a plan that is sampled finely, and the mean that is sent, over uneven periods."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from step_samples import problem_of
+
+from ergoqp.problem import Problem
+from ergoqp.robot import DeclaredRobot
+from ergoqp.step_parts import count, split
+from ergoqp.step_way import FAR, history_sizes, initial_history, next_history, under_way
+
+ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
+FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn")
+
+
+def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
+    """``(history, dt) -> FOUND`` and ``(history, planned, sent, still, dt) -> history``."""
+    size = count(history_sizes(problem))
+    history, dt, planned, sent, still = ca.MX.sym("h", size), ca.MX.sym("dt"), ca.MX.sym("u", 6), ca.MX.sym("s", 6), ca.MX.sym("z")
+    found = under_way(problem, history, dt)
+    after = ca.vertcat(*next_history(problem, history, found, planned, sent, still, dt))
+    seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
+    return ca.Function("seen", [history, dt], seen), ca.Function("after", [history, planned, sent, still, dt], [after])
+
+
+class Plan:
+    """The planned twist as a line between knots, and what was sent, kept for ever."""
+
+    def __init__(self) -> None:
+        self.times, self.twists, self.sent = [0.0], [np.zeros(6)], []
+
+    def at(self, times: Any) -> np.ndarray:
+        return np.array([np.interp(times, self.times, np.array(self.twists)[:, axis], left=0.0) for axis in range(6)])
+
+    def remaining(self, now: float, robot: DeclaredRobot) -> np.ndarray:
+        """What a robot has not done of what was sent, by the integral of what is left of each moment."""
+        owed = np.zeros(6)
+        for begin, end, twist in self.sent:
+            ages = now - np.linspace(begin, end, 401)
+            left = np.where(ages < robot.dead_time, 1.0, np.exp(-np.maximum(ages - robot.dead_time, 0) / max(robot.lag, 1e-9)))
+            owed += twist * np.trapezoid(left, dx=(end - begin) / 400) if end > begin else 0.0
+        return owed
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_mean_and_what_is_under_way_are_those_of_a_finely_sampled_plan(seed: int) -> None:
+    problem = problem_of("screwing").replace(robot=ROBOT)
+    W, rng, plan = problem.average, np.random.default_rng(seed), Plan()
+    seen, after = functions(problem)
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    now, twist = 0.0, np.zeros(6)
+    for _ in range(80):
+        dt = float(rng.uniform(0.007, 0.03))
+        target = twist + rng.uniform(-1, 1, 6) * 2.0 * dt
+        found = dict(zip(FOUND, (np.array(part).ravel() for part in seen(history, dt)), strict=True))
+        assert found["fits"]
+        sent = found["begun"] + found["own"] * target
+        plan.times.append(now + dt)
+        plan.twists.append(target)
+        window = np.linspace(now + dt - W, now + dt, 4001)
+        np.testing.assert_allclose(sent, plan.at(window).mean(axis=1), atol=2e-5)
+        window = np.linspace(now - W, now, 4001)
+        unsent = (plan.at(window) * (window - (now - W)) / W).mean(axis=1) * W + twist * dt / 2
+        owed = plan.remaining(now, ROBOT)
+        np.testing.assert_allclose(found["owed"], owed, atol=3e-5)
+        np.testing.assert_allclose(found["total"], unsent + owed, atol=5e-5)
+        np.testing.assert_allclose(found["up"] - found["down"], owed, atol=3e-5)
+        assert np.all(found["up"] >= -1e-12)
+        assert found["turn"] >= np.linalg.norm(owed[3:]) - 1e-6
+        plan.sent.append((now, now + dt, sent))
+        history = np.array(after(history, target, sent, 0.0, dt)).ravel()
+        now, twist = now + dt, target
+
+
+def test_an_object_that_moved_for_ever_owes_its_whole_delay() -> None:
+    problem = problem_of("screwing").replace(robot=ROBOT)
+    twist = np.array([0.1, 0.0, -0.05, 0.0, 0.3, 0.0])
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, twist).values()])
+    found = dict(zip(FOUND, (np.array(part).ravel() for part in functions(problem)[0](history, 0.01)), strict=True))
+    np.testing.assert_allclose(found["owed"], twist * (ROBOT.dead_time + ROBOT.lag), rtol=1e-12)
+    np.testing.assert_allclose(found["begun"] + found["own"] * twist, twist, rtol=1e-12)
+    assert not found["parked"]
+    parts = split(history_sizes(problem), history)
+    assert np.all(np.asarray(parts["ages"]) == FAR)
+
+
+def test_periods_that_are_too_short_are_noticed() -> None:
+    problem = problem_of("screwing")
+    seen, after = functions(problem)
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    fits = []
+    for _ in range(40):
+        found = seen(history, 0.002)
+        fits.append(bool(found[FOUND.index("fits")]))
+        history = np.array(after(history, np.full(6, 0.01), np.full(6, 0.01), 0.0, 0.002)).ravel()
+    assert fits[0]
+    assert not fits[-1]
