@@ -1,13 +1,14 @@
 """Sensors that read wrong by a constant angle: the object stays where it would, and nobody is led to a worse posture by them.
 
-Run ``python -m benchmarks.bias [--quick | --full] [--json FILE]``. Every joint reads 2, 5 and 10 degrees too much and too little, one
-at a time (``single``) and all at once with random signs and sizes up to that (``random``). Beside every figure stands the same loop
-without rows of the posture (``without``: no joint limits), which knows no ranges that a wrong angle could break.
+Run ``python -m benchmarks.bias [--quick | --full] [--json FILE]``. Every joint reads 2, 5 and 10 degrees too much and too
+little, one at a time (``single``) and all at once with random signs and sizes up to that (``random``). Beside every figure
+stands the same loop without rows of the posture (``without``: no joint limits), which knows no ranges that a wrong angle
+could break.
 
 Held: the person does not follow, and is at ease.
 
-- ``travel_m.single``, ``travel_m.random``: longest way of the object, over all joints, sizes and problems [m]; ``....without``: the
-  same without rows.
+- ``travel_m.single``, ``travel_m.random``: longest way of the object, over all joints, sizes and problems [m];
+  ``....without``: the same without rows.
 - ``travel_over_m``: by how much the way with rows is longer than that without, at most, loop by loop.
 
 Following: people who are not the model (`ergoqp.simulation.people`), with these sensors.
@@ -19,7 +20,8 @@ Following: people who are not the model (`ergoqp.simulation.people`), with these
 
 Narrow ranges: sixteen joints have ranges of a few degrees that the start is outside of, with noise.
 
-- ``stands_still``: share of the starts from which the object does not move, less those from which it does not move without rows.
+- ``stands_still``: share of the starts from which the object does not move, less those from which it does not move without
+  rows.
 """
 
 from __future__ import annotations
@@ -116,7 +118,14 @@ def follows(
 ) -> tuple[bool, bool, bool, bool]:
     """Return whether a loop (ends worse by the sensors, ends worse in truth, never rests, moves)."""
     trace = run_loop(
-        problem, person, start, duration=20.0, seed=seed, stepper=Biased(stepper, bias), senses=Senses(drift_deg=0.0), stop_when_still=2.0  # type: ignore[arg-type]
+        problem,
+        person,
+        start,
+        duration=20.0,
+        seed=seed,
+        stepper=Biased(stepper, bias),
+        senses=Senses(drift_deg=0.0),
+        stop_when_still=2.0,  # type: ignore[arg-type]
     )
     ends = [person.settle(start.posture, start.pose, start.grasp, start.soles)[0]]
     rest, reached = person.settle(trace.postures[-1], trace.poses[-1], start.grasp, start.soles)
@@ -141,7 +150,9 @@ def following_of(name: str, people: range, count: int) -> list[tuple[tuple, tupl
                 bias = rng.uniform(-size, size, len(JOINTS))
                 if number % 2:
                     bias = np.where(np.arange(len(JOINTS)) == rng.integers(len(JOINTS)), np.copysign(size, bias), 0.0)
-                pair = (follows(each, step, person, start, bias, seed) for each, step in zip((problem, bare), steppers, strict=True))
+                pair = (
+                    follows(each, step, person, start, bias, seed) for each, step in zip((problem, bare), steppers, strict=True)
+                )
                 found.append(tuple(pair))
     return found
 
@@ -178,14 +189,20 @@ def measure(report: Report) -> None:
     names = report.pick(TASKS[-1:], TASKS)
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
         still = [pool.submit(held_of, name, report.pick(7, 1), report.pick(7, 20)) for name in names]
-        loops = [pool.submit(following_of, name, range(i, i + 1), report.pick(2, 6)) for name in names for i in range(40, report.pick(42, 48))]
+        loops = [
+            pool.submit(following_of, name, range(i, i + 1), report.pick(2, 6))
+            for name in names
+            for i in range(40, report.pick(42, 48))
+        ]
         tight = [pool.submit(narrow_of, name, range(50, report.pick(53, 60))) for name in names]
         ways = [way for future in still for way in future.result()]
         facts = [pair for future in loops for pair in future.result()]
         narrow = np.sum([future.result() for future in tight], axis=0)
     for kind in ("single", "random"):
         report.figure(f"travel_m.{kind}", max(way for found, way, _ in ways if found == kind), "held posture, longest way")
-        report.figure(f"travel_m.{kind}.without", max(way for found, _, way in ways if found == kind), "without rows of the posture")
+        report.figure(
+            f"travel_m.{kind}.without", max(way for found, _, way in ways if found == kind), "without rows of the posture"
+        )
     report.figure("travel_over_m", max(way - bare for _, way, bare in ways), f"loop by loop, {len(ways)} loops")
     rows, bare = (np.array(each, dtype=float).reshape(-1, 4).mean(axis=0) for each in zip(*facts, strict=True))
     report.figure("loops", len(facts))
@@ -196,7 +213,9 @@ def measure(report: Report) -> None:
     report.figure("never_rests", rows[2])
     report.figure("never_rests.without", bare[2])
     report.figure("moves", rows[3] / bare[3] if bare[3] else 1.0, f"{rows[3]:.2f} against {bare[3]:.2f} without rows")
-    report.figure("stands_still", (narrow[1] - narrow[2]) / narrow[0], f"{narrow[1]} of {narrow[0]} starts, {narrow[2]} without rows too")
+    report.figure(
+        "stands_still", (narrow[1] - narrow[2]) / narrow[0], f"{narrow[1]} of {narrow[0]} starts, {narrow[2]} without rows too"
+    )
 
 
 if __name__ == "__main__":

@@ -364,7 +364,8 @@ class Loop:
         assert self.world is not None
         kept, h = self._state.copy(), 3 * self.problem.dt
         here = np.maximum(self.rows.outside(self.world.pose), 0)
-        worst, apart = here, self.rows.reach(self.law.apart(min(dt, h)))
+        held = self.problem.robot.longest_hold * np.maximum(np.abs(self.sent.twist), np.abs(self.law.braked(0.0)))
+        worst, apart = here, self.rows.reach(self.law.apart(min(dt, h)) + held)
         for periods in ([dt, *[self.problem.dt] * 3], [dt, h, h, h]):
             self._state[:] = state
             worst = np.maximum(worst, self._brake_down(self.world.copy(), self.sent.copy(), periods, "a stop that is forced")[0])
@@ -404,9 +405,10 @@ class Loop:
             what = f"{worst[i]:.3g} outside, allowed {self.least[i]:.3g}, periods {periods}: {step.status} {step.twist}"
             self.tally.wrong("unsafe", f"stop: {self.rows.names[i]}", where, what)
             self.least[i] = worst[i]
-        # What comes in, whatever the periods, stays in.
-        inward = (worst <= here + 1e-12) & (end < here - self.rows.reach(self.law.apart(usual)))
-        self.least = np.where(inward, np.minimum(self.least, np.maximum(here, 0)), self.least)
+        # What comes in stays in, but for what other periods do.
+        apart = self.rows.reach(self.law.apart(usual))
+        inward = (worst <= here + 1e-12) & (end < here - apart)
+        self.least = np.where(inward, np.minimum(self.least, np.maximum(here + apart, 0)), self.least)
 
     def _judge_braking(self, step: Step, state: np.ndarray, dt: float, where: str) -> None:
         """A step that cannot do more sends what `Stepper.brake` does."""

@@ -48,13 +48,14 @@ class RobotReckoning:
         self.must = self.may = self.named = False
         self._still, self._since, self._phase = (0.0 if twist.any() else np.inf), np.inf, ""
         self._sent, self._lasted, self._first = np.array(twist), problem.dt, True
-        self._surprise = np.zeros(6)
-        self._stand_still()
+        self._surprise, self._heard, self._heard_perhaps = np.zeros(6), 0.0, 0.0
+        self._stand_still(False, False)
 
-    def _stand_still(self) -> None:
+    def _stand_still(self, measured: bool, lied: bool) -> None:
         """Begin to compare again."""
-        self._apart, self._low, self._high, self._path = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
-        self._drift, self._blur, self._most, self._lied = np.zeros(6), np.zeros(6), np.abs(self._sent), False
+        self._apart, self._path, self._lied = np.zeros(6), np.zeros(6), lied
+        self._low = self._high = np.zeros(6) if measured else None
+        self._drift, self._blur, self._most = np.zeros(6), np.zeros(6), np.abs(self._sent)
 
     @property
     def _pause(self) -> float:
@@ -75,15 +76,18 @@ class RobotReckoning:
             dt: period [s].
         """
         parked = self._still >= self._pause
-        if parked:
-            self._stand_still()
         self._lied |= lied
         surely, perhaps = [0.0], [0.0]
         if before is not None:
-            went, done = turned(before, pose), self._sent * self._lasted
-            self._compare(went, done, measured, parked, surely, perhaps)
+            self._compare(turned(before, pose), self._sent * self._lasted, measured, surely, perhaps)
+        if parked:
+            self._stand_still(measured, lied)
+        # What a reported twist shows may be said a step later.
+        surely.append(self._heard)
+        perhaps.append(self._heard_perhaps)
+        self._heard = self._heard_perhaps = 0.0
         if told is not None:
-            self._listen(told, surely, perhaps)
+            self._listen(told, perhaps)
         fault = max(surely) > _MANY
         possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
         limit = self._pause + (0.0 if self._phase == "halted" else _CALM) + self._robot.delay + self._robot.pose_delay
@@ -97,19 +101,19 @@ class RobotReckoning:
             self._begin("fault")
 
     def _compare(
-        self, went: np.ndarray, done: np.ndarray, measured: bool, parked: bool, surely: list[float], perhaps: list[float]
+        self, went: np.ndarray, done: np.ndarray, measured: bool, surely: list[float], perhaps: list[float]
     ) -> None:
         """Compare motion with what was sent."""
         robot = self._robot
         self._path = self._path + np.abs(done)
         self._most = np.maximum(self._most, np.abs(self._sent))
-        self._apart = np.zeros(6) if parked else self._apart + went - done
+        self._apart = self._apart + went - done
         if not measured:
             return
-        if parked:
-            self._low = self._high = np.zeros(6)
-        else:
-            self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
+        if self._low is None or self._high is None:
+            # Between two measured poses there is a measured motion.
+            self._low = self._high = self._apart
+        self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
         # Whatever the robot may owe, not do, or do on for once, in any direction.
         slow = (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
         room = 2 * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
@@ -118,11 +122,9 @@ class RobotReckoning:
         leap, apart = np.abs(went - np.clip(went, least, most)), self._high - self._low
         surely.append(float(np.max((apart - room) / _UNIT)))
         perhaps.append(_size(apart))
-        held = robot.longest_hold * self._most
-        surely.append(float(np.max((leap - 2 * self._noise - held) / _UNIT)))
         perhaps.append(_size(leap))
 
-    def _listen(self, told: np.ndarray, surely: list[float], perhaps: list[float]) -> None:
+    def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
         """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
         robot, lasted = self._robot, self._lasted
         surprise = told - self._sent
@@ -133,8 +135,9 @@ class RobotReckoning:
         room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * np.linalg.norm(self._path + np.abs(told) * lasted)
         if not self._first:
             # Before the first step nobody knows for how long the last twist was sent.
-            surely.append(float(np.max((np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room) / _UNIT)))
-        perhaps += [_size(self._drift), _size(surprise * lasted), np.inf if self._first and surprise.any() else 0.0]
+            self._heard = float(np.max((np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room) / _UNIT))
+        self._heard_perhaps = max(_size(self._drift), _size(surprise * lasted), np.inf if self._first and surprise.any() else 0.0)
+        perhaps.append(self._heard_perhaps)
 
     def _begin(self, phase: str) -> None:
         if phase == "fault" or not self._phase:

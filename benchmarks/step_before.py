@@ -1,9 +1,11 @@
-"""The step against that of an earlier commit, in the same run. ``python -m benchmarks.step_before [--quick | --full] [--json FILE]``.
+"""The step against that of an earlier commit, in the same run.
+
+Run ``python -m benchmarks.step_before [--quick | --full] [--json FILE]``.
 
 The earlier one is the last in which the limits were anchored on the measured twist and nothing was known of the robot. It is
-taken out of the repository's own history, so this needs a clone with that history. Both versions record their own closed loop of
-``screwing``, with the same people and starts, and take turns in timing passes over it; a figure is the ratio of the medians over
-the passes.
+taken out of the repository's own history, so this needs a clone with that history. Both versions record their own closed
+loop of ``screwing``, with the same people and starts, and take turns in timing passes over it; a figure is the ratio of the
+medians over the passes.
 
 - ``interpreted``, ``compiled``, ``c``: with no robot declared, the whole call, now over before.
 - ``FORM.declared``: with everything declared that can be, over the earlier step, which knew of no robot.
@@ -63,7 +65,8 @@ def measure(report: Report) -> None:
         report.say(f"the commit {BEFORE} is not in this clone: nothing to compare with")
         return
     with tempfile.TemporaryDirectory() as scratch:
-        tarfile.open(fileobj=BytesIO(archive.stdout)).extractall(scratch, filter="data")
+        with tarfile.open(fileobj=BytesIO(archive.stdout)) as packed:
+            packed.extractall(scratch, filter="data")
         for form in ("interpreted", "compiled", "c"):
             _compare(report, form, Path(scratch))
 

@@ -1,7 +1,8 @@
 """One version of the step, timed when it is told to: run by `benchmarks.step_before` for the code in a given folder.
 
-``python step_worker.py FOLDER FORM DECLARED SECONDS`` with FORM ``interpreted``, ``compiled`` or ``c``; DECLARED 1 declares a robot.
-Every line that it reads makes one pass over a recorded closed loop; it answers with the median of the whole calls [us].
+``python step_worker.py FOLDER FORM DECLARED SECONDS`` with FORM ``interpreted``, ``compiled`` or ``c``; DECLARED 1 declares
+a robot. Every line that it reads makes one pass over a recorded closed loop; it answers with the median of the whole calls
+[us].
 """
 
 from __future__ import annotations

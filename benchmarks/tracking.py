@@ -1,18 +1,20 @@
 """Robots that do not do what they are sent: what is sent, where the object really is, and what is said of it.
 
-Run ``python -m benchmarks.tracking [--quick | --full] [--json FILE]``. Every robot of `benchmarks.tracking_robots` on every problem,
-with pose, twist, both or nothing reported. The object is driven by a posture that jumps about and follows nobody, in a box of 6 cm
-and a cone of 6 degrees, so that it is led into every wall again and again; the robot is simulated apart from the step, exactly, and judged inside the periods too.
+Run ``python -m benchmarks.tracking [--quick | --full] [--json FILE]``. Every robot of `benchmarks.tracking_robots` on every
+problem, with pose, twist, both or nothing reported. The object is driven by a posture that jumps about and follows nobody,
+in a box of 6 cm and a cone of 6 degrees, so that it is led into every wall again and again; the robot is simulated apart
+from the step, exactly, and judged inside the periods too.
 
 Sent against limits, all robots, relative to the limit, at most:
 
-- ``over_speed``, ``over_acceleration``, ``over_jerk`` (of 2 a / W, between the middles of periods; rounding of the difference of
-  two twists is not jerk).
+- ``over_speed``, ``over_acceleration``, ``over_jerk`` (of 2 a / W, between the middles of periods; rounding of the
+  difference of two twists is not jerk).
 
 The true object, where a pose is reported or nothing but time is between the twist and it (no gain error, no noise):
 
 - ``outside_mm.declared``, ``outside_deg.declared``: beyond box and cone at most, robots exactly as declared and up to that;
-- ``outside_mm.undeclared_20ms``, ``outside_deg.undeclared_20ms``: robots that are up to 20 ms late and not declared, pose reported;
+- ``outside_mm.undeclared_20ms``, ``outside_deg.undeclared_20ms``: robots that are up to 20 ms late and not declared, pose
+  reported;
 - ``outside_mm.undeclared``, ``outside_deg.undeclared``: all that do something else than declared, and are measured;
   ``..._unseen``: whose pose is not: the control of these figures;
 - ``at_wall_share``: how much of the time the objects of declared robots are within 2 mm of a wall or 0.4 deg of the cone's end.
@@ -23,10 +25,11 @@ What is said, where a pose or a twist is reported:
   noise) for 0.2 s and no ``robot: ...`` is said. Noise of the reported speed alone is no fault.
 - ``false_faults``: runs of robots that keep what is declared in which one is said.
 
-And ``path_share.declared``: path of the declared robots' objects over that of the ideal robot's, all together; ``still.path_m`` is
-the longest path with the object not enabled, the control of all these. ``worse_than_start``: closed loops with people who follow
-(the benchmarks' own, `benchmarks.closed_loop`) on declared robots that end at a worse score than they began with;
-``loops`` how many. ``FORM.difference``: largest difference of what is sent from the interpreted step, in the same calls.
+And ``path_share.declared``: path of the declared robots' objects over that of the ideal robot's, all together;
+``still.path_m`` is the longest path with the object not enabled, the control of all these. ``worse_than_start``: closed
+loops with people who follow (the benchmarks' own, `benchmarks.closed_loop`) on declared robots that end at a worse score
+than they began with; ``loops`` how many. ``FORM.difference``: largest difference of what is sent from the interpreted step,
+in the same calls.
 """
 
 from __future__ import annotations
@@ -44,7 +47,7 @@ import numpy as np
 
 from benchmarks.report import Report, run
 from benchmarks.step_c import built
-from benchmarks.tracking_robots import HICCUP, NONE, Case, OddRobot, cases, moved, period, told
+from benchmarks.tracking_robots import NONE, Case, OddRobot, cases, moved, period, told
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
@@ -54,6 +57,7 @@ from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start
+from ergoqp.step_inputs import stand_in
 
 REPORTS = ("pose", "twist", "both", "nothing")
 JUMP = 0.6
@@ -123,8 +127,9 @@ class Faults:
         before, lasted = self._sent
         apart: list[np.ndarray] = []
         if "pose" in given:
-            self._expected = given["pose"] if self._expected is None else moved(self._expected, before * lasted)
-            apart.append(_between(self._expected, given["pose"]))
+            expected = given["pose"] if self._expected is None else moved(self._expected, before * lasted)
+            apart.append(_between(expected, given["pose"]))
+            self._expected = expected
         if "twist" in given:
             self._drift += (given["twist"] - before) * lasted
             # An integral of samples is off by half a period.
@@ -153,7 +158,9 @@ def _between(expected: np.ndarray, pose: np.ndarray) -> np.ndarray:
 def outside(problem: Problem, pose: np.ndarray) -> np.ndarray:
     """Return by how much a pose (4, 4) is beyond (box [mm], cone [deg]); negative inside."""
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-    beyond = np.maximum(np.asarray(box.lower) - pose[:3, 3], pose[:3, 3] - np.asarray(box.upper))[problem.twist_limit.speed[:3] > 0]
+    beyond = np.maximum(np.asarray(box.lower) - pose[:3, 3], pose[:3, 3] - np.asarray(box.upper))[
+        problem.twist_limit.speed[:3] > 0
+    ]
     toward, axis = np.asarray(cone.direction), pose[:3, 0]
     angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(toward, axis)), toward @ axis)) - cone.half_angle_deg
     return np.array([1e3 * np.max(beyond, initial=-np.inf), angle])
@@ -188,7 +195,7 @@ def drive(
     pose[:3, 3], pose[:3, :3] = (np.asarray(box.lower) + np.asarray(box.upper)) / 2, frame_of(np.asarray(cone.direction))
     robot = OddRobot(case, pose, np.random.default_rng([seed, 12]))
     sent, faults = Sent(problem, found), Faults(case, found)
-    comfort, dt, time, until = np.asarray(problem.response.comfort), problem.dt, 0.0, 0.0
+    comfort, dt, time, until = stand_in(problem), problem.dt, 0.0, 0.0
     posture, first = comfort, {"pose": pose}
     while time < seconds:
         if time >= until:
@@ -271,7 +278,9 @@ def runs_of(name: str, case: Case, seconds: float, seed: int, forms: tuple[str, 
             other = _stepper(name, case.declared, form)
             other.reset()
             same = drive(problem, case, reports, other.step, other.brake, seconds, seed)
-            apart[form] = max(apart.get(form, 0.0), float(np.abs(np.array(same.twists) - np.array(found[reports].twists)).max()))
+            apart[form] = max(
+                apart.get(form, 0.0), float(np.abs(np.array(same.twists) - np.array(found[reports].twists)).max())
+            )
     return name, case, found, apart
 
 
@@ -330,7 +339,8 @@ def _figures(report: Report, results: list) -> None:
     kept = [
         (name, case, reports, found)
         for name, case, reports, found in ran
-        if case.honest and (reports in ("pose", "both") or not (case.declared.gain_error or case.declared.pose_noise or case.kind.speed_noise))
+        if case.honest
+        and (reports in ("pose", "both") or not (case.declared.gain_error or case.declared.pose_noise or case.kind.speed_noise))
     ]
     slow = [one for one in ran if one[1].slow and one[2] in ("pose", "both")]
     others = [one for one in ran if not one[1].honest]
@@ -341,21 +351,34 @@ def _figures(report: Report, results: list) -> None:
             worst = max(chosen, key=lambda one: one[3].outside[number])
             report.figure(f"outside_{unit}.{label}", worst[3].outside[number], f"{worst[0]}, {worst[1].name}, {worst[2]}")
     moments = sum(found.moments for *_, found in kept)
-    report.figure("at_wall_share", sum(found.at_wall for *_, found in kept) / moments, "of the time, declared robots: within 2 mm or 0.4 deg")
+    report.figure(
+        "at_wall_share",
+        sum(found.at_wall for *_, found in kept) / moments,
+        "of the time, declared robots: within 2 mm or 0.4 deg",
+    )
     heard = [one for one in ran if one[2] != "nothing"]
     blamed = {f"{one[1].name} ({one[2]})" for one in heard if one[3].unnamed and not one[1].honest}
     report.figure("unnamed_faults", sum(one[3].unnamed for one in heard if not one[1].honest), ", ".join(sorted(blamed))[:150])
     wrong = {f"{one[1].name} ({one[2]}): {one[3].named[0]}" for one in ran if one[1].honest and one[3].named}
     report.figure("false_faults", sum(bool(one[3].named) for one in ran if one[1].honest), "; ".join(sorted(wrong))[:200])
     path: dict[str, float] = {}
-    for name, case, reports, found in kept:
+    for _, case, reports, found in kept:
         if reports == "pose" and case.periods == "even":
             kind = "ideal" if case.name == "ideal" else "declared" if case.declared != NONE else ""
             path[kind] = path.get(kind, 0.0) + found.path
             path[f"{kind} runs"] = path.get(f"{kind} runs", 0) + 1
     mean = {kind: path[kind] / path[f"{kind} runs"] for kind in ("ideal", "declared")}
     report.figure("path_share.declared", mean["declared"] / mean["ideal"], f"of {mean['ideal']:.2f} m")
-    still = drive(narrow("screwing", NONE), Case("ideal"), "pose", (s := _stepper("screwing", NONE, "interpreted")).step, s.brake, 1.0, 0, False)
+    still = drive(
+        narrow("screwing", NONE),
+        Case("ideal"),
+        "pose",
+        (s := _stepper("screwing", NONE, "interpreted")).step,
+        s.brake,
+        1.0,
+        0,
+        False,
+    )
     report.figure("still.path_m", still.path, "not enabled")
     for form in ("compiled", "c"):
         apart = [each[form] for *_, each in results if form in each]

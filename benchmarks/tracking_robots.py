@@ -12,6 +12,7 @@ from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 
 NONE = DeclaredRobot()
+PERFECT = RobotKind()
 HICCUP = 0.3
 """How long a hiccup is [s]."""
 
@@ -25,14 +26,14 @@ class Case:
         kind: how it does what it is sent.
         declared: what the problem says of it.
         oddity: what else it does, see `OddRobot`; empty: nothing.
-        periods: ``even``, ``uneven`` (0.5 to 3 times), ``hiccups`` (one call in 150 comes 0.3 s late) or ``watched`` (the same, and
-            a watchdog brakes meanwhile).
+        periods: ``even``, ``uneven`` (0.5 to 3 times), ``hiccups`` (one call in 150 comes 0.3 s late) or ``watched`` (the
+            same, and a watchdog brakes meanwhile).
         honest: nothing that it does is beyond what is declared.
         slow: it is at most 20 ms late, and that is not declared.
     """
 
     name: str
-    kind: RobotKind = RobotKind()
+    kind: RobotKind = PERFECT
     declared: DeclaredRobot = NONE
     oddity: str = ""
     periods: str = "even"
@@ -41,8 +42,11 @@ class Case:
 
 
 class OddRobot(SimulatedRobot):
-    """A robot with a fault: ``stalled`` for a second now and then, ``half`` as fast for a while; or one that reports its twist
-    with ``spikes``, in millimetres (``mm``) or in another frame (``frame``)."""
+    """A robot with a fault.
+
+    It is ``stalled`` for a second now and then, ``half`` as fast for a while; or one that reports its twist
+    with ``spikes``, in millimetres (``mm``) or in another frame (``frame``).
+    """
 
     def __init__(self, case: Case, pose: np.ndarray, rng: np.random.Generator) -> None:
         """Start at rest."""
@@ -76,7 +80,8 @@ def cases(dt: float) -> list[Case]:
     declared |= {f"pose late by {n} periods": DeclaredRobot(pose_delay=n * dt) for n in (1, 3, 10)}
     declared |= {"pose noise": DeclaredRobot(**noise)}
     late = {"delay": 3 * dt, "lag": 0.05, "pose_delay": 2 * dt}
-    declared |= {"everything": DeclaredRobot(**late, **noise, gain_error=0.02)}
+    everything = DeclaredRobot(**late, **noise, gain_error=0.02)
+    declared |= {"everything": everything}
     found = [Case("ideal", honest=True), Case("uneven periods", periods="uneven", honest=True)]
     for name, robot in declared.items():
         kind = RobotKind.of(robot, np.random.default_rng(1))
@@ -86,7 +91,8 @@ def cases(dt: float) -> list[Case]:
         if "noise" not in name:
             slow = robot.lag + robot.delay <= 0.0201 and not robot.pose_delay
             found.append(Case(f"{name}, undeclared", replace(kind, gain=1.0), slow=slow))
-    found.append(Case("everything, uneven periods", RobotKind.of(robot, np.random.default_rng(1)), robot, periods="uneven", honest=True))
+    kind = RobotKind.of(everything, np.random.default_rng(1))
+    found.append(Case("everything, uneven periods", kind, everything, periods="uneven", honest=True))
     for gain, error in ((0.9, 0.1), (1.02, 0.02), (1.1, 0.1)):
         found.append(Case(f"gain {gain}", RobotKind(gain=gain), DeclaredRobot(gain_error=error), honest=True))
         found.append(Case(f"gain {gain}, undeclared", RobotKind(gain=gain)))

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ergoqp.problem import Problem as Problem
     from ergoqp.problem_file import load_problem as load_problem
     from ergoqp.recordings import load_recording as load_recording
+    from ergoqp.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.step import Step as Step
     from ergoqp.step import Stepper as Stepper
     from ergoqp.step import replay as replay
@@ -33,6 +34,7 @@ __version__ = "0.1.0"
 __all__ = [
     "JOINTS",
     "Control",
+    "DeclaredRobot",
     "Problem",
     "Step",
     "Stepper",
@@ -48,6 +50,7 @@ __all__ = [
 
 _LATER = {
     "Control": "ergoqp.problem",
+    "DeclaredRobot": "ergoqp.robot",
     "Problem": "ergoqp.problem",
     "Step": "ergoqp.step",
     "Stepper": "ergoqp.step",

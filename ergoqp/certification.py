@@ -33,7 +33,22 @@ GIVES_WAY: Final = 1e-3
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
 _JUDGED: Final = (
-    *("posture", "observed", "readings", "pose", "landed", "way", "shift", "previous", "dt", "away", "gain", "value", "xi", "S"),
+    *(
+        "posture",
+        "observed",
+        "readings",
+        "pose",
+        "landed",
+        "way",
+        "shift",
+        "previous",
+        "dt",
+        "away",
+        "gain",
+        "value",
+        "xi",
+        "S",
+    ),
     *("residual", "usable", "rest"),
 )
 _JOURNEY: Final = ("promise", "points", "trial", "distance", "on")

@@ -73,7 +73,9 @@ def _run(
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option("--robot", metavar="NAME=VALUE,...", help="What the simulated robot does, such as lag=0.1,gain=1.02 [declared]."),
+        typer.Option(
+            "--robot", metavar="NAME=VALUE,...", help="What the simulated robot does, such as lag=0.1,gain=1.02 [declared]."
+        ),
     ] = None,
     bias_deg: Annotated[
         str | None,
@@ -84,7 +86,17 @@ def _run(
     from ergoqp.commands.run import Simulated, run
 
     simulated = Simulated(robot, bias_deg)
-    run(problem, recording, at, out, seed, duration, RecordingOptions(person, unit_to_m, up and up.value, mapping), guide, simulated)
+    run(
+        problem,
+        recording,
+        at,
+        out,
+        seed,
+        duration,
+        RecordingOptions(person, unit_to_m, up and up.value, mapping),
+        guide,
+        simulated,
+    )
 
 
 @app.command("optimise", help=_ABOUT_OPTIMISE, short_help="Look for the best place of the object, offline.")

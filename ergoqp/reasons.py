@@ -38,6 +38,8 @@ def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age:
     """
     status, margins = Status[step.status], step.account("margins")
     causes = [cause for cause in Cause if int(step.account("causes")[0]) >> cause & 1]
+    if Cause.asked in causes:
+        causes.remove(Cause.no_frame)
     if status >= Status.braking:
         return "; ".join(_cause(problem, cause, step, posture, dt, age, notes) for cause in causes)
     parts = []
@@ -100,8 +102,10 @@ def _cause(
         f"{100 * problem.robot.gain_error:g} % more or less than what it is sent",
         Cause.halted: "comes to rest before it moves again",
         Cause.asked: "asked to brake",
-        Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or the longest hold of the robot",
-        Cause.short_periods: f"the last periods were much shorter than the loop's {problem.dt:g} s: give the stepper its own dt",
+        Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
+        "the longest hold of the robot",
+        Cause.short_periods: f"the last periods were much shorter than the loop's {problem.dt:g} s: "
+        "give the stepper its own dt",
     }[cause]
 
 

@@ -192,7 +192,9 @@ class Stepper:
         self.reset()
 
     def reset(self, twist: Any = None) -> None:
-        """Forget the loop: the last twists, the last pose, the rest state. The guide stays; what was learned about it is forgotten.
+        """Forget the loop: the last twists, the last pose, the rest state.
+
+        The guide stays; what was learned about it is forgotten.
 
         Args:
             twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a moving robot, once; it is
@@ -263,9 +265,9 @@ class Stepper:
             posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no frame arrived.
             pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last one, the first time from the
                 posture.
-            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was sent, as late as declared. It
-                is for the pose, where that is not measured, and for faults of the robot; the limits hold for what is sent
-                whatever it says.
+            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was sent, as late as
+                declared. It is for the pose, where that is not measured, and for faults of the robot; the limits hold for
+                what is sent whatever it says.
             dt: for how long this twist will be executed [s]; None: the loop's period. Not the time since the last call: a late
                 call ends what was certified, and a period longer than three of the loop's (or than the declared
                 ``longest_hold``) brakes.

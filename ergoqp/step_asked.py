@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import casadi as ca
-import numpy as np
 
 from ergoqp.linear import largest
 from ergoqp.step_rows import STEADY_RETURN, limit_values

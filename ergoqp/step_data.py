@@ -47,7 +47,9 @@ def qp_data(problem: Problem) -> ca.Function:
 
 def _size(problem: Problem, name: str) -> tuple[int, int]:
     n = len(problem.coordinates)
-    sizes = dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1)) | dict.fromkeys(("pose", "landed"), (4, 4))
+    sizes = dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1)) | dict.fromkeys(
+        ("pose", "landed"), (4, 4)
+    )
     sizes |= {"away": (2 * len(problem.row_names), 1)}
     sizes |= {"readings": (readings_size(problem), 1), "way": (way_size(problem), 1), "previous": (6, 1), "S": (n, 6)}
     return sizes.get(name, (1, 1))
@@ -67,8 +69,9 @@ AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
 def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     """Return the QP of one locking pass and the numbers of the rows in it.
 
-    The function is ``(*_PLACE, away, value, gradient, locked, final) -> (*QP_DATA, S, E, shift)``; `away` is that of `away_function`.
-    What is geometry is scalars; what is the same for every row is vectors, which an interpreter runs many times faster.
+    The function is ``(*_PLACE, away, value, gradient, locked, final) -> (*QP_DATA, S, E, shift)``; `away` is that of
+    `away_function`. What is geometry is scalars; what is the same for every row is vectors, which an interpreter runs many
+    times faster.
     """
     names = (*_PLACE, "away", "value", "gradient", "locked", "final")
     mx = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
@@ -89,8 +92,8 @@ def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
 def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     """Return what the rows and braking are made of, which rows some twist can move, and which of them are rows of S.
 
-    The function is ``(*_PLACE, shift, S) -> (own, below, above, rate, reserve, twist, low, high, reach)``: of the movable rows, and of this
-    period's braking. `own` (k, 6) are the rows that are not rows of S.
+    The function is ``(*_PLACE, shift, S) -> (own, below, above, rate, reserve, twist, low, high, reach)``: of the movable
+    rows, and of this period's braking. `own` (k, 6) are the rows that are not rows of S.
     """
     sx = {name: ca.SX.sym(name, *_size(problem, name)) for name in (*_PLACE, "shift", "S")}
     S, stop = with_pattern(sx["S"], sensitivity_pattern(problem)), Stop.of(problem)
@@ -112,8 +115,8 @@ def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
 def away_function(problem: Problem) -> ca.Function:
     """``AWAY -> away (2 r,)``: how far rows that ask to come back are beyond their upper ends, then beyond their lower ones.
 
-    It is 0 for rows that do not ask, and within the tolerance or the declared noise of the pose. It goes by where things are, not by
-    where they land, so it does not depend on S. `asks` is 0 when rows of the posture have given up.
+    It is 0 for rows that do not ask, and within the tolerance or the declared noise of the pose. It goes by where things
+    are, not by where they land, so it does not depend on S. `asks` is 0 when rows of the posture have given up.
     """
     known = {name: ca.SX.sym(name, *_size(problem, name)) for name in AWAY}
     situation = situation_of(problem, known, with_pattern(ca.SX.ones(*_size(problem, "S")), sensitivity_pattern(problem)))

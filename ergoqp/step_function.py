@@ -15,8 +15,8 @@ from ergoqp.step_data import away_function, pass_data
 from ergoqp.step_guide import GUIDE_INPUTS, GUIDE_OUTPUTS, guide_sizes, pull_function
 from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes, known_of
 from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
-from ergoqp.step_readings import readings_function, readings_size, situation_of
 from ergoqp.step_parts import joined, split
+from ergoqp.step_readings import readings_function, readings_size, situation_of
 from ergoqp.step_state import asks_back, state_sizes
 from ergoqp.step_way import next_history
 
@@ -33,8 +33,9 @@ def build_step(
 ) -> ca.Function:
     """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
 
-    Inputs that may be absent come with a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or 1); ``ask`` is 1 when only
-    the braking twist is wanted. All state is passed in and out, see `ergoqp.step_state`: the same inputs give the same outputs, always.
+    Inputs that may be absent come with a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or 1); ``ask`` is 1
+    when only the braking twist is wanted. All state is passed in and out, see `ergoqp.step_state`: the same inputs give the
+    same outputs, always.
 
     ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow [m/s, rad/s in one
     norm] and the share of the way from braking to the QP's answer that was accepted.

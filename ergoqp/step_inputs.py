@@ -56,7 +56,20 @@ class Cause(IntEnum):
 LONGEST_DT: Final = 1.0
 """What is longer is no control period [s]."""
 
-INPUTS: Final = ("posture", "observed", "pose", "has_pose", "executed", "has_twist", "dt", "age", "frame", "enable", "ask", "state")
+INPUTS: Final = (
+    "posture",
+    "observed",
+    "pose",
+    "has_pose",
+    "executed",
+    "has_twist",
+    "dt",
+    "age",
+    "frame",
+    "enable",
+    "ask",
+    "state",
+)
 
 OUTPUTS: Final = (
     *("twist", "pose_used", "next_state", "posture_rate", "status", "causes", "fault", "cost", "gain", "margins"),
@@ -67,7 +80,13 @@ OUTPUTS: Final = (
 def input_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, int]]:
     """Return the shape of every input of the step."""
     n = len(problem.coordinates)
-    sizes = {"posture": (n, 1), "observed": (n, 1), "pose": (4, 4), "executed": (6, 1), "state": (count(state_sizes(problem, guided)), 1)}
+    sizes = {
+        "posture": (n, 1),
+        "observed": (n, 1),
+        "pose": (4, 4),
+        "executed": (6, 1),
+        "state": (count(state_sizes(problem, guided)), 1),
+    }
     return {name: sizes.get(name, (1, 1)) for name in INPUTS}
 
 
@@ -134,8 +153,8 @@ def _read_function(problem: Problem) -> ca.Function:
     """Judge all inputs but the posture.
 
     Returns:
-        Function that gives the displacement of the last period as far as it is known, whether a pose is known from now on, whether one
-        was measured, whether a twist was reported, whether the object may not move, and the causes so far.
+        Function that gives the displacement of the last period as far as it is known, whether a pose is known from now on,
+        whether one was measured, whether a twist was reported, whether the object may not move, and the causes so far.
     """
     inputs = {name: size for name, size in input_sizes(problem).items() if name not in ("posture", "observed", "state")}
     own = dict.fromkeys(("sent", "changed", "slowest", "fastest"), (6, 1))
@@ -171,9 +190,7 @@ def _read_function(problem: Problem) -> ca.Function:
     return ca.Function("read", list(raw.values()), ca.cse(dense(outputs)), list(raw), [f"out_{i}" for i in range(len(outputs))])
 
 
-def _pose(
-    problem: Problem, measured: ca.MX, pose: ca.MX, started: ca.MX, stored: ca.MX, moved: ca.MX, posture: ca.MX
-) -> ca.MX:
+def _pose(problem: Problem, measured: ca.MX, pose: ca.MX, started: ca.MX, stored: ca.MX, moved: ca.MX, posture: ca.MX) -> ca.MX:
     """The measured pose; else the last one moved on; at the first step, where the contact is by the posture."""
     sx = ca.SX.sym("stored", 4, 4), ca.SX.sym("moved", 6)
     on = ca.Function("moved_on", sx, [exp_rotation(*sx)])

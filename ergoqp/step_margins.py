@@ -38,7 +38,8 @@ class StepRows:
 
         Args:
             problem: the task.
-            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins` also ``landed``, ``way`` and ``shift``.
+            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins` also ``landed``, ``way``
+                and ``shift``.
             S: sensitivity (n, 6), dense.
         """
         self._problem, self._known, self._S = problem, known, S

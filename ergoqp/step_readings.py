@@ -33,8 +33,8 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
 
     Args:
         problem: the task.
-        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``previous``, and either ``pose`` for where
-            things are, or ``landed``, ``way`` and ``shift`` for where they come to rest.
+        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``previous``, and either ``pose``
+            for where things are, or ``landed``, ``way`` and ``shift`` for where they come to rest.
         S: sensitivity, only with the entries that can differ from zero.
         brake: of this period, for how far rows must look ahead; None: only the moment counts.
     """

@@ -99,8 +99,8 @@ def row_bounds(
         limits: the row limits of the problem.
         rows: the movable rows of all limits, one below the other.
         kept: their numbers among all rows, see `movable_rows`.
-        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then beyond the lower ones; 0 for rows
-            that do not ask to come back.
+        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then beyond the lower ones; 0
+            for rows that do not ask to come back.
         brake: of this period.
         final: 1 in the last pass, in which joints near their end do not yield any more.
     """
@@ -177,4 +177,6 @@ def _ends(
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
     """Return one number per row from the limits' attribute `pick`, which is that of all its rows or one for each."""
-    return np.array([value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float)
+    return np.array(
+        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float
+    )

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class Stop:
     """The law by which a problem's object stops.
 
-    Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i seconds, whatever the periods of the
-    steps to come. Where every twist is sent as planned, the object moves by at most u (dt + t_b / 2) in the period of u and the
-    stop after it.
+    Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i seconds, whatever the periods
+    of the steps to come. Where every twist is sent as planned, the object moves by at most u (dt + t_b / 2) in the period
+    of u and the stop after it.
 
     Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the last twist to this one, and
     the object moves by the half of this period that belongs to u and by the stop, u (dt / 2 + t_b / 2); what was planned before
@@ -81,10 +81,12 @@ class Stop:
             speed = ca.fmax(0, speed - limit.aside * dt)
         stop = self.time(previous)
         twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
-        # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never excluded.
+        # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never
+        # excluded.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-        # Rows take the simplest bound of a mean that rises: kept a little further away, the object is seldom left with braking only.
+        # Rows take the simplest bound of a mean that rises: kept a little further away, the object is seldom left with
+        # braking only.
         reach = self.stretch * (self.share * dt + (stop + dt) / 2 + self.hurry)
         return Braking(twist, low, high, reach, acceleration, dt)
 

@@ -10,7 +10,7 @@ _FLOAT: Final = np.dtype(float)
 
 
 def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]) -> None:
-    """Copy a user's array into a buffer of its shape; anything unusable fills it with NaN, which the step judges, and is noted."""
+    """Copy a user's array into a buffer of its shape; what is unusable fills it with NaN, which the step judges, and a note."""
     if type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
         target[...] = value
         return

@@ -1,9 +1,10 @@
 """Whether the robot does what it was sent: measured motion against declared motion, and a name for what does not fit.
 
-Measured and sent motion are compared since the object last stood still. What a declared robot may differ by is no fault: what it
-has not done yet, its gain error, the noise of its pose. Each measured pose says between which ends the constant difference of
-the two must lie, axis by axis; when the ends of two moments leave no room, by more than `UNIT`, something was done that was not
-declared. A reported twist is compared by its integral; what scatters from sample to sample, up to half the speed limit, is noise.
+Measured and sent motion are compared since the object last stood still. What a declared robot may differ by is no fault:
+what it has not done yet, its gain error, the noise of its pose. Each measured pose says between which ends the constant
+difference of the two must lie, axis by axis; when the ends of two moments leave no room, by more than `UNIT`, something was
+done that was not declared. A reported twist is compared by its integral; what scatters from sample to sample, up to half
+the speed limit, is noise.
 
 After a fault, and after the object was not allowed to move, it comes to rest and starts again from rest only.
 """
@@ -92,9 +93,9 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
     Args:
         problem: the task.
         given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``, ``measured``, ``told`` (0 or 1),
-            ``executed``, ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists of a robot that does no more than it was
-            sent, ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop`` (1: the object may not
-            move now), ``period`` [s].
+            ``executed``, ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists of a robot that does no more
+            than it was sent, ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop``
+            (1: the object may not move now), ``period`` [s].
         shape: how functions are written, see `ergoqp.linear`.
     """
     compare, explain = shape(_compared(problem)), _explained(problem)
@@ -155,7 +156,7 @@ def _compared(problem: Problem) -> ca.Function:
 
 
 def _explained(problem: Problem) -> ca.Function:
-    """``(...) -> (reported, named)``: what a reported twist shows, and the name of a fault, made again from more at every step."""
+    """``(...) -> (reported, named)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
     given = _symbols(*names, "parked", "reported", "named")
     told, faulty = given["told"] > 0.5, given["faulty"] > 0.5
@@ -180,7 +181,8 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     drift, blur, path = (ca.if_else(fresh, 0, now[name]) for name in ("drift", "blur", "path"))
     drift, blur = drift + surprise * lasted, blur + scatter**2 / 2
     path = path + ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
-    # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half a period.
+    # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
+    # a period.
     slack = _CERTAIN * ca.sqrt(blur) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
@@ -268,4 +270,3 @@ def fault_sentence(kind: int, amount: float) -> str:
         Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",
         Fault.speed_jumps: "robot: speed jumps",
     }.get(Fault(kind), "")
-

@@ -1,8 +1,8 @@
 """What lies between the plan and the object: the mean that is sent, what a declared robot has not done of it, where it lands.
 
-The limits are kept by the planned ("virtual") twist u, a line from period to period, which nothing that is measured ever changes.
-Sent is the mean of u over the last W seconds, at the end of the period that it is sent for: every convex limit holds for a mean
-too, its acceleration is at most that of u, and its jerk (u'(t) - u'(t - W)) / W at most 2 a / W.
+The limits are kept by the planned ("virtual") twist u, a line from period to period, which nothing that is measured ever
+changes. Sent is the mean of u over the last W seconds, at the end of the period that it is sent for: every convex limit
+holds for a mean too, its acceleration is at most that of u, and its jerk (u'(t) - u'(t - W)) / W at most 2 a / W.
 
 A measured pose shows the object as it was `dead_time` seconds ago, and a robot that lags has not done all of what it was sent
 before that. Of a twist sent at age x, the share exp(-max(x - dead_time, 0) / lag) is still to come, so the object lands at the
@@ -22,7 +22,7 @@ from ergoqp.errors import ProblemError
 from ergoqp.limits import Situation
 from ergoqp.linear import Shape, scalars, vectors
 from ergoqp.rigid import shifted
-from ergoqp.step_parts import count, joined, split
+from ergoqp.step_parts import count, split
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -238,8 +238,8 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
 def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vectors) -> tuple[ca.MX, ca.MX]:
     """Return (where the object lands (4, 4), what is under way as numbers, see `split_way`).
 
-    A robot is declared by its upper ends: any share of each piece may be done already. So a piece that leads away from an end is
-    not counted on, and one that leads to it counts in full.
+    A robot is declared by its upper ends: any share of each piece may be done already. So a piece that leads away from an
+    end is not counted on, and one that leads to it counts in full.
 
     Args:
         problem: the task.
@@ -308,7 +308,8 @@ def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX]:
     """The mean of the plan over W seconds as weights of its twists.
 
     Returns:
-        At the end of this period: weight of the new twist, and of those before (n,). And now: seconds for which each of them still
+        At the end of this period: weight of the new twist, and of those before (n,). And now: seconds for which each of
+            them still
         acts when it is not yet sent (n,), the half of this period that leads away from the last one included.
     """
     n = ages.numel()

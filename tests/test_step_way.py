@@ -21,7 +21,13 @@ FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn"
 def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
     """``(history, dt) -> FOUND`` and ``(history, planned, sent, still, dt) -> history``."""
     size = count(history_sizes(problem))
-    history, dt, planned, sent, still = ca.MX.sym("h", size), ca.MX.sym("dt"), ca.MX.sym("u", 6), ca.MX.sym("s", 6), ca.MX.sym("z")
+    history, dt, planned, sent, still = (
+        ca.MX.sym("h", size),
+        ca.MX.sym("dt"),
+        ca.MX.sym("u", 6),
+        ca.MX.sym("s", 6),
+        ca.MX.sym("z"),
+    )
     found = under_way(problem, history, dt)
     after = ca.vertcat(*next_history(problem, history, found, planned, sent, still, dt))
     seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]

@@ -121,7 +121,13 @@ def run(
 
 
 def _from_awkward_place(
-    problem: Problem, screen: Console, seed: int, duration: float, options: RecordingOptions, place: Guide | None, how: dict[str, Any]
+    problem: Problem,
+    screen: Console,
+    seed: int,
+    duration: float,
+    options: RecordingOptions,
+    place: Guide | None,
+    how: dict[str, Any],
 ) -> Run:
     body = None if options.person_value is None else given_person(options.person_value)
     with working("looking for an awkward place"):

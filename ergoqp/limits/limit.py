@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import casadi as ca
 
-
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
 
@@ -28,8 +27,8 @@ class Situation:
         surface: the limit that the state has to stay on exactly, or None.
         ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not yet in `posture`.
         shift: what the posture will change by that (32,) [rad], S ahead.
-        lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot be counted on, by the name of its
-            first row; without an entry all of it can.
+        lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot be counted on, by the
+            name of its first row; without an entry all of it can.
         turn: largest angle under way that a robot may have done already [rad]; None: there is none.
     """
 
@@ -105,7 +104,8 @@ class Limit(Protocol):
         names: name of each row, unique in a problem.
         unit: of the quantities, for people (``"rad"``, ``"m"``).
         hard: object side (True): kept by construction, braking included; its `rows` and `margins` count on no more than
-            `Situation.counted` leaves. Through S (False): kept as far as braking allows; they add `Situation.shift` to the posture.
+            `Situation.counted` leaves. Through S (False): kept as far as braking allows; they add `Situation.shift` to the
+            posture.
         returns: whether each row, once outside, asks to come back: on the object side it does; a person's posture does not move
             the object by itself.
         tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.

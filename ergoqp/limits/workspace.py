@@ -52,7 +52,9 @@ class WorkspaceBox:
         matrix = ca.DM(3, 6)
         matrix[:, :3] = ca.DM.eye(3)
         free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
-        return situation.counted(self.names[0], Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight))
+        return situation.counted(
+            self.names[0], Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight)
+        )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way; exact, a box is convex."""

@@ -143,7 +143,8 @@ typedef struct {{
 /* Standstill: forgets the last twists, the last pose and the rest state. Call it before the first step. */
 void ergoqp_init(ergoqp_stepper* stepper);
 
-/* The same for an object that moves already: takes it over, once, its twist clipped to the speed limits. 0 if it is not finite. */
+/* The same for an object that moves already: takes it over, once, its twist clipped to the speed limits.
+ * Returns 0 if it is not finite. */
 int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]);
 
 /* What most loops give: a frame, everything seen, no pose, no twist, the problem's period, age 0, enabled. */
@@ -152,9 +153,9 @@ void ergoqp_input_defaults(ergoqp_input* input);
 /* One step. Whatever comes in, `output->twist` keeps the limits of the object; returns the status. */
 ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, ergoqp_output* output);
 
-/* For the robot's watchdog, when no step came in time: the next twist of the stop, executed for dt seconds, without new data. The
- * stepper goes on with it. elapsed: seconds for which the robot has already ramped down by itself. Not beside ergoqp_step in another
- * thread: one stepper belongs to one thread at a time. */
+/* For the robot's watchdog, when no step came in time: the next twist of the stop, executed for dt seconds, without new
+ * data. The stepper goes on with it. elapsed: seconds for which the robot has already ramped down by itself. Not beside
+ * ergoqp_step in another thread: one stepper belongs to one thread at a time. */
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, ergoqp_output* output);
 
 /* Names, for logs. */

@@ -109,8 +109,9 @@ def violation_rows(run: Run) -> list[tuple[str, str, str]]:
 
 
 def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
-    """Return per reason its status, its number of steps, when it was first and last given [s], and its sentence; the commonest first.
+    """Return per reason its status, its number of steps, when it was first and last given [s], and its sentence.
 
+    The commonest comes first.
     A reason that only counts on (``by 0.137``, ``by 0.136``) is one reason, told with its last numbers.
     """
     kinds: dict[tuple[str, str], list[int]] = {}

@@ -30,6 +30,8 @@ _STATUS_STYLE: Final = {
     "invalid": "level4",
 }
 _MOST_LIMITS: Final = 16
+
+
 def write_run_page(run: Run, path: Path) -> None:
     """Write the report of a run: one HTML file that needs nothing else.
 

@@ -41,6 +41,8 @@ def run_table(run: Run) -> RenderableType:
     rows.append(("limits broken", "; ".join(broken) or "none"))
     if said := told_of(run):
         rows.append(("said on the way", "; ".join(said)))
+    if any(sentence.startswith("robot:") for sentence in said):
+        rows.append(("", "how late or how exact a robot is can be declared under [robot] in the problem file"))
     outside = [f"{joint} {count} samples" for joint, count in run.person_outside.items() if count]
     if outside:
         rows.append(("person beyond range", "; ".join(outside)))

@@ -107,7 +107,9 @@ def run_loop(
             pose = after
         if checker is not None:
             stops = step.status in ("braking", "invalid")
-            checker.check(step.twist, previous, trace.poses[-1], measured, step.posture_rate, dt, observed, step.slack, pose, stops)
+            checker.check(
+                step.twist, previous, trace.poses[-1], measured, step.posture_rate, dt, observed, step.slack, pose, stops
+            )
         previous = step.twist
         late.append(pose)
         followed = late.popleft()

@@ -78,4 +78,7 @@ def frames(senses: Senses, dt: float, rng: np.random.Generator) -> Iterator[tupl
     drift = rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
     while True:
         drift = keep * drift + np.sqrt(1 - keep**2) * rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
-        yield senses.bias + drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg), bool(rng.random() >= senses.lost)
+        yield (
+            senses.bias + drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg),
+            bool(rng.random() >= senses.lost),
+        )

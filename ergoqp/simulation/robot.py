@@ -1,4 +1,4 @@
-"""A robot that holds the object: late, not quite as fast as it is told, and measured with an error. Exact between the periods."""
+"""A robot that holds the object: late, not quite as fast as it is told, measured with an error; exact between periods."""
 
 from __future__ import annotations
 

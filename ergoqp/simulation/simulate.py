@@ -203,9 +203,15 @@ def _robot(problem: Problem, robot: RobotKind | None) -> list[str]:
     return [
         f"The controller is told of the robot: {declared}."
         if declared
-        else "The controller is told nothing of the robot: it reckons with one that does exactly, and at once, what it is sent.",
+        else "The controller is told nothing of the robot: it reckons with one that does at once what it is sent.",
         "The simulated robot "
-        + ("does exactly that." if robot is None and not declared else "is as bad as that." if robot is None else f"has {does}."),
+        + (
+            "does exactly that."
+            if robot is None and not declared
+            else "is as bad as that."
+            if robot is None
+            else f"has {does}."
+        ),
     ]
 
 
