@@ -179,6 +179,7 @@ class Loop:
         if not left > 0:
             return self._state.copy()
         state = self._state.copy()
+        self._settle_allowance(state, 3 * self.problem.dt, False)
         while left > 0 and (self.sent.twist.any() or self.law.braked(0.0).any()):
             period = min(left, 3 * self.problem.dt)
             left -= period
@@ -216,9 +217,7 @@ class Loop:
         short = self._may_be_short(dt)
         jumped = self._place(call, step, posture, seen, measured, told, short, where)
         stopped = given.get("enable") is False or bool(self.problem.robot.gain_error and not measured)
-        if (jumped or self._fresh) and self.world is not None:
-            self._forced(state, dt)
-            self._fresh = False
+        self._settle_allowance(state, dt, jumped)
         self.robot.look(self.before, step.pose, measured, told, bool(call.lies) or self._disobeys > 0, dt)
         self._certify(call, step, posture, seen, dt, short, stopped, where)
         unmeasured = bool(self.problem.robot.gain_error and not measured)
@@ -356,13 +355,14 @@ class Loop:
         self._state[:] = state
         return worst, self.rows.outside(world.pose)
 
-    def _forced(self, state: np.ndarray, dt: float) -> None:
-        """The object is where nobody sent it: from now on it may be as far outside as braking forces from there, and no further.
+    def _settle_allowance(self, state: np.ndarray, dt: float, jumped: bool) -> None:
+        """Where the object is where nobody sent it, it may be as far outside as braking forces from there, and no further.
 
         The stop is really braked, at the usual and the longest periods; by how much others may differ is allowed.
         """
-        assert self.world is not None
-        kept, h = self._state.copy(), 3 * self.problem.dt
+        if self.world is None or not (jumped or self._fresh):
+            return
+        self._fresh, kept, h = False, self._state.copy(), 3 * self.problem.dt
         here = np.maximum(self.rows.outside(self.world.pose), 0)
         held = self.problem.robot.longest_hold * np.maximum(np.abs(self.sent.twist), np.abs(self.law.braked(0.0)))
         worst, apart = here, self.rows.reach(self.law.apart(min(dt, h)) + held)

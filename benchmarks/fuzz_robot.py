@@ -88,7 +88,7 @@ class RobotReckoning:
         self._heard = self._heard_perhaps = 0.0
         if told is not None:
             self._listen(told, perhaps)
-        fault = max(surely) > _MANY
+        fault = not self._honest and max(surely) > _MANY
         possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
         limit = self._pause + (0.0 if self._phase == "halted" else _CALM) + self._robot.delay + self._robot.pose_delay
         limit += 3 * self._robot.lag + 4 * max(self._lasted, self._dt)
@@ -115,7 +115,7 @@ class RobotReckoning:
             self._low = self._high = self._apart
         self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
         # Whatever the robot may owe, not do, or do on for once, in any direction.
-        slow = (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
+        slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
         room = 2 * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
         fast = (1 + robot.gain_error) * self._most * self._lasted
         least, most = (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
@@ -131,7 +131,7 @@ class RobotReckoning:
         scatter = np.minimum(np.abs(surprise - self._surprise), self._credible) * lasted
         self._surprise = surprise
         self._drift, self._blur = self._drift + surprise * lasted, self._blur + scatter**2 / 2
-        slow = (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + self._dt
+        slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + self._dt
         room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * np.linalg.norm(self._path + np.abs(told) * lasted)
         if not self._first:
             # Before the first step nobody knows for how long the last twist was sent.

@@ -74,7 +74,12 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
     rows = StepRows(problem, known, known["S"])
     now = rows.now
     count = len(problem.row_names)
-    outside = ca.logic_and(ca.fmax(known["away"][:count], known["away"][count:]) > 0, _moves(problem, rows))
+    away = ca.fmax(known["away"][:count], known["away"][count:]) > 0
+    if problem.surface is not None:
+        # A surface has no ends to be beyond, only a distance from it.
+        on = ca.DM([float(limit is problem.surface) for limit in problem.row_limits for _ in limit.names])
+        away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
+    outside = ca.logic_and(away, _moves(problem, rows))
     decide = _decide_function(problem, pattern, guided)
     given = known | {"must_move": largest(outside)}
     wanted, slowest, displacement, solved, rest, *trial = decide(*(given[decide.name_in(i)] for i in range(decide.n_in())))

@@ -365,7 +365,7 @@ def next_history(
     kept, sizes = History.of(problem), history_sizes(problem)
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [dt, found.aged[: kept.ages - 1]]
+    after += [dt, *([found.aged[: kept.ages - 1]] if kept.ages > 1 else [])]
     after.append(still * (split(sizes, history)["idle"] + dt))
     if lag := problem.robot.lag:
         # The oldest leaves the history; what it has still to do goes on fading.

@@ -14,6 +14,7 @@ SAYS = {
     "04_learned_cost": ["480 to learn from", "within one point", "boundary margin"],
     "05_best_place": ["best place: REBA", "if the posture could be chosen too", "a person of 1.95 m", "limits broken 0 times"],
     "06_place_for_a_group": ["one place for all: x", "1.60 m: REBA", "adjustable z: highest"],
+    "08_robot_that_lags": ["robot: late by", "lag declared:", "brought it to rest in", "asked to brake"],
     "07_whole_body": ["keep 0.05 m", "first step: optimal", "held back by the distance", "limits of the arm broken 0 times"],
 }
 

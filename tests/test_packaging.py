@@ -95,7 +95,7 @@ def test_command_of_the_wheel(installed, tmp_path):
 def test_public_names():
     assert set(ergoqp.__all__) == {
         "JOINTS", "Control", "Problem", "Step", "Stepper", "__version__", "compare", "errors", "load_cost", "load_problem",
-        "load_recording", "reba", "replay",
+        "load_recording", "reba", "replay", "DeclaredRobot",
     }  # fmt: skip
     for name in ergoqp.__all__:
         assert getattr(ergoqp, name) is not None
@@ -129,8 +129,11 @@ def test_readme_names_what_is_there():
 
 def test_problem_of_the_readme():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    found = re.search(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    assert found
+    blocks = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     from ergoqp.problem_file import problem_from_dict
 
-    assert problem_from_dict(tomllib.loads(found[1]), "readme").title == "polishes a panel, standing"
+    whole = next(block for block in blocks if "title" in block)
+    robot = next(block for block in blocks if block.startswith("[robot]"))
+    problem = problem_from_dict(tomllib.loads(whole) | tomllib.loads(robot), "readme")
+    assert problem.title == "polishes a panel, standing"
+    assert problem.robot.lag == 0.1

@@ -546,7 +546,7 @@ def test_a_twist_that_cannot_be_taken_over_is_refused_and_changes_nothing(wrong:
     for stepper in (one, other):
         for _ in range(10):
             stepper.step(q)
-    with pytest.raises(InputError, match="twist: got .*, allowed 6 finite numbers"):
+    with pytest.raises(InputError, match=r"twist: got .*, allowed 6 finite numbers"):
         one.reset(twist=wrong)
     assert one.step(q).twist.tobytes() == other.step(q).twist.tobytes()
 
@@ -599,7 +599,8 @@ def test_brake_repeated_comes_to_rest_in_time_and_stays_there_until_a_step_goes_
 
 
 def test_brake_keeps_the_workspace_and_a_step_goes_on_from_there() -> None:
-    box, limit, stepper = problem_of("screwing").limit_of(WorkspaceBox), problem_of("screwing").twist_limit, bold_stepper("screwing")
+    problem, stepper = problem_of("screwing"), bold_stepper("screwing")
+    box, limit = problem.limit_of(WorkspaceBox), problem.twist_limit
     for seed in range(6):
         rng, pose = np.random.default_rng(seed), held_pose("screwing")
         stepper.reset()

@@ -166,10 +166,11 @@ def test_whatever_the_robot_reports_speed_and_acceleration_hold_for_what_is_sent
 
 
 @pytest.mark.parametrize("begins", [0, 40], ids=["from the first step", "in the middle of a motion"])
-@pytest.mark.parametrize("speed", [0.5, 9.0])
+@pytest.mark.parametrize("speed", [0.5, 9.0, 99.0])
 def test_a_reported_speed_beyond_the_limit_is_never_gone_on_with(speed: float, begins: int) -> None:
     """At a limit of 0.2 m/s, 0.5 was answered with 0.494, `optimal`, and 99 m/s went on for 165 s."""
-    q, limit, stepper = near_comfort("screwing", np.random.default_rng(5), 15), problem_of("screwing").twist_limit, stepper_of("screwing")
+    q, limit = near_comfort("screwing", np.random.default_rng(5), 15), problem_of("screwing").twist_limit
+    stepper = stepper_of("screwing")
     twists = [stepper.step(q, held_pose("screwing") if number == 0 else None).twist for number in range(begins)]
     twists.insert(0, np.zeros(6))
     reported, reasons = np.array([speed, 0, 0, 0, 0, 0]), []
@@ -182,13 +183,6 @@ def test_a_reported_speed_beyond_the_limit_is_never_gone_on_with(speed: float, b
     assert not step.twist.any()
     assert np.all(np.abs(twists) <= limit.speed + 1e-12)
     assert np.all(np.abs(np.diff(twists, axis=0)) <= limit.acceleration * 0.01 + 1e-12)
-
-
-def test_a_reported_speed_of_99_metres_a_second_is_no_speed() -> None:
-    step = stepper_of("screwing").step(comfort_of("screwing"), held_pose("screwing"), np.array([99.0, 0, 0, 0, 0, 0]))
-    assert np.all(np.abs(step.twist) <= problem_of("screwing").twist_limit.acceleration * 0.01)
-    assert step.status in ("braking", "invalid")
-    assert "speed jumps" in step.reason or "twist is not finite or huge" in step.reason
 
 
 class Loop:

@@ -155,8 +155,10 @@ def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca
     """
     if situation.turn is None:
         return ca.SX(0), ca.SX(0)
-    bent = situation.turn / ca.fmax(sine, 0.1)
-    return ca.fmin(situation.turn, situation.turn * bent / 2), ca.fmin(situation.turn, end * bent)
+    turn = situation.turn
+    # sin(angle - L) >= sin(angle) - L: the nearest that the axis comes to the middle on the way.
+    near, nearer = (ca.fmax(sine - part, 1e-6) for part in (turn, turn + end))
+    return ca.fmin(turn, turn**2 / (2 * near)), ca.fmin(turn, end * turn / nearer)
 
 
 def _three(what: str, value: Sequence[float]) -> tuple[float, float, float]:

@@ -67,13 +67,14 @@ def ask(limit: Any, *, displacement: Any = (0.0,) * 6, lost: Any = None, turn: A
 def _brake(stop: Stop) -> ca.Function:
     previous, dt = ca.SX.sym("previous", 6), ca.SX.sym("dt")
     found = stop.braking(previous, dt)
-    outputs = [found.twist, found.low, found.high, found.reach, found.change, stop.displacement(previous, dt), stop.time(previous)]
+    outputs = [found.twist, found.low, found.high, found.reach]
+    outputs += [stop.displacement(previous, dt), stop.time(previous)]
     return ca.Function("brake", [previous, dt], [ca.densify(part) for part in outputs])
 
 
 def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float, **law: float) -> dict[str, np.ndarray]:
     """Braking from a planned twist, and the displacement of its own period and stop; `law` are other attributes of `Stop`."""
-    names = ("twist", "low", "high", "reach", "change", "displacement", "time")
+    names = ("twist", "low", "high", "reach", "displacement", "time")
     found = _brake(Stop(limit, **law))(previous, dt)
     return dict(zip(names, (np.array(part).ravel() for part in found), strict=True))
 

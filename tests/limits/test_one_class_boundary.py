@@ -129,7 +129,7 @@ def test_a_persons_posture_stays_in_the_data():
 
 
 def test_a_persons_posture_outside_the_data_is_named_not_made_worse_and_moves_nothing_by_itself():
-    plain, problem, model = in_data()
+    _, problem, model = in_data()
     # Far from all data, though no joint is near its end.
     ends, middle = np.random.default_rng(0).choice([-0.4, 0.4], (100, 32)), (LOWER + UPPER) / 2
     postures = middle + ends * (UPPER - LOWER)

@@ -159,7 +159,7 @@ def test_no_row_asks_to_come_back_faster_than_its_own_rate() -> None:
     ids=["the range of a body", "which is never asked for", "narrowed"],
 )
 def test_a_joint_measured_outside_only_stops_what_leads_further_out(limit: JointLimit) -> None:
-    """Only a range that was narrowed, with `recover`, may ask; an angle beyond what a body can do says that the sensor is off."""
+    """Only a range that was narrowed, with `recover`, may ask; an angle beyond what a body can do says: the sensor is off."""
     joint = INDEX["right_elbow_flexion"]
     posture, sensitivity = np.zeros(32), np.zeros((32, 6))
     posture[joint], sensitivity[joint, 0] = UPPER[joint] + 0.5, 1.0

@@ -7,10 +7,12 @@ import pytest
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import power_above, run_loop, settle_time, start_at
 from ergoqp.simulation.people import Senses, frames, sample_person
+from ergoqp.simulation.robot import RobotKind, moved
 
 
 def starts_of(problem, person, seed: int, count: int = 2):
@@ -54,6 +56,34 @@ def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
         changes.append((end - begin, smooth[1] - smooth[0]))
     assert max(change for change, _ in changes) <= 1
     assert np.mean([change for _, change in changes]) <= 0.05
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_robot_as_bad_as_declared_breaks_no_limit_and_is_no_fault(seed: int) -> None:
+    robot = DeclaredRobot(delay=0.02, lag=0.08, gain_error=0.05, pose_delay=0.02, pose_noise=5e-4, pose_noise_deg=0.1)
+    problem = load_problem("screwing").replace(robot=robot)
+    person = sample_person(problem, seed=3)
+    start, checker = starts_of(problem, person, seed=seed, count=1)[0], Checker(problem)
+    trace = run_loop(problem, person, start, duration=4.0, seed=seed, checker=checker)
+    assert sum(checker.violations.values()) == 0, checker.max_violation
+    assert not [step.reason for step in trace.steps if "robot:" in step.reason]
+    assert np.linalg.norm(trace.poses[-1][:3, 3] - start.pose[:3, 3]) > 0.03
+    # The robot is really that late: the object moves less in the first tenth of a second than it was sent.
+    moves = next(number for number, twist in enumerate(trace.twists) if twist.any())
+    sent = sum(np.abs(twist[:3]) * 0.01 for twist in trace.twists[moves : moves + 10])
+    went = np.abs(trace.poses[moves + 10][:3, 3] - trace.poses[moves][:3, 3])
+    assert np.all(went < 0.5 * sent + 1e-12)
+
+
+def test_a_robot_that_was_not_declared_is_named_and_stopped() -> None:
+    problem = load_problem("screwing")
+    person = sample_person(problem, seed=3)
+    start, checker = starts_of(problem, person, seed=1, count=1)[0], Checker(problem)
+    trace = run_loop(problem, person, start, duration=4.0, seed=0, checker=checker, robot=RobotKind(lag=0.2))
+    assert sum(checker.violations[name] for name in ("speed", "acceleration", "axes", "jerk")) == 0
+    named = [step for step in trace.steps if "robot:" in step.reason]
+    assert named
+    assert {step.status for step in named} == {"braking"}
 
 
 def test_a_loop_is_the_same_for_the_same_seed_and_another_for_another() -> None:

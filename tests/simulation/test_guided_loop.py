@@ -26,7 +26,7 @@ def overhead() -> tuple[Problem, Follower, np.ndarray]:
     problem = load_problem("overhead")
     person = sample_person(problem, 0)
     comfort = person.response.comfort
-    posture, reached = person.settle(comfort, place(0.37, -0.45, 1.68), person.grasp(comfort), person.stand(comfort))
+    posture, reached = person.settle(comfort, place(0.37, -0.45, 1.60), person.grasp(comfort), person.stand(comfort))
     assert reached
     return problem, person, posture
 

@@ -13,8 +13,8 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem import Control
-from ergoqp.simulation.robot import moved
 from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.run_json import arrays_of, summary_of_run
 from ergoqp.simulation.simulate import simulate
@@ -103,7 +103,7 @@ def test_unobserved_joints_reach_the_loop(problem, start):
     observed[[INDEX["neck_twist"], INDEX["right_wrist_flexion"]]] = False
     blind = simulate(problem, start, duration=0.5, observed=observed)
     assert blind.unobserved == ("neck_twist", "right_wrist_flexion")
-    assert "does not see neck twist, right wrist flexion" in blind.assumptions[-1]
+    assert any("does not see neck twist, right wrist flexion" in sentence for sentence in blind.assumptions)
     seeing = simulate(problem, start, duration=0.5)
     assert np.abs(blind.twists - seeing.twists).max() > 1e-6
 
