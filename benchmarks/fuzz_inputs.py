@@ -13,10 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.fuzz_world import moved
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
-from ergoqp.simulation.robot import moved
 
 Rng = np.random.Generator
 Arguments = dict[str, Any]

@@ -13,11 +13,11 @@ from benchmarks.fuzz_inputs import Call, moving, somewhere
 from benchmarks.fuzz_judge import Law, Sent, Tally
 from benchmarks.fuzz_reasons import ReasonJudge
 from benchmarks.fuzz_robot import RobotReckoning
-from benchmarks.fuzz_world import HardRows, TrueObject, Way, turned
+from benchmarks.fuzz_world import HardRows, TrueObject, Way, moved, turned
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem import Problem
-from ergoqp.simulation.robot import RobotKind, moved
+from ergoqp.simulation.robot import RobotKind
 from ergoqp.step import Step
 
 ALLOWED: Final = 1e-8
@@ -228,7 +228,7 @@ class Loop:
         self._go(step, dt, reason, where, stopped)
         if call.hold and self.world is not None:
             self._judge_way(self.world.send(step.twist, call.hold), step, f"{where} held on")
-        if self.world is not None and not self._disobeys and self.dice.random() < _STOPS * min(1.0, 50 * self.problem.dt / self._longest_stop()):
+        if self.world is not None and not self._disobeys and self.dice.random() < _STOPS * min(1.0, 30 * self.problem.dt / self._longest_stop()):
             self._judge_stop(step, where)
         if call.kind == "step":
             self.person = np.clip(self.person + step.posture_rate * dt, LOWER, UPPER)
@@ -340,7 +340,8 @@ class Loop:
 
         The stepper is left as it is.
         """
-        state, worst, passed, number = self._state.copy(), self.rows.outside(world.pose), 0.0, 0
+        state, passed, number = self._state.copy(), 0.0, 0
+        way: Way = [(world.pose, np.zeros(6))]
         longest = self._longest_stop() + 4 * max(periods)
         while not world.at_rest:
             if passed > longest:
@@ -350,15 +351,15 @@ class Loop:
             step = self.stepper.brake(dt)
             for name, by in sent.take(step.twist, dt).items():
                 self.tally.wrong("unsafe", f"stop: {name}", where, f"{by:.2g} beyond (relative), braking {step.twist} dt {dt:g}")
-            worst = np.maximum(worst, self.rows.worst(world.send(step.twist, dt)))
+            way += world.send(step.twist, dt)
             passed, number = passed + dt, number + 1
         self._state[:] = state
-        return worst, self.rows.outside(world.pose)
+        return self.rows.worst(way), self.rows.outside(world.pose)
 
     def _settle_allowance(self, state: np.ndarray, dt: float, jumped: bool) -> None:
         """Where the object is where nobody sent it, it may be as far outside as braking forces from there, and no further.
 
-        The stop is really braked, at the usual and the longest periods; by how much others may differ is allowed.
+        The stop is really braked, at the longest periods; by how much others may differ is allowed.
         """
         if self.world is None or not (jumped or self._fresh):
             return
@@ -366,9 +367,8 @@ class Loop:
         here = np.maximum(self.rows.outside(self.world.pose), 0)
         held = self.problem.robot.longest_hold * np.maximum(np.abs(self.sent.twist), np.abs(self.law.braked(0.0)))
         worst, apart = here, self.rows.reach(self.law.apart(min(dt, h)) + held)
-        for periods in ([dt, *[self.problem.dt] * 3], [dt, h, h, h]):
-            self._state[:] = state
-            worst = np.maximum(worst, self._brake_down(self.world.copy(), self.sent.copy(), periods, "a stop that is forced")[0])
+        self._state[:] = state
+        worst = np.maximum(worst, self._brake_down(self.world.copy(), self.sent.copy(), [dt, h, h, h], "a stop that is forced")[0])
         allowed = worst + np.where(worst > here + ALLOWED, apart, 0)
         self._state[:] = kept
         self.least = allowed

@@ -15,7 +15,7 @@ import numpy as np
 
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
-from ergoqp.simulation.robot import RobotKind, moved
+from ergoqp.simulation.robot import RobotKind
 
 _PART: Final = 0.005
 """Longest part of a period in which a robot that lags is taken to turn about one axis [s]."""
@@ -71,12 +71,31 @@ class HardRows:
         u = turns / np.maximum(end, 1e-30)
         along = u * np.sum(u * axes, axis=1, keepdims=True)
         across = axes - along
-        beside = np.cross(u, across)
+        beside = _cross(u, across)
         phase = np.arctan2(beside @ toward, across @ toward)[:, None]
-        angles = np.clip(np.hstack([0 * end, end, phase + np.pi, phase - np.pi]), 0, end)[:, :, None]
+        angles = np.minimum(np.maximum(np.hstack([0 * end, end, phase + np.pi, phase - np.pi]), 0), end)[:, :, None]
         reached = along[:, None] + across[:, None] * np.cos(angles) + beside[:, None] * np.sin(angles)
-        sines = np.linalg.norm(np.cross(toward, reached), axis=2)
-        return np.arctan2(sines, reached @ toward).max(axis=1)
+        apart, together = reached - toward, reached + toward
+        squares = np.einsum("nki,nki->nk", apart, apart), np.einsum("nki,nki->nk", together, together)
+        return 2 * np.arctan2(np.sqrt(squares[0]), np.sqrt(squares[1])).max(axis=1)
+
+
+def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Cross products of rows (n, 3)."""
+    return u[:, [1, 2, 0]] * v[:, [2, 0, 1]] - u[:, [2, 0, 1]] * v[:, [1, 2, 0]]
+
+
+def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """Return a pose (4, 4) after a world-aligned displacement (6,) [m, rad]."""
+    after = pose.copy()
+    after[:3, 3] += displacement[:3]
+    x, y, z = displacement[3:].tolist()
+    angle = (x * x + y * y + z * z) ** 0.5
+    if angle > 0:
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = cross * (np.sin(angle) / angle) + cross @ cross * (2 * (np.sin(angle / 2) / angle) ** 2)
+        after[:3, :3] += turn @ pose[:3, :3]
+    return after
 
 
 @dataclass

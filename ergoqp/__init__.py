@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from ergoqp.problem_file import load_problem as load_problem
     from ergoqp.recordings import load_recording as load_recording
     from ergoqp.robot import DeclaredRobot as DeclaredRobot
-    from ergoqp.step import Step as Step
     from ergoqp.step import Stepper as Stepper
     from ergoqp.step import replay as replay
+    from ergoqp.step_answer import Step as Step
 
 __version__ = "0.1.0"
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.step_guide import BACK, LOOK, THERE
-from ergoqp.step_inputs import LONGEST_DT, Cause, Status
+from ergoqp.step_inputs import LONGEST_DT, SHORTEST_DT, Cause, Status
 from ergoqp.step_rows import limit_values
 from ergoqp.step_watch import fault_sentence
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
-    from ergoqp.step import Step
+    from ergoqp.step_answer import Step
 
 
 _DRAWN: Final = {
@@ -91,7 +91,7 @@ def _cause(
         kind, amount = step.account("fault").tolist()
         return fault_sentence(int(kind), amount)
     return {
-        Cause.dt: f"dt is {dt:g} s, allowed 1e-05 to {LONGEST_DT:g} s",
+        Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
         Cause.disabled: "not enabled",
         Cause.no_frame: "no posture arrived",

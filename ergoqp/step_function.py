@@ -13,12 +13,12 @@ from ergoqp.solvers import QpSolver
 from ergoqp.step_asked import asked_update, still_asks
 from ergoqp.step_data import away_function, pass_data
 from ergoqp.step_guide import GUIDE_INPUTS, GUIDE_OUTPUTS, guide_sizes, pull_function
+from ergoqp.step_history import next_history
 from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes, known_of
 from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step_parts import joined, split
 from ergoqp.step_readings import readings_function, readings_size, situation_of
 from ergoqp.step_state import asks_back, state_sizes
-from ergoqp.step_way import next_history
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -83,7 +83,11 @@ def build_step(
     planned, twist, still, rate, status, causes, slack, multipliers, residuals = account(
         *here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent
     )
-    after = {"history": ca.vertcat(*next_history(problem, state["history"], under_way, planned, twist, still, dt))}
+    after = {
+        "history": ca.vertcat(
+            *next_history(problem, state["history"], under_way.aged, under_way.owed, planned, twist, still, dt)
+        )
+    }
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
     if asks_back(problem):
         after["asked"] = asked_update(problem, state["asked"], now, dt)

@@ -53,6 +53,9 @@ class Cause(IntEnum):
     short_periods = 15
 
 
+SHORTEST_DT: Final = 1e-5
+"""What is shorter is no control period either [s]."""
+
 LONGEST_DT: Final = 1.0
 """What is longer is no control period [s]."""
 
@@ -133,7 +136,7 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
     posture = ca.if_else(usable, raw["posture"], ca.DM(stand_in(problem)))
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
-    dt_ok = ca.logic_and(raw["dt"] >= 1e-5, raw["dt"] <= LONGEST_DT)
+    dt_ok = ca.logic_and(raw["dt"] >= SHORTEST_DT, raw["dt"] <= LONGEST_DT)
     dt = ca.if_else(dt_ok, raw["dt"], problem.dt)
 
     found = under_way(problem, state["history"], dt, shape)

@@ -8,9 +8,9 @@ import numpy as np
 
 from ergoqp.rest import STATES
 from ergoqp.step_guide import TRIAL
+from ergoqp.step_history import history_sizes, initial_history
 from ergoqp.step_parts import count
 from ergoqp.step_watch import WATCH
-from ergoqp.step_way import history_sizes, initial_history
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem

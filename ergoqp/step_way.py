@@ -16,72 +16,25 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
-import numpy as np
 
 from ergoqp.errors import ProblemError
 from ergoqp.limits import Situation
 from ergoqp.linear import Shape, scalars, vectors
 from ergoqp.rigid import shifted
+from ergoqp.step_history import History, history_sizes, owes, remaining_seconds
 from ergoqp.step_parts import count, split
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
-FAR: Final = 1e3
-"""Age of what was before the first step: older than anything counts [s]."""
-
-_SPARE: Final = 1.5
-"""The history holds this many times its seconds at the problem's period: periods may be that much shorter on average."""
-
 _SHORT: Final = 60
 """So many twists are few."""
-
-
-@dataclass(frozen=True)
-class History:
-    """How much of the past the step keeps.
-
-    Attributes:
-        planned: how many planned twists, newest first.
-        sent: how many sent ones.
-    """
-
-    planned: int
-    sent: int
-
-    @classmethod
-    def of(cls, problem: Problem) -> History:
-        """Return what the mean and the declared robot of a problem need."""
-
-        def periods(seconds: float) -> int:
-            return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
-
-        return cls(1 + periods(problem.average), 1 + periods(problem.robot.dead_time))
-
-    @property
-    def ages(self) -> int:
-        """How many ends of periods, the present one not counted."""
-        return max(self.planned - 1, self.sent)
-
-
-def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
-    """Return the shape of every part of the state that is history; see `initial_history`."""
-    history = History.of(problem)
-    sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1), "idle": (1, 1)}
-    if problem.robot.lag:
-        sizes["tail"] = (6, 2)
-    return sizes | ({"owed": (6, 1)} if _late(problem) else {})
-
-
-def _late(problem: Problem) -> bool:
-    """Whether the declared robot leaves anything of what was sent for later."""
-    return bool(problem.robot.dead_time or problem.robot.lag)
 
 
 def _counts(problem: Problem) -> int:
     """How many hard rows have less than their distance to count on."""
     robot = problem.robot
-    uncounted = problem.average or _late(problem) or robot.noise.any() or robot.longest_hold
+    uncounted = problem.average or owes(problem) or robot.noise.any() or robot.longest_hold
     return len(hard_names(problem)) if uncounted else 0
 
 
@@ -92,7 +45,7 @@ def hard_names(problem: Problem) -> tuple[str, ...]:
 
 def way_size(problem: Problem) -> int:
     """Return how many numbers say what is under way: see `split_way`."""
-    return 6 + 2 * _counts(problem) + int(_late(problem))
+    return 6 + 2 * _counts(problem) + int(owes(problem))
 
 
 def split_way(problem: Problem, way: Any) -> tuple[Any, dict[str, tuple[Any, Any]], Any]:
@@ -107,7 +60,7 @@ def split_way(problem: Problem, way: Any) -> tuple[Any, dict[str, tuple[Any, Any
                 end = start + len(limit.names)
                 lost[limit.names[0]] = way[start:end], way[start + count : end + count]
                 start = end
-    return way[:6], lost, way[way_size(problem) - 1] if _late(problem) else None
+    return way[:6], lost, way[way_size(problem) - 1] if owes(problem) else None
 
 
 @dataclass(frozen=True)
@@ -192,9 +145,9 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         begun, total = part["planned"] @ weights, part["planned"] @ left
         pieces, seconds = [part["planned"]], [left]
     tail = turn = None
-    if _late(problem):
+    if owes(problem):
         dead, lag = problem.robot.dead_time, problem.robot.lag
-        remaining = _remaining(ends[: history.sent], ends[1 : history.sent + 1], dead, lag)
+        remaining = remaining_seconds(ends[: history.sent], ends[1 : history.sent + 1], dead, lag)
         owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
         turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
@@ -340,43 +293,6 @@ def _segments(ages: ca.MX, W: float) -> tuple[ca.MX, ca.MX]:
     return length, length / (ages[1:] - ages[:-1] + 1e-30)
 
 
-def _remaining(younger: Any, older: Any, dead: float, lag: float) -> Any:
-    """Seconds for which twists sent between two ages still act."""
-    seconds = ca.fmin(older, dead) - ca.fmin(younger, dead)
-    if lag:
-        seconds += lag * (ca.exp(-ca.fmax(younger - dead, 0) / lag) - ca.exp(-ca.fmax(older - dead, 0) / lag))
-    return seconds
-
-
-def next_history(
-    problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX, dt: ca.MX
-) -> list[ca.MX]:
-    """Return the history after a period, in pieces that are put one below the other.
-
-    Args:
-        problem: the task.
-        history: before, as one vector of `history_sizes`.
-        found: what was under way.
-        planned: twist that was planned for the end of the period (6,).
-        sent: twist that was sent for it (6,).
-        still: 1 if both are zero.
-        dt: period [s].
-    """
-    kept, sizes = History.of(problem), history_sizes(problem)
-    first = 6 * kept.planned
-    after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [dt, *([found.aged[: kept.ages - 1]] if kept.ages > 1 else [])]
-    after.append(still * (split(sizes, history)["idle"] + dt))
-    if lag := problem.robot.lag:
-        # The oldest leaves the history; what it has still to do goes on fading.
-        part = split(sizes, history)
-        gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
-        seconds = _remaining(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
-        fades = ca.exp(-dt / lag) * part["tail"]
-        after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
-    return [*after, found.owed] if _late(problem) else after
-
-
 def _holds_all(problem: Problem, ages: ca.MX, dt: ca.MX) -> ca.MX:
     history = History.of(problem)
     needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
@@ -385,11 +301,3 @@ def _holds_all(problem: Problem, ages: ca.MX, dt: ca.MX) -> ca.MX:
         if seconds:
             found = ca.logic_and(found, ages[last] + dt >= seconds)
     return found
-
-
-def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the history of an object that has moved at `twist` (6,) for ever."""
-    parts = {name: np.zeros(size) for name, size in history_sizes(problem).items()}
-    parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
-    parts["idle"][:] = 0.0 if np.any(twist) else FAR
-    return parts

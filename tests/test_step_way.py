@@ -11,8 +11,9 @@ from step_samples import problem_of
 
 from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
+from ergoqp.step_history import FAR, history_sizes, initial_history, next_history
 from ergoqp.step_parts import count, split
-from ergoqp.step_way import FAR, history_sizes, initial_history, next_history, under_way
+from ergoqp.step_way import under_way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
 FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn")
@@ -29,7 +30,7 @@ def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
         ca.MX.sym("z"),
     )
     found = under_way(problem, history, dt)
-    after = ca.vertcat(*next_history(problem, history, found, planned, sent, still, dt))
+    after = ca.vertcat(*next_history(problem, history, found.aged, found.owed, planned, sent, still, dt))
     seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
     return ca.Function("seen", [history, dt], seen), ca.Function("after", [history, planned, sent, still, dt], [after])
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from ergoqp import __version__
 from ergoqp.joints import JOINTS
-from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status, input_sizes
+from ergoqp.step_history import History
+from ergoqp.step_inputs import INPUTS, OUTPUTS, SHORTEST_DT, Cause, Status, input_sizes
 from ergoqp.step_state import initial_state
 from ergoqp.step_watch import Fault
-from ergoqp.step_way import History
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -190,6 +190,7 @@ def memory_header(problem: Problem, core: str) -> str:
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]
+    lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
     lines += [f"#define ERGOQP_LONGEST_PERIOD {problem.longest_period!r}", f"#define ERGOQP_INITIAL_STATE {initial}", ""]
     for word, names, count in (("INPUT", INPUTS, sizes), ("OUTPUT", OUTPUTS, outputs)):
         starts = [sum(count.get(before, 1) for before in names[:number]) for number in range(len(names) + 1)]

@@ -14,7 +14,7 @@ from ergoqp.problem import Problem
 from ergoqp.qp import build_qp
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
-from ergoqp.step import Step
+from ergoqp.step_answer import Step
 from ergoqp.step_data import QP_DATA, movable_names, qp_data
 from ergoqp.step_objective import cost_function
 

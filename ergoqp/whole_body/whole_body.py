@@ -12,7 +12,7 @@ import numpy as np
 
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
-from ergoqp.step import Step
+from ergoqp.step_answer import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp

@@ -103,13 +103,15 @@ ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, er
 
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, ergoqp_output* output) {
     ergoqp_input nothing;
+    int axis;
     ergoqp_input_defaults(&nothing);
     nothing.frame = 0;
-    /* After a minute every robot has stopped by itself. */
-    while (elapsed > 0.0) {
+    while (elapsed >= ERGOQP_SHORTEST_PERIOD) {
         nothing.dt = elapsed < ERGOQP_LONGEST_PERIOD ? elapsed : ERGOQP_LONGEST_PERIOD;
+        elapsed -= nothing.dt;
         (void)answer(stepper, &nothing, 1.0, output);
-        elapsed = elapsed < 60.0 ? elapsed - nothing.dt : 0.0;
+        for (axis = 0; axis < 6 && output->twist[axis] == 0.0; ++axis) continue;
+        if (axis == 6) break; /* it has stopped */
     }
     nothing.dt = dt;
     return answer(stepper, &nothing, 1.0, output);
