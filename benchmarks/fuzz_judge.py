@@ -1,15 +1,16 @@
 """The fuzzer's judge of twists, in numpy and without the step's code: what was sent, and what could have been sent instead.
 
-`Sent` holds speed, allowed axes, acceleration and jerk against what was sent before, and nothing else. `Law` decides whether some
-twist other than braking was possible. It goes by the law of the stop alone (the docstring of `ergoqp.step_stop`), in its own
-arithmetic: what is under way counts first, then half a period at the new plan, the stop from it, and what a mean that still rises
-can add.
+`Sent` holds speed, allowed axes, acceleration and jerk against what was sent before, and nothing else. `Law` decides whether
+some twist other than braking was possible. It goes by the law of the stop alone (the docstring of `ergoqp.step_stop`), in its
+own arithmetic: what is under way counts first, then half a period at the new plan, the stop from it, and what a mean that still
+rises can add.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Final, Self
 
 import numpy as np
@@ -123,8 +124,8 @@ class Joints:
 class Law:
     """How a problem's object stops, by the law of `ergoqp.step_stop` in numbers, and what could be sent instead of braking.
 
-    The planned twists are the only thing that is read from the step: they are what its law is about. What was sent must be their
-    mean over the last W seconds, which is checked here by integration.
+    The planned twists are the only thing that is read from the step: they are what its law is about. What was sent must be
+    their mean over the last W seconds, which is checked here by integration.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -153,21 +154,26 @@ class Law:
                     history[: number - 1] = []
                     break
 
+    @property
+    def planned(self) -> np.ndarray:
+        """The twist that was planned last (6,)."""
+        return self._plan[-1][0]
+
     def mean(self) -> np.ndarray:
         """Return the mean of the plan over the last W seconds (6,)."""
         W = self.problem.average
-        return self._integral(lambda age: 1 / W) if W else self._plan[-1][0]
+        return self._integral(lambda age: 1 / W) if W else self.planned
 
     def under_way(self, dt: float) -> np.ndarray:
-        """Return what the mean has still to send of the plan (6,), the half of this period that belongs to the last twist included."""
+        """Return what the mean has still to send of the plan (6,), with the last twist's half of this period."""
         W = self.problem.average
-        return self._integral(lambda age: 1 - age / W) + self._plan[-1][0] * dt / 2 if W else np.zeros(6)
+        return self._integral(lambda age: 1 - age / W) + self.planned * dt / 2 if W else np.zeros(6)
 
     def _integral(self, weight) -> np.ndarray:
         """Integral of the plan, a line from period to period, times a weight that is linear in its age, up to the age W."""
         W, age, total = self.problem.average, 0.0, np.zeros(6)
         plan = [*self._plan[::-1], self._plan[0]]
-        for (newer, lasted), (older, _) in zip(plan, plan[1:], strict=False):
+        for (newer, lasted), (older, _) in pairwise(plan):
             end = min(age + lasted, W)
             share = (end - age) / lasted
             at_end = newer + (older - newer) * share
@@ -193,7 +199,7 @@ class Law:
 
     def braked(self, dt: float) -> np.ndarray:
         """Return the plan's braking twist (6,)."""
-        previous = self._plan[-1][0]
+        previous = self.planned
         seconds = float(np.max(np.abs(previous) / self.problem.twist_limit.acceleration))
         return previous * max(0.0, 1 - dt / seconds) if seconds > 0 else previous
 
@@ -202,11 +208,13 @@ class Law:
         W, h = self.problem.average, 3 * self.problem.dt
         return (h * (W / 2 + dt) + h**2 / 8) * self.problem.twist_limit.acceleration if W else np.zeros(6)
 
-    def apart(self, dt: float) -> np.ndarray:
-        """Return by how much the ways of two stops can differ (6,) when their periods do."""
-        previous, h = np.abs(self._plan[-1][0]), 3 * self.problem.dt
-        # Without a mean every period is held at its end, so shorter ones add up to half a period.
-        return np.minimum(1.5 * h * previous, self.rise(dt)) if self.problem.average else h / 2 * previous
+    def apart(self, longest: float) -> np.ndarray:
+        """Return by how much the way of a stop can differ (6,) from one with periods up to `longest` [s].
+
+        A period is held at its end: while the twist falls, shorter ones lead further, by half a period; while it rises, longer ones.
+        """
+        h, planned = 3 * self.problem.dt, np.abs(self.planned)
+        return longest / 2 * np.maximum(planned, np.abs(self._sent[-1][0])) + np.minimum(1.5 * h * planned, self.rise(h))
 
     def way(self, twists: np.ndarray, dt: float) -> np.ndarray:
         """Return what planned twists (n, 6) add to what is under way (n, 6): their period, and the stop after it."""
@@ -226,7 +234,7 @@ class Law:
     ) -> bool:
         """Whether some reachable twist other than braking keeps everything through its stop as well as braking does."""
         limit, brake = self.problem.twist_limit, self.braked(dt)
-        previous = self._plan[-1][0]
+        previous = self.planned
         low = np.minimum(np.maximum(-limit.speed, previous - limit.acceleration * dt), brake)
         high = np.maximum(np.minimum(limit.speed, previous + limit.acceleration * dt), brake)
         targets = rng.uniform(low, high, (_TRIED, 6))

@@ -1,4 +1,4 @@
-"""The problems that the fuzzer runs: those of the package, and random ones, with and without a declared robot."""
+"""What the fuzzer runs: the package's problems and random ones, with and without a declared robot; and where objects are."""
 
 from __future__ import annotations
 
@@ -84,3 +84,33 @@ def _ranges(rng: Rng) -> dict[str, tuple[float, float]]:
     return ranges
 
 
+def moving(rng: Rng, problem: Problem) -> np.ndarray:
+    """Return a twist with which an object may be moving, now and then beyond its limits."""
+    full = np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3)
+    return rng.uniform(-1, 1, 6) * full * rng.choice([0.3, 1.0, 1.5]) * (rng.random(6) < 0.7)
+
+
+def somewhere(rng: Rng, problem: Problem) -> np.ndarray:
+    """Return a pose (4, 4) in the workspace, at its edge or beyond it."""
+    pose, outside = np.eye(4), rng.random() < 0.3
+    pose[:3, :3] = rotation(rng)
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    low, high = (np.asarray(box.lower), np.asarray(box.upper)) if box else (np.zeros(3), np.ones(3))
+    pose[:3, 3] = rng.uniform(low, high) + outside * rng.choice([0.0, 0.01, 0.5]) * rng.normal(size=3)
+    if cone is not None and not (outside and rng.random() < 0.5):
+        wide = np.sin(min(np.radians(cone.half_angle_deg), 1.5)) / np.sqrt(2)
+        pose[:3, :3] = along(np.asarray(cone.direction) + wide * rng.uniform(-1, 1) * rotation(rng)[:, 0], rng)
+    return pose
+
+
+def rotation(rng: Rng) -> np.ndarray:
+    """Return any orientation (3, 3)."""
+    return along(rng.normal(size=3), rng)
+
+
+def along(direction: np.ndarray, rng: Rng) -> np.ndarray:
+    """Return an orientation (3, 3) with its first axis along a direction (3,)."""
+    x = direction / np.linalg.norm(direction)
+    y = np.cross(rng.normal(size=3), x)
+    y /= np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])

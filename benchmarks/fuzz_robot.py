@@ -1,7 +1,7 @@
 """What the step has to say of the robot, reckoned by the fuzzer from the calls alone: `RobotReckoning`.
 
-Measured motion is compared with what was sent since the object last stood still. Beyond 1 mm and 0.2 deg, and what is declared, it
-is a fault. Near the threshold, and where a declared robot leaves room, saying so and not saying so are both right.
+Measured motion is compared with what was sent since the object last stood still. Beyond 1 mm and 0.2 deg, and what is declared,
+it is a fault. Near the threshold, and where a declared robot leaves room, saying so and not saying so are both right.
 """
 
 from __future__ import annotations
@@ -100,9 +100,7 @@ class RobotReckoning:
         if fault:
             self._begin("fault")
 
-    def _compare(
-        self, went: np.ndarray, done: np.ndarray, measured: bool, surely: list[float], perhaps: list[float]
-    ) -> None:
+    def _compare(self, went: np.ndarray, done: np.ndarray, measured: bool, surely: list[float], perhaps: list[float]) -> None:
         """Compare motion with what was sent."""
         robot = self._robot
         self._path = self._path + np.abs(done)
@@ -132,11 +130,13 @@ class RobotReckoning:
         self._surprise = surprise
         self._drift, self._blur = self._drift + surprise * lasted, self._blur + scatter**2 / 2
         slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + self._dt
-        room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * np.linalg.norm(self._path + np.abs(told) * lasted)
-        if not self._first:
-            # Before the first step nobody knows for how long the last twist was sent.
-            self._heard = float(np.max((np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room) / _UNIT))
-        self._heard_perhaps = max(_size(self._drift), _size(surprise * lasted), np.inf if self._first and surprise.any() else 0.0)
+        path = float(np.linalg.norm(self._path + np.abs(told) * lasted))
+        room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * path
+        # Before the first step nobody knows for how long the last twist was sent.
+        far = np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room
+        self._heard = 0.0 if self._first else float(np.max(far / _UNIT))
+        unknown = np.inf if self._first and surprise.any() else 0.0
+        self._heard_perhaps = max(_size(self._drift), _size(surprise * lasted), unknown)
         perhaps.append(self._heard_perhaps)
 
     def _begin(self, phase: str) -> None:

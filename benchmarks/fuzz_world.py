@@ -1,14 +1,15 @@
-"""What the fuzzer's judge takes to be true: where the object is, whatever the step makes of it. In numpy, without the step's code.
+"""What the fuzzer's judge takes to be true: where the object is, whatever the step makes of it. Without the step's code.
 
-`HardRows` says how far outside its workspace and its tool cone an object is, at a place and on the whole way from one to the next.
-`TrueObject` is the object in the hands of a robot that is late, lags, moves more or less than it is sent, and is measured late and
-with an error; exact between the periods.
+`HardRows` says how far outside its workspace and its tool cone an object is, at a place and on the way from one to the next.
+`TrueObject` is the object in the hands of a robot that is late, lags, moves more or less than it is sent, and is measured late
+and with an error; exact between the periods.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final, Self
 
 import numpy as np
@@ -66,7 +67,7 @@ class HardRows:
         return np.array([displacement["xyz".index(name[-1])] if name != "tool axis" else turn for name in self.names])
 
     def _widest(self, axes: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """The largest angle (n,) to the cone's middle while an axis turns: it runs on a circle, so look where that is farthest."""
+        """The largest angle (n,) to the cone's middle while an axis turns: on a circle, so look where that is farthest."""
         toward, end = self._toward, np.linalg.norm(turns, axis=1, keepdims=True)
         u = turns / np.maximum(end, 1e-30)
         along = u * np.sum(u * axes, axis=1, keepdims=True)
@@ -123,7 +124,7 @@ class _Mover:
         begins = [begin + self.dead for begin, _ in sent]
         times = [start, *(begin for begin in begins if start + 1e-12 < begin < end - 1e-12), end]
         way, active = [], 0
-        for now, then in zip(times, times[1:], strict=False):
+        for now, then in pairwise(times):
             while active + 1 < len(sent) and begins[active + 1] <= now + 1e-12:
                 active += 1
             parts = int(np.ceil((then - now) / _PART)) if self.lag else 1

@@ -102,12 +102,11 @@ class Stepper:
         """
         state = self._begin
         if twist is not None:
-            try:
-                moving = np.asarray(twist, dtype=float)
-            except (TypeError, ValueError):
-                raise InputError(f"twist: got {type(twist).__name__}, allowed 6 finite numbers") from None
-            if moving.shape != (6,) or not np.isfinite(moving).all():
-                raise InputError(f"twist: got an array of shape {moving.shape}, allowed 6 finite numbers")
+            moving, notes = np.zeros(6), {}
+            put(moving, twist, (6,), "twist", notes)
+            if notes or not np.isfinite(moving).all():
+                said = notes.get("twist", "numbers that are not finite").split(", allowed")[0]
+                raise InputError(f"twist: got {said}, allowed 6 finite numbers")
             speed = self.problem.twist_limit.speed
             state = initial_state(self.problem, self._guided, np.clip(moving, -speed, speed))
         self._state_in[:] = state

@@ -14,7 +14,7 @@ from ergoqp.linear import Shape, dense
 from ergoqp.rigid import exp_rotation, is_rigid
 from ergoqp.step_parts import count
 from ergoqp.step_state import state_sizes
-from ergoqp.step_watch import watch
+from ergoqp.step_watch import doubted, watch
 from ergoqp.step_way import UnderWay, under_way, way_of
 
 if TYPE_CHECKING:
@@ -141,6 +141,7 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
 
     found = under_way(problem, state["history"], dt, shape)
     given = {**state, **raw, **vars(found), "period": dt, "dt_ok": dt_ok, "posture_ok": posture_ok}
+    given["doubted"], given["missed"] = doubted(state)
     read = shape(_read_function(problem))
     moved, started, measured, told, stop, causes = read(*(given[name] for name in read.name_in()))
     pose = _pose(problem, measured, raw["pose"], state["started"], state["stored"], moved, posture)
@@ -160,17 +161,20 @@ def _read_function(problem: Problem) -> ca.Function:
         whether one was measured, whether a twist was reported, whether the object may not move, and the causes so far.
     """
     inputs = {name: size for name, size in input_sizes(problem).items() if name not in ("posture", "observed", "state")}
-    own = dict.fromkeys(("sent", "changed", "slowest", "fastest"), (6, 1))
-    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits"), (1, 1))
+    own = dict.fromkeys(("sent", "changed", "slowest", "fastest", "missed"), (6, 1))
+    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits", "doubted"), (1, 1))
     raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | own).items()}
     has_pose, has_twist, started, frame = (raw[name] > 0.5 for name in ("has_pose", "has_twist", "started", "frame"))
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
     age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
-    # What a robot reports is believed as far as it is what it was sent, or less.
+    # The declared motion is integrated, not the noise of what is reported of it; once that has shown a fault, what is reported,
+    # as far as it is what was sent, or less, and what it was short of before.
     executed = ca.fmin(ca.fmax(ca.if_else(told, raw["executed"], 0), raw["slowest"]), raw["fastest"])
-    moved = ca.if_else(told, executed * raw["lasted"], raw["sent"] * raw["lasted"] + raw["changed"])
+    declared = raw["sent"] * raw["lasted"] + raw["changed"]
+    doubted = ca.logic_and(told, raw["doubted"])
+    moved = ca.if_else(doubted, executed * raw["lasted"], declared) + doubted * raw["missed"]
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(bool(problem.robot.gain_error), ca.logic_not(measured))
     disabled = raw["enable"] < 0.5

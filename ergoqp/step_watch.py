@@ -111,6 +111,19 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
     return {"compared": compared, "reported": reported, "named": named}, faulty, halted
 
 
+def doubted(state: Mapping[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
+    """Return whether what the robot reported so far shows a fault, or one is not over; and what it has missed until then.
+
+    The second (6,) [m, rad] is not 0 in the first step that knows of a fault, and no more than the way since it stood still.
+    """
+    reported, fault = state["reported"], state["named"][-2]
+    signs, drift, path = reported[-2:], reported[:6], reported[-4:-2]
+    way = ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
+    first = ca.logic_and(signs[0] > 1, ca.logic_and(signs[1] <= 0, fault < 0.5))
+    known = ca.logic_or(ca.logic_or(signs[0] > 1, signs[1] > 0), fault > 0.5)
+    return known, first * ca.fmax(ca.fmin(drift, way), -way)
+
+
 def _symbols(*names: str) -> dict[str, ca.SX]:
     return {name: ca.SX.sym(name, *_SIZES.get(name, (1, 1))) for name in names}
 

@@ -274,13 +274,17 @@ def test_a_knee_that_is_read_beyond_its_range_drives_nothing() -> None:
 
 @pytest.mark.parametrize("moves_first", [0, 60])
 def test_without_a_pose_the_reported_twist_of_a_stalled_robot_says_where_it_is(moves_first: int) -> None:
-    """Its pose was that of what had been sent: 43 mm off. It is named, and the object starts from rest only."""
+    """Its pose was that of what had been sent: 43 mm off for good. It is named, and the object starts from rest only.
+
+    Until it is told from noise the object is taken to be further on than it is, but no more than that.
+    """
     loop, furthest = Loop(RobotKind()), 0.0
     for number in range(moves_first + 200):
         step = loop.step(pose=number == 0, twist=number > 0, stalls=number >= moves_first)
         furthest = max(furthest, float(np.linalg.norm(step.pose[:3, 3] - loop.at[:3, 3])))
     assert "robot: stands still" in loop.faults()
-    assert furthest <= 3e-3
+    assert furthest <= 12e-3
+    assert np.linalg.norm(step.pose[:3, 3] - loop.at[:3, 3]) <= 3e-3
 
 
 def test_noise_of_a_twist_that_is_reported_at_the_very_first_step_does_not_hide_a_stalled_robot() -> None:
