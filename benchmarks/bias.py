@@ -97,18 +97,18 @@ def held_of(name: str, every: int, count: int) -> list[tuple[str, float, float]]
     return found
 
 
-class Biased:
+class Biased(Stepper):
     """Stands between the loop and its stepper: every posture is read with the same error."""
 
     def __init__(self, stepper: Stepper, bias: np.ndarray) -> None:
         """Keep the error (32,) [rad]."""
-        self._stepper, self._bias, self.dt = stepper, bias, stepper.dt
+        self._stepper, self._bias, self.dt = stepper, bias, stepper.dt  # what a loop asks of a stepper is passed on
 
-    def reset(self) -> None:
+    def reset(self, twist: Any = None) -> None:
         """Start again."""
-        self._stepper.reset()
+        self._stepper.reset(twist)
 
-    def step(self, posture: np.ndarray, *given: Any, **named: Any) -> Any:
+    def step(self, posture: Any, *given: Any, **named: Any) -> Any:
         """Read wrong, and answer."""
         return self._stepper.step(np.clip(posture + self._bias, -np.pi, np.pi), *given, **named)
 

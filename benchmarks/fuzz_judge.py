@@ -211,7 +211,8 @@ class Law:
     def apart(self, longest: float) -> np.ndarray:
         """Return by how much the way of a stop can differ (6,) from one with periods up to `longest` [s].
 
-        A period is held at its end: while the twist falls, shorter ones lead further, by half a period; while it rises, longer ones.
+        A period is held at its end: while the twist falls, shorter ones lead further, by half a period; while it rises, longer
+        ones.
         """
         h, planned = 3 * self.problem.dt, np.abs(self.planned)
         return longest / 2 * np.maximum(planned, np.abs(self._sent[-1][0])) + np.minimum(1.5 * h * planned, self.rise(h))

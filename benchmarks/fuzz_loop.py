@@ -74,10 +74,14 @@ class Loop:
             # Less than what is a fault, and not declared: it may be outside by that.
             kind = replace(kind, pose_noise=2e-4, pose_noise_deg=0.04)
             self._undeclared = 3 * np.repeat([2e-4, np.radians(0.04)], 3)
-        self._kind, place = kind, None
+        twist, place = moving(rng, self._problem) if rng.random() < 0.25 else np.zeros(6), None
+        if self._measures == "now and then" or (self._measures != "measured" and twist.any()):
+            # Where a moving object is not measured again, nobody can know by how much its robot is less late than declared.
+            kind = replace(kind, delay=robot.delay, lag=robot.lag, pose_delay=robot.pose_delay)
+        self._kind = kind
         if self._measures != "integrated":
             place = np.array(self._contact(self._person)[0]) if rng.random() < 0.3 else somewhere(rng, self._problem)
-        self._begin(moving(rng, self._problem) if rng.random() < 0.25 else np.zeros(6), place)
+        self._begin(twist, place)
 
     def _begin(self, twist: np.ndarray, place: np.ndarray | None) -> None:
         """Begin with an object that moves at a twist (6,), at a place (4, 4), or where the first posture says."""
@@ -257,7 +261,7 @@ class Loop:
         if measured:
             expected: Any = np.asarray(call.arguments["pose"], dtype=float)
         elif self._before is None:
-            expected = np.array(self._contact(np.where(seen, posture, self._comfort))[0])
+            expected = np.array(self._contact(np.where(seen, np.asarray(posture, dtype=float), self._comfort))[0])
         else:
             done = self._done
             if told is not None:

@@ -95,15 +95,13 @@ class ObjectJudge:
         if self.world is None or not self._loose:
             return
         self._loose, kept, usual = False, self._state.copy(), self._problem.dt
-        here = np.maximum(self.rows.outside(self.world.pose), 0)
+        here = self.rows.outside(self.world.pose)
         self._state[:] = state
-        worst = np.maximum(
-            here, self._brake_down(self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced")[0]
-        )
+        worst = self._brake_down(self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced")[0]
         self._state[:] = kept
         held = self._problem.robot.longest_hold * np.maximum(np.abs(sent.twist), np.abs(self._law.planned))
         apart = self.rows.reach(self._law.apart(usual) + held)
-        self._least = worst + np.where(worst > here + _ALLOWED, apart, 0)
+        self._least = np.maximum(worst + np.where(worst > here + _ALLOWED, apart, 0), 0)
 
     def send(self, twist: np.ndarray, seconds: float, kind: str, where: str, what: str) -> None:
         """Let the robot do what was sent (6,) for some seconds, and judge the way of the object; `kind` is what was special."""

@@ -124,7 +124,8 @@ class RobotReckoning:
 
     def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
         """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
-        robot, lasted = self._robot, self._lasted
+        # Before the first step nobody knows for how long the last twist was sent.
+        robot, lasted = self._robot, 0.0 if self._first else self._lasted
         surprise = told - self._sent
         scatter = np.minimum(np.abs(surprise - self._surprise), self._credible) * lasted
         self._surprise = surprise
@@ -132,11 +133,9 @@ class RobotReckoning:
         slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + self._dt
         path = float(np.linalg.norm(self._path + np.abs(told) * lasted))
         room = 6 * np.sqrt(self._blur) + slow * self._most + robot.gain_error * path
-        # Before the first step nobody knows for how long the last twist was sent.
         far = np.maximum(np.abs(self._drift), np.abs(surprise) * lasted) - room
-        self._heard = 0.0 if self._first else float(np.max(far / _UNIT))
-        unknown = np.inf if self._first and surprise.any() else 0.0
-        self._heard_perhaps = max(_size(self._drift), _size(surprise * lasted), unknown)
+        self._heard = float(np.max(far / _UNIT))
+        self._heard_perhaps = max(_size(self._drift), _size(surprise * lasted))
         perhaps.append(self._heard_perhaps)
 
     def _begin(self, phase: str) -> None:
