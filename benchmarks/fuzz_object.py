@@ -116,10 +116,19 @@ class ObjectJudge:
             self._least = np.minimum(self._least, np.maximum(self.rows.outside(self.world.pose), 0))
             self.can_hold = True
 
-    def stop(self, twist: np.ndarray, sent: Sent, share: float, where: str, what: str) -> None:
-        """Really brake down from here, for a share of the steps, the smaller the longer a stop takes."""
+    def stop(self, twist: np.ndarray, sent: Sent, even: bool, share: float, where: str, what: str) -> None:
+        """Really brake down from here, for a share of the steps, the smaller the longer a stop takes.
+
+        Args:
+            twist: sent last (6,).
+            sent: and what was sent before.
+            even: whether no period of late was much shorter than the loop's; else more of those would be too many.
+            share: of the steps.
+            where: for the report.
+            what: for the report.
+        """
         usual, robot = self._problem.dt, self._problem.robot
-        if self.world is None or not self.obeys or self._dice.random() > share * min(1.0, 30 * usual / self._longest_stop):
+        if self.world is None or not self.obeys or self._dice.random() > share * min(1.0, 50 * usual / self._longest_stop):
             return
         self._tally.stops += 1
         here, world = self.rows.outside(self.world.pose), self.world.copy()
@@ -127,7 +136,7 @@ class ObjectJudge:
         if self.can_hold and robot.longest_hold and self._dice.random() < 0.5:
             worst = self.rows.worst(world.send(twist, robot.longest_hold))
         # Not shorter than the loop's on average.
-        periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[self._dice.integers(4)] * 3
+        periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[self._dice.integers(4 if even else 2)] * 3
         way, end = self._brake_down(world, sent.copy(), [usual * x for x in periods], where)
         worst = np.maximum(worst, way)
         self._judge(worst, "stop: ", where, f"periods {periods[:3]}, {what}")

@@ -45,9 +45,9 @@ class RobotReckoning:
         limit = problem.twist_limit
         self._credible = 0.5 * np.repeat([limit.linear_speed, limit.angular_speed], 3)
         self._noise = np.repeat([problem.robot.pose_noise, np.radians(problem.robot.pose_noise_deg)], 3)
-        self.must = self.may = self.named = False
+        self.must = self.may = self.named = self._blamed = False
         self._still, self._since, self._phase = (0.0 if twist.any() else np.inf), np.inf, ""
-        self._sent, self._lasted, self._first = np.array(twist), problem.dt, True
+        self._sent, self._lasted = np.array(twist), problem.dt
         self._surprise, self._heard, self._heard_perhaps = np.zeros(6), 0.0, 0.0
         self._stand_still(False, False)
 
@@ -56,6 +56,16 @@ class RobotReckoning:
         self._apart, self._path, self._lied = np.zeros(6), np.zeros(6), lied
         self._low = self._high = np.zeros(6) if measured else None
         self._drift, self._blur, self._most = np.zeros(6), np.zeros(6), np.abs(self._sent)
+
+    @property
+    def drift(self) -> np.ndarray:
+        """By how much what was reported differs from what was sent (6,), since the object stood still [m, rad]."""
+        return self._drift
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether there may be a fault by what was reported until now, or one was named."""
+        return bool(self._phase) or self._blamed or self._heard_perhaps > _FEW
 
     @property
     def _pause(self) -> float:
@@ -86,7 +96,7 @@ class RobotReckoning:
         surely.append(self._heard)
         perhaps.append(self._heard_perhaps)
         self._heard = self._heard_perhaps = 0.0
-        if told is not None:
+        if told is not None and before is not None:
             self._listen(told, perhaps)
         fault = not self._honest and max(surely) > _MANY
         possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
@@ -124,8 +134,7 @@ class RobotReckoning:
 
     def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
         """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
-        # Before the first step nobody knows for how long the last twist was sent.
-        robot, lasted = self._robot, 0.0 if self._first else self._lasted
+        robot, lasted = self._robot, self._lasted
         surprise = told - self._sent
         scatter = np.minimum(np.abs(surprise - self._surprise), self._credible) * lasted
         self._surprise = surprise
@@ -152,15 +161,15 @@ class RobotReckoning:
             twist: sent (6,).
             dt: for how long [s].
         """
-        said = "robot:" in reason
-        if said and self.may:
+        self._blamed = "robot:" in reason
+        if self._blamed and self.may:
             self._begin("fault")
         elif stopped:
             self._begin("halted")
         elif self._phase and not braked:
             self._phase = ""
         self._still, self._since = (0.0 if twist.any() else self._still + dt), self._since + dt
-        self._sent, self._lasted, self._first = np.array(twist), dt, False
+        self._sent, self._lasted = np.array(twist), dt
 
 
 def _size(difference: np.ndarray) -> float:

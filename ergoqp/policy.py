@@ -9,7 +9,7 @@ in one go.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 import casadi as ca
@@ -231,7 +231,7 @@ def solve(features: Features, postures: ArrayLike, wanted: ArrayLike, ridge: flo
 
 
 def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array:
-    """Return the twist (n, 6) that the control step commands at postures (n, 32) held still.
+    """Return the twist (n, 6) that the control step plans at postures (n, 32) held still.
 
     Each posture starts from standstill with a stepper of its own state. One period of acceleration is limited axis by axis and
     says little about the direction; after some periods the twist is the one that the step wants there.
@@ -246,13 +246,15 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
     """
     if periods < 1:
         raise InputError(f"periods: got {periods!r}, allowed 1 or more")
-    stepper = problem.stepper()
+    stepper = problem.replace(control=replace(problem.control, average=0.0)).stepper()
     twists = []
     for posture in np.atleast_2d(np.asarray(postures, dtype=float)):
         stepper.reset()
         step = stepper.step(posture)
         pose = step.pose
         for _ in range(periods - 1):
+            # Object and person are held where they are, though the object moves: it is taken over again and again.
+            stepper.reset(step.twist)
             step = stepper.step(posture, pose)
         twists.append(step.twist)
     return np.array(twists)
