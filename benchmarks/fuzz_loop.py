@@ -262,7 +262,7 @@ class Loop:
         if measured:
             expected: Any = np.asarray(call.arguments["pose"], dtype=float)
         elif self._before is None:
-            expected = np.array(self._contact(np.where(seen, posture, self._comfort))[0])
+            expected = np.array(self._contact(np.where(seen, np.asarray(posture, dtype=float), self._comfort))[0])
         else:
             expected = moved(self._before, self._done)
         off = np.abs(step.pose - expected).max() > 1e-8
