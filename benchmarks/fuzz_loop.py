@@ -75,9 +75,6 @@ class Loop:
             kind = replace(kind, pose_noise=2e-4, pose_noise_deg=0.04)
             self._undeclared = 3 * np.repeat([2e-4, np.radians(0.04)], 3)
         twist, place = moving(rng, self._problem) if rng.random() < 0.25 else np.zeros(6), None
-        if self._measures == "now and then" or (self._measures != "measured" and twist.any()):
-            # Where a moving object is not measured again, nobody can know by how much its robot is less late than declared.
-            kind = replace(kind, delay=robot.delay, lag=robot.lag, pose_delay=robot.pose_delay)
         self._kind = kind
         if self._measures != "integrated":
             place = np.array(self._contact(self._person)[0]) if rng.random() < 0.3 else somewhere(rng, self._problem)
@@ -85,6 +82,10 @@ class Loop:
 
     def _begin(self, twist: np.ndarray, place: np.ndarray | None) -> None:
         """Begin with an object that moves at a twist (6,), at a place (4, 4), or where the first posture says."""
+        declared = self._problem.robot
+        if self._measures != "measured" and (self._measures == "now and then" or self.lying or twist.any()):
+            # Where a moving object is not measured again, nobody can know by how much its robot is less late than declared.
+            self._kind = replace(self._kind, delay=declared.delay, lag=declared.lag, pose_delay=declared.pose_delay)
         self._stepper.reset(twist if twist.any() else None)
         speed = self._problem.twist_limit.speed
         start = np.clip(twist, -speed, speed)
@@ -92,7 +93,6 @@ class Loop:
         self._law.restart(start)
         self._robot = RobotReckoning(self._problem, not self.lying, start)
         self._object.begin(self._kind, place, start, self._undeclared)
-        declared = self._problem.robot
         as_declared = RobotKind(delay=declared.delay + declared.pose_delay, lag=declared.lag)
         self._declared, self._done = TrueObject(as_declared, np.eye(4), start), np.zeros(6)
         self._placed, self._anchored, self._disobeys = place is not None, False, 0

@@ -48,6 +48,9 @@ class ObjectJudge:
         self._stepper, self._state = stepper, stepper._inputs["state"]
         robot = problem.robot
         self._late = bool(robot.delay or robot.lag or robot.pose_delay)
+        # A short history cannot hold two much shorter periods, one after the other.
+        seconds = [span for span in (problem.average, robot.delay + robot.pose_delay) if span]
+        self._uneven = 4 if all(span >= 4 * problem.dt for span in seconds) else 3
         limit = problem.twist_limit
         late = robot.delay + robot.pose_delay + 20 * robot.lag
         self._longest_stop = float(np.max(limit.speed / limit.acceleration)) + problem.average + late + 0.1
@@ -97,11 +100,12 @@ class ObjectJudge:
         self._loose, kept, usual = False, self._state.copy(), self._problem.dt
         here = self.rows.outside(self.world.pose)
         self._state[:] = state
-        worst = self._brake_down(self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced")[0]
+        worst, end = self._brake_down(self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced")
         self._state[:] = kept
         held = self._problem.robot.longest_hold * np.maximum(np.abs(sent.twist), np.abs(self._law.planned))
         apart = self.rows.reach(self._law.apart(usual) + held)
-        self._least = np.maximum(worst + np.where(worst > here + _ALLOWED, apart, 0), 0)
+        farthest = np.maximum(worst + np.where(worst > here + _ALLOWED, apart, 0), end + apart)
+        self._least = np.maximum(farthest, 0)
 
     def send(self, twist: np.ndarray, seconds: float, kind: str, where: str, what: str) -> None:
         """Let the robot do what was sent (6,) for some seconds, and judge the way of the object; `kind` is what was special."""
@@ -128,7 +132,12 @@ class ObjectJudge:
             what: for the report.
         """
         usual, robot = self._problem.dt, self._problem.robot
-        if self.world is None or not self.obeys or self._dice.random() > share * min(1.0, 50 * usual / self._longest_stop):
+        if (
+            self.world is None
+            or self._loose
+            or not self.obeys
+            or self._dice.random() > share * min(1.0, 50 * usual / self._longest_stop)
+        ):
             return
         self._tally.stops += 1
         here, world = self.rows.outside(self.world.pose), self.world.copy()
@@ -136,7 +145,7 @@ class ObjectJudge:
         if self.can_hold and robot.longest_hold and self._dice.random() < 0.5:
             worst = self.rows.worst(world.send(twist, robot.longest_hold))
         # Not shorter than the loop's on average.
-        periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[self._dice.integers(4 if even else 2)] * 3
+        periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[self._dice.integers(self._uneven if even else 2)] * 3
         way, end = self._brake_down(world, sent.copy(), [usual * x for x in periods], where)
         worst = np.maximum(worst, way)
         self._judge(worst, "stop: ", where, f"periods {periods[:3]}, {what}")

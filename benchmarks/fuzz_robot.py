@@ -85,11 +85,13 @@ class RobotReckoning:
             lied: whether pose or twist are made up.
             dt: period [s].
         """
-        parked = self._still >= self._pause
+        parked = self._still >= max(self._pause, 1e-9)
         self._lied |= lied
         surely, perhaps = [0.0], [0.0]
         if before is not None:
             self._compare(turned(before, pose), self._sent * self._lasted, measured, surely, perhaps)
+        elif measured:
+            self._low = self._high = self._apart
         if parked:
             self._stand_still(measured, lied)
         # What a reported twist shows may be said a step later.

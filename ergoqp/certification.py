@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
@@ -12,7 +13,7 @@ from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
 from ergoqp.step_guide import TRIAL, trial_update
 from ergoqp.step_inputs import Cause, Status
-from ergoqp.step_margins import StepRows
+from ergoqp.step_margins import StepRows, situations_of, smallest_margins
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
 from ergoqp.step_rows import limit_values, patience
@@ -82,8 +83,8 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
     outside = ca.logic_and(away, _moves(problem, rows))
     decide = _decide_function(problem, pattern, guided)
     given = known | {"must_move": largest(outside)}
-    wanted, slowest, displacement, solved, rest, *trial = decide(*(given[decide.name_in(i)] for i in range(decide.n_in())))
-    whole = smallest(rows.margins(displacement) - _floor(problem, now)) >= 0
+    wanted, slowest, ways, solved, rest, *trial = decide(*(given[decide.name_in(i)] for i in range(decide.n_in())))
+    whole = smallest(rows.margins(ways) - _floor(problem, now)) >= 0
     outputs = [wanted, slowest, now, solved, outside, rest, whole, *trial]
     return ca.Function("judge", list(known.values()), [ca.densify(part) for part in outputs])
 
@@ -108,7 +109,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     in_time = patience(limits, situation, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
-    outputs = [wanted, slowest, stop.displacement(wanted, dt), solved, rest, *trial]
+    outputs = [wanted, slowest, stop.ways(wanted, dt), solved, rest, *trial]
     return ca.Function(
         "decide",
         list(sx.values()),
@@ -124,13 +125,14 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
     """
     sx = _symbols(problem, ("posture", "observed", "readings", "landed", "way", "shift", "dt", "S", "wanted", "brake", "now"))
-    situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
-    at_braking = _margins(problem, situation, sx["brake"], sx["dt"])
+    S = with_pattern(sx["S"], pattern)
+    situation = situation_of(problem, sx, S)
+    at_braking = _margins(problem, sx, S, sx["brake"], sx["dt"])
     floor = _floor(problem, sx["now"], at_braking)
     share = ca.SX(0)
     for candidate in reversed(_SHARES):
         twist = _kept(problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"])
-        holds = smallest(_margins(problem, situation, twist, sx["dt"]) - floor) >= 0
+        holds = smallest(_margins(problem, sx, S, twist, sx["dt"]) - floor) >= 0
         share = ca.if_else(holds, candidate, share)
     return ca.Function("shorten", list(sx.values()), ca.cse([share]))
 
@@ -202,10 +204,11 @@ def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca
     return problem.surface.retract(situation.posture, twist, dt, ca.DM(problem.twist_limit.acceleration))
 
 
-def _margins(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
+def _margins(problem: Problem, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Smallest margins of all rows through a period at `twist` and the stop after it."""
-    displacement = Stop.of(problem).displacement(twist, dt)
-    return ca.vertcat(*(limit.margins(situation, displacement) for limit in problem.row_limits))
+    ways = Stop.of(problem).ways(twist, dt)
+    situations = situations_of(problem, sx, S, ways)
+    return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in problem.row_limits))
 
 
 def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> Expression:

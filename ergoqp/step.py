@@ -211,7 +211,7 @@ class Stepper:
         """
         late = number(elapsed)
         while late >= SHORTEST_DT:
-            period = min(late, self.problem.longest_period)
+            period = min(late, 3 * self.dt)
             late -= period
             if not self._brake(period).twist.any():
                 break

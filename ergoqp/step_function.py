@@ -85,7 +85,7 @@ def build_step(
     )
     after = {
         "history": ca.vertcat(
-            *next_history(problem, state["history"], under_way.aged, under_way.owed, planned, twist, still, dt)
+            *next_history(problem, state["history"], under_way, planned, twist, still, dt)
         )
     }
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}

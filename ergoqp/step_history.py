@@ -12,6 +12,7 @@ from ergoqp.step_parts import split
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
+    from ergoqp.step_way import UnderWay
 
 FAR: Final = 1e3
 """Age of what was before the first step: older than anything counts [s]."""
@@ -52,7 +53,7 @@ def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
     history = History.of(problem)
     sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1), "idle": (1, 1)}
     if problem.robot.lag:
-        sizes["tail"] = (6, 2)
+        sizes["tail"], sizes["swift"] = (6, 2), (6, 2)
     return sizes | ({"owed": (6, 1)} if owes(problem) else {})
 
 
@@ -70,15 +71,14 @@ def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray
 
 
 def next_history(
-    problem: Problem, history: ca.MX, aged: ca.MX, owed: ca.MX, planned: ca.MX, sent: ca.MX, still: ca.MX, dt: ca.MX
+    problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX, dt: ca.MX
 ) -> list[ca.MX]:
     """Return the history after a period, in pieces that are put one below the other.
 
     Args:
         problem: the task.
         history: before, as one vector of `history_sizes`.
-        aged: ages of the ends of the periods before, at the end of this one [s].
-        owed: displacement of what was sent before and not done at its begin (6,) [m, rad].
+        found: what was under way at its begin.
         planned: twist that was planned for the end of the period (6,).
         sent: twist that was sent for it (6,).
         still: 1 if both are zero.
@@ -87,7 +87,7 @@ def next_history(
     kept, sizes = History.of(problem), history_sizes(problem)
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [dt, *([aged[: kept.ages - 1]] if kept.ages > 1 else [])]
+    after += [dt, *([found.aged[: kept.ages - 1]] if kept.ages > 1 else [])]
     after.append(still * (split(sizes, history)["idle"] + dt))
     if lag := problem.robot.lag:
         # The oldest leaves the history; what it has still to do goes on fading.
@@ -96,7 +96,8 @@ def next_history(
         seconds = remaining_seconds(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
-    return [*after, owed] if owes(problem) else after
+        after.append(ca.vec(found.swift))
+    return [*after, found.owed] if owes(problem) else after
 
 
 def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:

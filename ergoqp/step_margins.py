@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from ergoqp.limits import Limit, Situation
+from ergoqp.limits.limit import Expression
 from ergoqp.linear import dense
 from ergoqp.step_objective import sensitivity_pattern, with_pattern
 from ergoqp.step_readings import here, readings_size, situation_of
@@ -57,16 +58,16 @@ class StepRows:
             still.append(margins)
         self.now = ca.vertcat(*still)
 
-    def margins(self, displacement: ca.MX) -> ca.MX:
-        """Return the smallest margin (r,) of every row on the straight way to a further displacement (6,) [m, rad]."""
-        situation = situation_of(self._problem, self._known, self._S)
+    def margins(self, ways: ca.MX) -> ca.MX:
+        """Return the smallest margin (r,) of every row on the straight ways to further displacements, see `Stop.ways`."""
+        situations = situations_of(self._problem, self._known, self._S, ways)
         place = [*(self._known[name] for name in _LANDED), self._S]
         found = []
         for limit in self._problem.row_limits:
             if _linear(limit):
-                found.append(limit.margins(situation, displacement))  # pyright: ignore[reportArgumentType]
+                found.append(smallest_margins(limit, situations, ways))
             else:
-                found.append(_curved_ahead(self._problem, limit)(*place, displacement))
+                found.append(_curved_ahead(self._problem, limit, ways.shape[1])(*place, ways))
         return ca.vertcat(*found)
 
 
@@ -77,23 +78,42 @@ def _linear(limit: Limit) -> bool:
 
 def _curved_here(problem: Problem, limit: Limit) -> ca.Function:
     """``(*_HERE, S) -> (matrix, rate, margins as they are)`` of one limit."""
-    place, situation = _scalars(problem, _HERE)
+    place, known, S = _scalars(problem, _HERE)
+    situation = situation_of(problem, known, S)
     rows = limit.rows(situation)
     still = [rows.matrix, rows.rate, limit.margins(situation, ca.SX(6, 1))]
     return ca.Function("curved_here", place, ca.cse(dense(still)))
 
 
-def _curved_ahead(problem: Problem, limit: Limit) -> ca.Function:
-    """``(*_LANDED, S, displacement) -> margins`` of one limit."""
-    place, situation = _scalars(problem, _LANDED)
-    displacement = ca.SX.sym("displacement", 6)
-    return ca.Function("curved_ahead", [*place, displacement], ca.cse(dense([limit.margins(situation, displacement)])))
+def _curved_ahead(problem: Problem, limit: Limit, count: int) -> ca.Function:
+    """``(*_LANDED, S, ways) -> margins`` of one limit; ways are (6, count)."""
+    ways = ca.SX.sym("ways", 6, count)
+    place, known, S = _scalars(problem, _LANDED)
+    margins = smallest_margins(limit, situations_of(problem, known, S, ways), ways)
+    return ca.Function("curved_ahead", [*place, ways], ca.cse(dense([margins])))
 
 
-def _scalars(problem: Problem, names: tuple[str, ...]) -> tuple[list[ca.SX], Situation]:
-    """Symbols of a place and of S, and the situation there."""
+def situations_of(
+    problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression
+) -> tuple[Situation, ...]:
+    """Return the situation for each of `Stop.ways`: a robot that holds on does so with what is under way, or with the twist."""
+    situations = situation_of(problem, known, S, held=ways.shape[1] > 1), situation_of(problem, known, S)
+    return situations[: ways.shape[1]]
+
+
+def smallest_margins(limit: Limit, situations: tuple[Situation, ...], ways: Expression) -> Expression:
+    """Return a limit's smallest margins (m,) on `Stop.ways`; the posture of the model is not held on to."""
+    margins = None
+    for column, situation in enumerate(situations if limit.hard else situations[:1]):
+        on = limit.margins(situation, ways[:, column])
+        margins = on if margins is None else ca.fmin(margins, on)
+    return margins
+
+
+def _scalars(problem: Problem, names: tuple[str, ...]) -> tuple[list[ca.SX], dict[str, ca.SX], ca.SX]:
+    """Symbols as inputs, the same by name, and S with its pattern."""
     n = len(problem.coordinates)
     sizes = {"readings": (readings_size(problem), 1), "pose": (4, 4), "landed": (4, 4), "way": (way_size(problem), 1)}
     known = {name: ca.SX.sym(name, *sizes.get(name, (n, 1))) for name in names}
     S = ca.SX.sym("S", n, 6)
-    return [*known.values(), S], situation_of(problem, known, with_pattern(S, sensitivity_pattern(problem)))
+    return [*known.values(), S], known, with_pattern(S, sensitivity_pattern(problem))

@@ -28,7 +28,7 @@ def readings_size(problem: Problem) -> int:
     return sum(measure.numel_out(0) for _, measure in _measures(problem))
 
 
-def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expression, brake: Braking | None = None) -> Situation:
+def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expression, brake: Braking | None = None, held: bool = False) -> Situation:
     """Return where things are, from the symbols of a function of the step.
 
     Args:
@@ -37,9 +37,10 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
             for where things are, or ``landed``, ``way`` and ``shift`` for where they come to rest.
         S: sensitivity, only with the entries that can differ from zero.
         brake: of this period, for how far rows must look ahead; None: only the moment counts.
+        held: whether the robot holds on once with what is under way, if that is declared.
     """
     still = ca.SX(6, 1)
-    swing, change = (still, still) if brake is None else (known["previous"] * brake.reach, brake.change)
+    swing, change = (still, still) if brake is None else (known["previous"] * (brake.reach + brake.hold), brake.change)
     readings, start = {}, 0
     for limit, measure in _measures(problem):
         size = measure.numel_out(0)
@@ -49,9 +50,10 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
     if "landed" not in known:
         still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
         return Situation(*now, known.get("pose", ca.SX.eye(4)), S, swing, change, readings, problem.surface, still, stays)
-    ahead, lost, turn = split_way(problem, known["way"])
-    shift = known["shift"]
-    return Situation(*now, known["landed"], S, swing, change, readings, problem.surface, ahead, shift, lost, turn)
+    way = split_way(problem, known["way"])
+    lost, turn = (way.lost_held, way.turn_held) if held else (way.lost, way.turn)
+    place = (known["landed"], S, swing, change, readings, problem.surface, way.ahead, known["shift"])
+    return Situation(*now, *place, lost, turn)
 
 
 def here(known: Mapping[str, Expression]) -> dict[str, Expression]:

@@ -60,7 +60,8 @@ def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt:
             for distance, toward in ((rows.above, pace), (rows.below, -pace)):
                 left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
                 # Sliding along a limit is no approach.
-                time = ca.if_else(toward > 1e-5, 2 * (left / ca.fmax(toward, 1e-5) - stop.share * dt), FREE)
+                time = 2 * (left / ca.fmax(toward, 1e-5) - stop.share * dt - stop.held)
+                time = ca.if_else(toward > 1e-5, time, FREE)
                 longest = ca.fmin(longest, ca.mmin(time))
     return longest
 
@@ -148,10 +149,18 @@ def _ends(
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
     moves = slowing > 1e-6
     slower = twice(slowing)
-    knee = slower * brake.reach**2
     left = distance - twice(rows.reserve + CLEARANCE)
     # d / h up to the knee, from there on its tangent parabola.
-    allowed = ca.sqrt(slower * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / brake.reach
+    if brake.hold:
+        # The object may go on once with this twist before it stops: of d, v H is kept free.
+        hold = brake.hold * constant("hard")
+        knee = slower * brake.reach * (brake.reach + hold)
+        held, bent = slower * hold, (slower * brake.reach) ** 2
+        allowed = ca.sqrt(held**2 + 2 * slower * ca.fmax(left, knee) - bent) - held
+        allowed += ca.fmin(left - knee, 0) / (brake.reach + hold)
+    else:
+        knee = slower * brake.reach**2
+        allowed = ca.sqrt(slower * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / brake.reach
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
     # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
     # object goes on without it.

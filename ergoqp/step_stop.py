@@ -34,18 +34,23 @@ class Stop:
         average: W [s].
         longest: h, longest period that a step may be called with without braking [s].
         stretch: the robot moves by at most this many times what was sent.
+        hold: for how long it may go on with a twist, once in a stop [s].
+        memory: how old that twist may be [s].
     """
 
     limit: TwistLimit
     average: float = 0.0
     longest: float = 0.0
     stretch: float = 1.0
+    hold: float = 0.0
+    memory: float = 0.0
 
     @classmethod
     def of(cls, problem: Problem) -> Self:
         """Return the law of a problem."""
-        # A single long hold is kept free by itself: see `ergoqp.limits.UnderWay`.
-        return cls(problem.twist_limit, problem.average, 3 * problem.dt, 1 + problem.robot.gain_error)
+        robot = problem.robot
+        hold, memory = robot.longest_hold, problem.average + robot.dead_time
+        return cls(problem.twist_limit, problem.average, 3 * problem.dt, 1 + robot.gain_error, hold, memory)
 
     @property
     def share(self) -> float:
@@ -56,6 +61,11 @@ class Stop:
     def hurry(self) -> float:
         """Seconds at the new twist that cover what a mean that still rises can add."""
         return 1.5 * self.longest if self.average else 0.0
+
+    @property
+    def held(self) -> float:
+        """Seconds at the new twist that cover one hold with any twist under way, which may have been faster [s]."""
+        return self.stretch * (self.hold + self.memory) if self.hold else 0.0
 
     def rise(self, dt: Expression) -> Expression:
         """Return what it can add at most, for every unit of acceleration [s^2]."""
@@ -73,6 +83,11 @@ class Stop:
             way += ca.fmax(-rise, ca.fmin(rise, self.hurry * twist))
         return self.stretch * way
 
+    def ways(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
+        """Return the `displacement` of a planned twist (6, 1); where a hold is declared, beside it the one with that (6, 2)."""
+        way = self.displacement(twist, dt)
+        return ca.horzcat(way, way + self.stretch * self.hold * twist) if self.hold else way
+
     def braking(self, previous: ca.SX, dt: ca.SX) -> Braking:
         """Return braking twist and twist bounds after the planned twist `previous` (6,) for a period `dt` [s]."""
         limit = self.limit
@@ -88,7 +103,7 @@ class Stop:
         # Rows take the simplest bound of a mean that rises: kept a little further away, the object is seldom left with
         # braking only.
         reach = self.stretch * (self.share * dt + (stop + dt) / 2 + self.hurry)
-        return Braking(twist, low, high, reach, acceleration, dt)
+        return Braking(twist, low, high, reach, acceleration, dt, self.held)
 
 
 @dataclass(frozen=True)
@@ -102,6 +117,7 @@ class Braking:
         reach: seconds of motion at the new twist that a stop from it takes at most [s].
         acceleration: largest per axis (6,).
         dt: period [s].
+        hold: and for how many more the object may go on with it once [s].
     """
 
     twist: Expression
@@ -110,11 +126,12 @@ class Braking:
     reach: Expression
     acceleration: ca.DM
     dt: Expression
+    hold: float = 0.0
 
     @property
     def change(self) -> Expression:
         """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
-        return self.acceleration * self.dt * self.reach
+        return self.acceleration * self.dt * (self.reach + self.hold)
 
 
 def on_surface(brake: Braking, situation: Situation) -> Braking:

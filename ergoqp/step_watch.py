@@ -101,10 +101,10 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
     compare, explain = shape(_compared(problem)), _explained(problem)
     known = {**given, "fault": given["named"][-2], "signs": given["reported"][-2:]}
     compared, faulty, halted, went = compare.call([known[name] for name in compare.name_in()])
-    # Where no twist is reported and nothing is wrong, there is nothing to explain.
+    # Where no twist is reported and nothing is wrong, there is nothing to explain; standing still, all of it counts anew.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
-    quiet = [ca.vertcat(was["reported"][:-2], 0, 0), ca.MX(ca.DM.zeros(*was["named"].shape))]
+    quiet = [ca.vertcat(was["reported"][:-2] * (1 - was["parked"]), 0, 0), ca.MX(ca.DM.zeros(*was["named"].shape))]
     choose = ca.Function.if_else("explain_or_not", shape(explain), ca.Function("quiet", inputs, quiet))
     facts = {**given, "went": went, "faulty": faulty}
     reported, named = choose.call([ca.logic_or(faulty, given["told"]), *(facts[name] for name in was)])
@@ -142,7 +142,9 @@ def _compared(problem: Problem) -> ca.Function:
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart = now["apart"] + went - done
     if robot.longest_hold:
-        apart -= _held(_leap(now, went), now["sent"], robot.longest_hold)
+        apart -= _held(problem, _leap(now, went), now["sent"])
+        # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
+        noise *= 3
     low, high = apart - noise, apart + noise
     if robot.dead_time or robot.lag:
         low, high = low - stretch * now["down"], high + stretch * now["up"]
@@ -248,12 +250,12 @@ def _size(excess: ca.SX) -> ca.SX:
     return ca.sqrt(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])))
 
 
-def _held(leap: ca.SX, sent: ca.SX, hold: float) -> ca.SX:
-    """How much of a leap (6,) one declared hold of the last twist explains."""
-    if not hold:
-        return ca.SX(6, 1)
-    explained = ca.fmax(ca.fmin(leap, ca.fmax(0, hold * sent)), ca.fmin(0, hold * sent))
-    return ca.if_else(largest(ca.fabs(leap) / ca.DM(UNIT)) > 1, explained, 0)
+def _held(problem: Problem, leap: ca.SX, sent: ca.SX) -> ca.SX:
+    """How much of a leap (6,) one declared hold of the last twist explains; what may be noise is none."""
+    most = problem.robot.longest_hold * (1 + problem.robot.gain_error) * sent
+    explained = ca.fmax(ca.fmin(leap, ca.fmax(0, most)), ca.fmin(0, most))
+    stands_out = largest((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1
+    return ca.if_else(stands_out, explained, 0)
 
 
 def _name(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:

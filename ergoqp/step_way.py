@@ -13,9 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.errors import ProblemError
 from ergoqp.limits import Situation
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 
 _SHORT: Final = 60
 """So many twists are few."""
+
+_AT_ALL: Final = 1e-9
+"""What has stood still for less has not stood still [s]."""
 
 
 def _counts(problem: Problem) -> int:
@@ -45,22 +50,56 @@ def hard_names(problem: Problem) -> tuple[str, ...]:
 
 def way_size(problem: Problem) -> int:
     """Return how many numbers say what is under way: see `split_way`."""
-    return 6 + 2 * _counts(problem) + int(owes(problem))
+    return sum(_sizes(problem))
 
 
-def split_way(problem: Problem, way: Any) -> tuple[Any, dict[str, tuple[Any, Any]], Any]:
-    """Return (displacement under way (6,), what cannot be counted on by hard limit, uncertain turn or None).
+def _sizes(problem: Problem) -> list[int]:
+    """Sizes of the parts of that vector, in the order of `Way`."""
+    count, held = _counts(problem), problem.robot.longest_hold > 0
+    if not count:
+        return [6]
+    return [6, count, count, *([1] if owes(problem) else []), *([count, count, 1] if held else [])]
 
-    They are for `ergoqp.limits.Situation`.
+
+@dataclass(frozen=True)
+class Way:
+    """What is under way, for `ergoqp.limits.Situation`.
+
+    Attributes:
+        ahead: displacement (6,) [m, rad].
+        lost: what cannot be counted on of the distance to the (lower, upper) ends, by hard limit.
+        turn: angle that a robot may have done already [rad]; None: there is none.
+        lost_held: as `lost`, where the robot holds on once with what is under way, if that is declared.
+        turn_held: and as `turn`.
     """
-    count, lost, start = _counts(problem), {}, 6
-    if count:
-        for limit in problem.row_limits:
-            if limit.hard:
-                end = start + len(limit.names)
-                lost[limit.names[0]] = way[start:end], way[start + count : end + count]
-                start = end
-    return way[:6], lost, way[way_size(problem) - 1] if owes(problem) else None
+
+    ahead: Any
+    lost: dict[str, tuple[Any, Any]]
+    turn: Any
+    lost_held: dict[str, tuple[Any, Any]]
+    turn_held: Any
+
+
+def split_way(problem: Problem, way: Any) -> Way:
+    """Return what is under way from the vector that `way_of` makes of it."""
+    ends = np.cumsum([0, *_sizes(problem)]).tolist()
+    ahead, *parts = (way[start:end] for start, end in pairwise(ends))
+    if not parts:
+        return Way(ahead, {}, None, {}, None)
+    lost, turn = _by_limit(problem, *parts[:2]), parts[2] if owes(problem) else None
+    if not problem.robot.longest_hold:
+        return Way(ahead, lost, turn, lost, turn)
+    return Way(ahead, lost, turn, _by_limit(problem, *parts[-3:-1]), parts[-1])
+
+
+def _by_limit(problem: Problem, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
+    found, start = {}, 0
+    for limit in problem.row_limits:
+        if limit.hard:
+            end = start + len(limit.names)
+            found[limit.names[0]] = below[start:end], above[start:end]
+            start = end
+    return found
 
 
 @dataclass(frozen=True)
@@ -80,8 +119,9 @@ class UnderWay:
         sent: and the one that was sent (6,).
         lasted: for how long [s].
         changed: displacement by which less is owed than a period ago (6,) [m, rad].
-        slowest: least twist of a robot that does no more than it was sent (6,).
+        slowest: least twist (6,) in the last period of a robot that does no more than it was sent.
         fastest: its greatest (6,).
+        swift: how fast it can be now, along each axis and against it (6, 2); None: as fast as it was sent.
         aged: ages of the ends of the periods before, at the end of this one (k,) [s].
         begun: twist that is sent however the plan goes on (6,).
         own: share of the planned twist that is sent beside it.
@@ -103,6 +143,7 @@ class UnderWay:
     changed: ca.MX
     slowest: ca.MX
     fastest: ca.MX
+    swift: ca.MX | None
     aged: ca.MX
     begun: ca.MX
     own: ca.MX
@@ -162,8 +203,10 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
     slowest = fastest = ca.MX(ca.DM.zeros(6))
     for twist in ca.horzsplit(part["sent"]):
         slowest, fastest = ca.fmin(slowest, twist), ca.fmax(fastest, twist)
+    swift = None
     if lag := problem.robot.lag:
-        slowest, fastest = slowest - part["tail"][:, 1] / lag, fastest + part["tail"][:, 0] / lag
+        swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
+        fastest, slowest = ca.fmax(fastest, part["swift"][:, 0]), ca.fmin(slowest, -part["swift"][:, 1])
     stretch = 1 + problem.robot.gain_error
     return UnderWay(
         total=total,
@@ -180,11 +223,12 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         changed=part["owed"] - owed if "owed" in part else owed,
         slowest=stretch * slowest,
         fastest=stretch * fastest,
+        swift=swift,
         aged=part["ages"] + dt,
         begun=begun,
         own=own,
         fits=_holds_all(problem, part["ages"], dt),
-        parked=part["idle"] >= max(problem.average, problem.robot.dead_time),
+        parked=part["idle"] >= max(problem.average, problem.robot.dead_time, _AT_ALL),
     )
 
 
@@ -229,10 +273,15 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if robot.noise.any():
         aside = ca.fabs(rows) @ ca.DM(robot.noise)
         below, above = below + aside, above + aside
+    parts = [found["total"], below, above]
+    if owes(problem):
+        parts.append(found["turn"])
     if robot.longest_hold:
-        below, above = (end + robot.longest_hold * _most(way) for end, way in ((below, -done), (above, done)))
-    turn = [found["turn"]] if "turn" in found else []
-    return [landed, ca.densify(ca.vertcat(found["total"], below, above, *turn))]
+        hold = robot.longest_hold * (1 + robot.gain_error)
+        angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
+        turn = found.get("turn", 0) + hold * _most(angles)
+        parts += [below + hold * _most(-done), above + hold * _most(done), turn]
+    return [landed, ca.densify(ca.vertcat(*parts))]
 
 
 def _most(values: ca.MX) -> ca.MX:
