@@ -8,9 +8,9 @@ import casadi as ca
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
     """Return `pose` (4, 4) moved by a world-aligned displacement (6,), for any number of times: it stays orthonormal."""
     moved = shifted(pose, displacement)
-    turned = moved[:3, :3]
+    rotation = moved[:3, :3]
     # One Newton step.
-    moved[:3, :3] = 1.5 * turned - 0.5 * turned @ (turned.T @ turned)
+    moved[:3, :3] = 1.5 * rotation - 0.5 * rotation @ (rotation.T @ rotation)
     return moved
 
 
@@ -19,13 +19,16 @@ def shifted(pose: ca.SX, displacement: ca.SX) -> ca.SX:
 
     The rotation is the exact exponential.
     """
-    turn = displacement[3:]
+    bottom = ca.SX([[0, 0, 0, 1]])
+    return ca.vertcat(ca.horzcat(turned(displacement[3:], pose[:3, :3]), pose[:3, 3] + displacement[:3]), bottom)
+
+
+def turned(turn: ca.SX, vectors: ca.SX) -> ca.SX:
+    """Return vectors (3, n) turned by a rotation vector (3,) [rad]."""
     angle = ca.sqrt(ca.sumsqr(turn) + 1e-30)
     cross = ca.skew(turn)
     rotation = ca.SX.eye(3) + ca.sin(angle) / angle * cross + (2 * ca.sin(angle / 2) ** 2) / angle**2 * (cross @ cross)
-    turned = rotation @ pose[:3, :3]
-    bottom = ca.SX([[0, 0, 0, 1]])
-    return ca.vertcat(ca.horzcat(turned, pose[:3, 3] + displacement[:3]), bottom)
+    return rotation @ vectors
 
 
 def rotation_error(rotation: ca.SX) -> ca.SX:

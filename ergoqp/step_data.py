@@ -80,7 +80,7 @@ def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     shift = S @ mx["way"][:6]
     own, below, above, rate, reserve, twist, low, high, reach = terms(*(mx[name] for name in _PLACE), shift, S)
     away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
-    brake = Braking(twist, low, high, reach, ca.DM(problem.twist_limit.acceleration), mx["dt"])
+    brake = Braking(twist, low, high, reach, mx["dt"], Stop.of(problem))
     rows = Rows(_gathered(S, own, follows), below, above, rate, reserve)
     bounds = row_bounds(problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"])
     H, g = objective(problem, mx, S, E)

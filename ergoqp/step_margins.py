@@ -93,9 +93,7 @@ def _curved_ahead(problem: Problem, limit: Limit, count: int) -> ca.Function:
     return ca.Function("curved_ahead", [*place, ways], ca.cse(dense([margins])))
 
 
-def situations_of(
-    problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression
-) -> tuple[Situation, ...]:
+def situations_of(problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression) -> tuple[Situation, ...]:
     """Return the situation for each of `Stop.ways`: a robot that holds on does so with what is under way, or with the twist."""
     situations = situation_of(problem, known, S, held=ways.shape[1] > 1), situation_of(problem, known, S)
     return situations[: ways.shape[1]]

@@ -28,7 +28,9 @@ def readings_size(problem: Problem) -> int:
     return sum(measure.numel_out(0) for _, measure in _measures(problem))
 
 
-def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expression, brake: Braking | None = None, held: bool = False) -> Situation:
+def situation_of(
+    problem: Problem, known: Mapping[str, Expression], S: Expression, brake: Braking | None = None, held: bool = False
+) -> Situation:
     """Return where things are, from the symbols of a function of the step.
 
     Args:
@@ -40,7 +42,7 @@ def situation_of(problem: Problem, known: Mapping[str, Expression], S: Expressio
         held: whether the robot holds on once with what is under way, if that is declared.
     """
     still = ca.SX(6, 1)
-    swing, change = (still, still) if brake is None else (known["previous"] * (brake.reach + brake.hold), brake.change)
+    swing, change = (still, still) if brake is None else (known["previous"] * brake.swing, brake.change)
     readings, start = {}, 0
     for limit, measure in _measures(problem):
         size = measure.numel_out(0)

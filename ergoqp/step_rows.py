@@ -150,17 +150,7 @@ def _ends(
     moves = slowing > 1e-6
     slower = twice(slowing)
     left = distance - twice(rows.reserve + CLEARANCE)
-    # d / h up to the knee, from there on its tangent parabola.
-    if brake.hold:
-        # The object may go on once with this twist before it stops: of d, v H is kept free.
-        hold = brake.hold * constant("hard")
-        knee = slower * brake.reach * (brake.reach + hold)
-        held, bent = slower * hold, (slower * brake.reach) ** 2
-        allowed = ca.sqrt(held**2 + 2 * slower * ca.fmax(left, knee) - bent) - held
-        allowed += ca.fmin(left - knee, 0) / (brake.reach + hold)
-    else:
-        knee = slower * brake.reach**2
-        allowed = ca.sqrt(slower * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / brake.reach
+    allowed = brake.fastest(left, slower, constant("hard"))
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
     # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
     # object goes on without it.
@@ -169,13 +159,22 @@ def _ends(
         yields = ca.logic_and(ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
     # A row's own curvature must not carry it further out, on the object side by any amount.
-    curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / brake.reach, 0))
+    curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / brake.swing, 0))
     # Where nothing asks to come back, the end only stops what leads further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
     pace = ca.fmin(ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt))
     back = ca.fmin(rate, ca.fmax(pace, curving)) * twice(moves)
     outside = away > 0
+    bent = [i for i, row in enumerate(kept) if limit_values(limits, "bend")[row]]
+    if bent:
+        # Nearest to the inside, a turn any further leads away again: no faster than it can stop there.
+        slope = rows.matrix[bent, :] ** 2 @ ca.DM(twist.speed > 0)
+        most = type(slope)(ca.DM(np.full(len(kept), FREE)))
+        most[bent] = slope / (ca.DM(limit_values(limits, "bend")[[kept[i] for i in bent]]) * brake.swing)
+        back = ca.fmin(back, twice(most))
+        ends = ca.vertcat(outside[len(kept) :], outside[: len(kept)])
+        allowed = ca.if_else(ends, ca.fmin(allowed, 1.5 * twice(most)), allowed)
     allowed = ca.if_else(outside, 0, allowed)
     bound = allowed - ca.if_else(outside, back, 0)
     least = allowed - ca.if_else(outside, curving, 0)
@@ -187,5 +186,5 @@ def _ends(
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
     """Return one number per row from the limits' attribute `pick`, which is that of all its rows or one for each."""
     return np.array(
-        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float
+        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick, 0), len(limit.names))], dtype=float
     )

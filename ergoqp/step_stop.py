@@ -100,10 +100,7 @@ class Stop:
         # excluded.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-        # Rows take the simplest bound of a mean that rises: kept a little further away, the object is seldom left with
-        # braking only.
-        reach = self.stretch * (self.share * dt + (stop + dt) / 2 + self.hurry)
-        return Braking(twist, low, high, reach, acceleration, dt, self.held)
+        return Braking(twist, low, high, self.stretch * (self.share * dt + (stop + dt) / 2), dt, self)
 
 
 @dataclass(frozen=True)
@@ -115,23 +112,54 @@ class Braking:
         low: least twist of this period (6,).
         high: greatest twist of this period (6,); both allow the braking twist.
         reach: seconds of motion at the new twist that a stop from it takes at most [s].
-        acceleration: largest per axis (6,).
         dt: period [s].
-        hold: and for how many more the object may go on with it once [s].
+        stop: the law.
     """
 
     twist: Expression
     low: Expression
     high: Expression
     reach: Expression
-    acceleration: ca.DM
     dt: Expression
-    hold: float = 0.0
+    stop: Stop
+
+    @property
+    def acceleration(self) -> ca.DM:
+        """Largest acceleration per axis (6,)."""
+        return ca.DM(self.stop.limit.acceleration)
+
+    @property
+    def swing(self) -> Expression:
+        """Seconds of motion at the new twist for which a curved row looks ahead [s]."""
+        return self.reach + self.stop.stretch * self.stop.hurry + self.stop.held
 
     @property
     def change(self) -> Expression:
         """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
-        return self.acceleration * self.dt * (self.reach + self.hold)
+        return self.acceleration * self.dt * self.swing
+
+    def fastest(self, left: Expression, slowing: Expression, hard: Expression) -> Expression:
+        """Return the rates (m,) from which rows are stopped in time by an end that is so far away.
+
+        Args:
+            left: distance to the end (m,) [m, rad].
+            slowing: by how much each row can be slowed per second (m,).
+            hard: 1 for rows on the object side (m,): what a robot may hold on to is kept free of them.
+        """
+        law, held = self.stop, self.stop.held * hard if self.stop.held else 0.0
+        if not law.hurry:
+            return _stopped(left, slowing, self.reach, held)
+        # What a mean that still rises adds is bounded twice: by seconds at the new twist, and by a distance.
+        near = _stopped(left, slowing, self.reach + law.stretch * law.hurry, held)
+        far = _stopped(left - slowing * (law.stretch * law.rise(self.dt)), slowing, self.reach, held)
+        return ca.fmax(near, far)
+
+
+def _stopped(left: Expression, slowing: Expression, reach: Expression, held: Expression) -> Expression:
+    """Largest v with v = d / (h + H) up to the knee, and from there on the tangent parabola (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2."""
+    bent, kept = slowing * reach, slowing * held
+    knee = bent * (reach + held)
+    return ca.sqrt(kept**2 + 2 * slowing * ca.fmax(left, knee) - bent**2) - kept + ca.fmin(left - knee, 0) / (reach + held)
 
 
 def on_surface(brake: Braking, situation: Situation) -> Braking:

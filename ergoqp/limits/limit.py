@@ -114,6 +114,8 @@ class Limit(Protocol):
             object; 0 for quantities that cannot yield. A limit that has one is `linear`.
         linear: whether rows and margins may be asked for with matrices (`casadi.MX`) as well as with scalars; without the
             attribute they are not.
+        bend: by how much the rate of its rows can change per rad that the object turns, roughly; without the attribute they are
+            straight. Coming back from outside is then not asked faster than the object can stop where it is nearest.
         proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then never asked for less than
             it promises, not even where braking has no better bound.
     """

@@ -11,6 +11,7 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.limits.limit import Rows, Situation, straight_margins
+from ergoqp.rigid import turned
 
 _AXIS_NAMES: Final = ("x", "y", "z")
 
@@ -77,6 +78,7 @@ class AxisCone:
     yield_zone: float = 0.0
     hard = True
     proven = False
+    bend = 3.0
     unit = "rad"
     names = ("tool axis",)
     returns = (True,)
@@ -97,16 +99,16 @@ class AxisCone:
     def rows(self, situation: Situation) -> Rows:
         """Return the one row: the angle between the axis and the direction grows with turning about their normal.
 
-        A cone is curved: along the swing W the angle also grows by its second derivative, from cos(angle) = d . a. The row
-        reserves that much, and some for turns that differ from the swing, or the certificate would have to brake a turn that
-        runs along the cone.
+        A cone is curved: with the slope in the middle of the swing, the angle's change along it is exact to second order. Turns
+        that differ from the swing reserve some, or the certificate would have to brake a turn that runs along the cone.
         """
-        matrix, sine, cosine = self._slope(situation)
-        turn, change = situation.swing[3:], ca.norm_2(situation.change[3:])
+        axis, turn, change = situation.pose[:3, 0], situation.swing[3:], ca.norm_2(situation.change[3:])
+        _, sine, cosine = self._slope(axis)
+        matrix, _, _ = self._slope(turned(turn / 2, axis))
+        middle = ca.DM(self.direction)
         slope = matrix[0, 3:] @ turn
-        middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
         bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
-        reserve = 1.5 * (ca.sqrt(bend) + change) ** 2 / (2 * ca.fmax(sine, 0.1))
+        reserve = 1.5 * change * (2 * ca.sqrt(bend) + change) / (2 * ca.fmax(sine, 0.1))
         start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start
         return situation.counted(self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along))
@@ -131,12 +133,12 @@ class AxisCone:
         lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
         if situation.turn is None:
             return self._within(ca.fmin(constant + cosine, least)) - lost
-        start, along = _uncertain(situation, self._slope(situation)[1], end)
+        start, along = _uncertain(situation, self._slope(axis)[1], end)
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
-    def _slope(self, situation: Situation) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Rate (1, 6) at which the angle to the middle grows per twist; its sine and cosine."""
-        middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
+    def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Rate (1, 6) at which the angle from the middle to an axis (3,) grows per twist; its sine and cosine."""
+        middle = ca.DM(self.direction)
         normal = ca.cross(middle, axis)
         sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
         matrix = ca.SX(1, 6)

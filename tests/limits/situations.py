@@ -76,7 +76,7 @@ def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float, **law: float) -
     """Braking from a planned twist, and the displacement of its own period and stop; `law` are other attributes of `Stop`."""
     names = ("twist", "low", "high", "reach", "displacement", "time")
     found = _brake(Stop(limit, **law))(previous, dt)
-    return dict(zip(names, (np.array(part).ravel() for part in found), strict=True))
+    return dict(zip(names, (np.array(part).ravel(order="F") for part in found), strict=True))
 
 
 _BOUNDS: dict[tuple[int, TwistLimit], tuple[Any, ca.Function, list[int]]] = {}
@@ -100,7 +100,7 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     all_rows = limit.rows(situation)
     rows = Rows(*(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows)))
     found = row_bounds(twist_limit, [limit], rows, movable, _away(limit, rows, movable), brake, ca.SX(1))
-    outputs = [found.lower, found.upper, found.side, found.cap]
+    outputs = [found.lower, found.upper, found.side, found.cap, found.matrix]
     inputs = [pose, previous, dt, posture, sensitivity]
     return ca.Function("bounds", inputs, [ca.densify(part) for part in outputs]), movable
 
@@ -122,9 +122,9 @@ def bounds_of(
     sensitivity: Any = 0.0,
 ) -> dict[str, np.ndarray]:
     """Bounds in the last pass, of the rows that some twist can move, for a stop that is as long as it looks."""
-    function, names = _bounds(limit, twist_limit)[0], ("lower", "upper", "side", "cap")
+    function, names = _bounds(limit, twist_limit)[0], ("lower", "upper", "side", "cap", "matrix")
     found = function(pose, previous, dt, posture, sensitivity)
-    return dict(zip(names, (np.array(part).ravel() for part in found), strict=True))
+    return dict(zip(names, (np.array(part).ravel(order="F") for part in found), strict=True))
 
 
 def movable_of(limit: Any, twist_limit: TwistLimit) -> list[int]:

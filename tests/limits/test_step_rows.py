@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from situations import bounds_of, brake_of, movable_of
 
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.qp import FREE
-from ergoqp.step_rows import CLEARANCE, STEADY_RETURN
+from ergoqp.step_rows import STEADY_RETURN
 
 LIMIT = TwistLimit(0.2, 0.6, 0.6, 2.0)
 SMALL = WorkspaceBox((0.0, 0.0, 0.0), (0.02, 0.3, 1.0))
@@ -130,18 +131,40 @@ def test_outside_the_row_asks_to_come_back(out: float, pace: float) -> None:
 
 @pytest.mark.parametrize("speed", [0.0, 0.3, 0.6])
 def test_outside_a_cone_the_way_back_makes_up_for_the_bend(speed: float) -> None:
-    """Half a degree outside, gliding across: over the stop the axis would leave by its curvature, and half as much is added."""
+    """Half a degree outside, gliding across: so the axis would leave by its curvature; as the row asks, it does not."""
     cone, dt, out = AxisCone((1.0, 0.0, 0.0), 20.0), 0.01, np.radians(0.5)
     angle, pose = np.radians(20.0) + out, np.eye(4)
     pose[:3, 0] = np.cos(angle), np.sin(angle), 0.0
     pose[:3, 1] = -np.sin(angle), np.cos(angle), 0.0
+    previous = np.array([0.0, 0, 0, 0, speed, 0])
     reach = dt + (speed / LIMIT.acceleration[4] + dt) / 2
-    leaves = np.arccos(np.cos(angle) * np.cos(speed * reach)) - angle
-    asked = -bounds_of(cone, LIMIT, pose, np.array([0.0, 0, 0, 0, speed, 0]), dt)["upper"][0]
-    curving = (1.5 * (speed * reach) ** 2 / np.tan(angle) / 2 + CLEARANCE) / reach
-    assert asked == pytest.approx(max(out / cone.recovery_time, STEADY_RETURN, curving))
-    assert asked * reach >= leaves
-    assert (asked > STEADY_RETURN) == (speed > 0)
+    found = bounds_of(cone, LIMIT, pose, previous, dt)
+    asked, row = -found["upper"][0], found["matrix"]
+    assert asked >= max(out / cone.recovery_time, STEADY_RETURN) * (1 - 1e-9)
+    answer = previous - row * max(0.0, asked + row @ previous) / (row @ row)
+    glides, obeys = (
+        np.arccos((Rotation.from_rotvec(twist[3:] * reach).as_matrix() @ pose[:3, 0])[0]) - angle
+        for twist in (previous, answer)
+    )
+    assert obeys < -0.5 * asked * reach
+    assert (glides > 1e-9) == (speed > 0)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.02, 0.2])
+def test_where_an_axis_is_nearest_to_its_cone_it_is_not_asked_to_turn_any_faster(off: float) -> None:
+    """Turning about y alone, an axis 60 deg aside of y = 0 comes no nearer than that: past it, every turn leads away again."""
+    cone, dt, aside = AxisCone((1.0, 0.0, 0.0), 20.0), 0.01, np.radians(60.0)
+    upright = TwistLimit(axes=("ry",))
+    pose = np.eye(4)
+    pose[:3, 0] = np.cos(aside) * np.cos(off), np.sin(aside), -np.cos(aside) * np.sin(off)
+    pose[:3, 1] = np.cross([0.0, 0, 1], pose[:3, 0]) / np.linalg.norm(np.cross([0.0, 0, 1], pose[:3, 0]))
+    pose[:3, 2] = np.cross(pose[:3, 0], pose[:3, 1])
+    found = bounds_of(cone, upright, pose, np.zeros(6), dt)
+    row, reach = found["matrix"], dt + dt / 2
+    fastest, slowest = (end[0] / row[4] if abs(row[4]) > 1e-9 else 0.0 for end in (found["lower"], found["upper"]))
+    for turn in (fastest, slowest):
+        ahead = Rotation.from_rotvec([0.0, turn * reach, 0.0]).as_matrix() @ pose[:3, 0]
+        assert ahead[0] >= pose[0, 0] - 1e-9
 
 
 def test_no_row_asks_to_come_back_faster_than_its_own_rate() -> None:
