@@ -169,10 +169,10 @@ class Law:
         W = self.problem.average
         return self._integral(lambda age: 1 - age / W) + self.planned * dt / 2 if W else np.zeros(6)
 
-    def _integral(self, weight) -> np.ndarray:
+    def _integral(self, weight, plan: list | None = None) -> np.ndarray:
         """Integral of the plan, a line from period to period, times a weight that is linear in its age, up to the age W."""
-        W, age, total = self.problem.average, 0.0, np.zeros(6)
-        plan = [*self._plan[::-1], self._plan[0]]
+        W, age, total, plan = self.problem.average, 0.0, np.zeros(6), plan or self._plan
+        plan = [*plan[::-1], plan[0]]
         for (newer, lasted), (older, _) in pairwise(plan):
             end = min(age + lasted, W)
             share = (end - age) / lasted
@@ -203,10 +203,20 @@ class Law:
         seconds = float(np.max(np.abs(previous) / self.problem.twist_limit.acceleration))
         return previous * max(0.0, 1 - dt / seconds) if seconds > 0 else previous
 
-    def rise(self, dt: float) -> np.ndarray:
-        """Return the most that a mean that still rises can add (6,), see `ergoqp.step_stop`."""
-        W, h = self.problem.average, 3 * self.problem.dt
-        return (h * (W / 2 + dt) + h**2 / 8) * self.problem.twist_limit.acceleration if W else np.zeros(6)
+    def climb(self) -> np.ndarray:
+        """Return what is added (6,) while the mean still rises to the last planned twist, see `ergoqp.step_stop`."""
+        W, way = self.problem.average, np.zeros(6)
+        for sign in (1, -1) if W else ():
+            plan = [(np.maximum(sign * twist, 0), lasted) for twist, lasted in self._plan]
+            missing = [(np.maximum(plan[-1][0] - twist, 0), lasted) for twist, lasted in plan]
+            way += sign * 3 * self.problem.dt * self._integral(lambda age: 1 / W, missing)
+        return way
+
+    def rise(self, seconds: float) -> np.ndarray:
+        """Return the most that a mean that rises for some seconds more can add (6,)."""
+        h = 3 * self.problem.dt
+        most = (h * seconds + h**2 / 8) * self.problem.twist_limit.acceleration
+        return most if self.problem.average else np.zeros(6)
 
     def apart(self, longest: float) -> np.ndarray:
         """Return by how much the way of a stop can differ (6,) from one with periods up to `longest` [s].
@@ -215,7 +225,8 @@ class Law:
         ones.
         """
         h, planned = 3 * self.problem.dt, np.abs(self.planned)
-        return longest / 2 * np.maximum(planned, np.abs(self._sent[-1][0])) + np.minimum(1.5 * h * planned, self.rise(h))
+        rise = np.minimum(1.5 * h * planned, self.rise(self.problem.average / 2 + h))
+        return longest / 2 * np.maximum(planned, np.abs(self._sent[-1][0])) + rise
 
     def way(self, twists: np.ndarray, dt: float) -> np.ndarray:
         """Return what planned twists (n, 6) add to what is under way (n, 6): their period, and the stop after it."""
@@ -258,7 +269,7 @@ class Law:
 
         Of a declared robot all ends are tried: what it owes done already or not, slower and faster, held on once or not.
         """
-        robot, first, ways = self.problem.robot, self.under_way(dt), self.way(twists, dt)
+        robot, first, ways = self.problem.robot, self.under_way(dt) + self.climb(), self.way(twists, dt)
         owed, worst = self.owed().sum(axis=0), []
         late = bool(robot.delay or robot.pose_delay or robot.lag)
         for done in (0.0, 1.0) if late else (1.0,):

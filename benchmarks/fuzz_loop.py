@@ -227,8 +227,7 @@ class Loop:
         self._done = sum((part for _, part in self._declared.send(step.twist, dt)), np.zeros(6))
         self._periods.appendleft(dt)
         self._before = step.pose.copy() if self._anchored else None
-        kind = "long period: " if dt > 1.001 * self._problem.longest_period else ""
-        self._object.send(step.twist, dt, kind, where, f"{step.status} {step.twist} dt {dt:g} {reason!r}")
+        self._object.send(step.twist, dt, "", where, f"{step.status} {step.twist} dt {dt:g} {reason!r}")
         if self._disobeys:
             self._disobeys -= 1
             if not self._disobeys:

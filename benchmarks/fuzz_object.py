@@ -112,9 +112,11 @@ class ObjectJudge:
         if self.world is None:
             return
         worst = self.rows.worst(self.world.send(twist, seconds))
-        if not self.obeys:
-            # Where a robot that disobeys leads the object is not the step's; from when it obeys again on, it is.
+        late = seconds > 1.001 * self._problem.longest_period
+        if late or not self.obeys:
+            # Where a robot that disobeys leads the object is not the step's, nor where a late call does; from then on, it is.
             self._least = np.maximum(self._least, worst)
+            self._loose |= late
         self._judge(worst, kind, where, what)
         if self.obeys and self.world.at_rest:
             self._least = np.minimum(self._least, np.maximum(self.rows.outside(self.world.pose), 0))

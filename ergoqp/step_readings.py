@@ -53,7 +53,7 @@ def situation_of(
         still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
         return Situation(*now, known.get("pose", ca.SX.eye(4)), S, swing, change, readings, problem.surface, still, stays)
     way = split_way(problem, known["way"])
-    lost, turn = (way.lost_held, way.turn_held) if held else (way.lost, way.turn)
+    lost, turn = (way.lost_held, way.turn_held) if held else (way.lost, way.turn_held if brake is not None else way.turn)
     place = (known["landed"], S, swing, change, readings, problem.surface, way.ahead, known["shift"])
     return Situation(*now, *place, lost, turn)
 

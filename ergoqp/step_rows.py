@@ -171,7 +171,7 @@ def _ends(
         # Nearest to the inside, a turn any further leads away again: no faster than it can stop there.
         slope = rows.matrix[bent, :] ** 2 @ ca.DM(twist.speed > 0)
         most = type(slope)(ca.DM(np.full(len(kept), FREE)))
-        most[bent] = slope / (ca.DM(limit_values(limits, "bend")[[kept[i] for i in bent]]) * brake.swing)
+        most[bent] = slope / (ca.DM(limit_values(limits, "bend")[[kept[i] for i in bent]]) * brake.slowest)
         back = ca.fmin(back, twice(most))
         ends = ca.vertcat(outside[len(kept) :], outside[: len(kept)])
         allowed = ca.if_else(ends, ca.fmin(allowed, 1.5 * twice(most)), allowed)

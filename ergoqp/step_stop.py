@@ -25,9 +25,9 @@ class Stop:
     Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the last twist to this one, and
     the object moves by the half of this period that belongs to u and by the stop, u (dt / 2 + t_b / 2); what was planned before
     is under way already (`ergoqp.step_way`). But a period is held at the mean of its end, which is more than it was on the way
-    there while the mean still rises: by h times the rise at most, for periods up to h. The mean can rise by u, and by no more
-    than a (W / 2 + dt), which is how far it lags behind a plan that speeds up as fast as it may. And the last period of a stop
-    is a line down to rest that ends later than the stop would have, by at most min(u h / 2, a h^2 / 8).
+    there while the mean still rises: by h times the rise at most, for periods up to h. By how much it rises without u is under
+    way too; with u it is at most u, and at most a dt, more. And the last period of a stop is a line down to rest that ends
+    later than the stop would have, by at most min(u h / 2, a h^2 / 8).
 
     Attributes:
         limit: speeds and accelerations.
@@ -58,18 +58,13 @@ class Stop:
         return 0.5 if self.average else 1.0
 
     @property
-    def hurry(self) -> float:
-        """Seconds at the new twist that cover what a mean that still rises can add."""
-        return 1.5 * self.longest if self.average else 0.0
-
-    @property
     def held(self) -> float:
         """Seconds at the new twist that cover one hold with any twist under way, which may have been faster [s]."""
-        return self.stretch * (self.hold + self.memory) if self.hold else 0.0
+        return self.stretch * (self.hold + 2 * self.memory) if self.hold else 0.0
 
     def rise(self, dt: Expression) -> Expression:
-        """Return what it can add at most, for every unit of acceleration [s^2]."""
-        return self.longest * (self.average / 2 + dt) + self.longest**2 / 8
+        """Return what a mean that rises with the new twist can add at most, for every unit of acceleration [s^2]."""
+        return self.longest * dt + self.longest**2 / 8
 
     def time(self, twist: ca.SX) -> ca.SX:
         """Return how long it takes to stop from a planned twist (6,) [s]."""
@@ -80,7 +75,7 @@ class Stop:
         way = twist * (self.share * dt + self.time(twist) / 2)
         if self.average:
             rise = self.rise(dt) * ca.DM(self.limit.acceleration)
-            way += ca.fmax(-rise, ca.fmin(rise, self.hurry * twist))
+            way += ca.fmax(-rise, ca.fmin(rise, 1.5 * self.longest * twist))
         return self.stretch * way
 
     def ways(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
@@ -131,7 +126,12 @@ class Braking:
     @property
     def swing(self) -> Expression:
         """Seconds of motion at the new twist for which a curved row looks ahead [s]."""
-        return self.reach + self.stop.stretch * self.stop.hurry + self.stop.held
+        return self.reach + self.stop.held
+
+    @property
+    def slowest(self) -> Expression:
+        """Seconds of motion at the new twist in the stop from a small one, of which a mean that rises is more [s]."""
+        return self.swing + (self.stop.stretch * 1.5 * self.stop.longest if self.stop.average else 0.0)
 
     @property
     def change(self) -> Expression:
@@ -147,19 +147,13 @@ class Braking:
             hard: 1 for rows on the object side (m,): what a robot may hold on to is kept free of them.
         """
         law, held = self.stop, self.stop.held * hard if self.stop.held else 0.0
-        if not law.hurry:
-            return _stopped(left, slowing, self.reach, held)
-        # What a mean that still rises adds is bounded twice: by seconds at the new twist, and by a distance.
-        near = _stopped(left, slowing, self.reach + law.stretch * law.hurry, held)
-        far = _stopped(left - slowing * (law.stretch * law.rise(self.dt)), slowing, self.reach, held)
-        return ca.fmax(near, far)
-
-
-def _stopped(left: Expression, slowing: Expression, reach: Expression, held: Expression) -> Expression:
-    """Largest v with v = d / (h + H) up to the knee, and from there on the tangent parabola (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2."""
-    bent, kept = slowing * reach, slowing * held
-    knee = bent * (reach + held)
-    return ca.sqrt(kept**2 + 2 * slowing * ca.fmax(left, knee) - bent**2) - kept + ca.fmin(left - knee, 0) / (reach + held)
+        if law.average:
+            left = ca.fmax(left - slowing * (law.stretch * law.rise(self.dt)), ca.fmin(left, 0))
+        # v = d / (h + H) up to the knee, and from there on its tangent parabola (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2.
+        bent, kept = slowing * self.reach, slowing * held
+        knee = bent * (self.reach + held)
+        steep = ca.sqrt(kept**2 + 2 * slowing * ca.fmax(left, knee) - bent**2) - kept
+        return steep + ca.fmin(left - knee, 0) / (self.reach + held)
 
 
 def on_surface(brake: Braking, situation: Situation) -> Braking:

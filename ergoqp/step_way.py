@@ -25,6 +25,7 @@ from ergoqp.linear import Shape, scalars, vectors
 from ergoqp.rigid import shifted
 from ergoqp.step_history import History, history_sizes, owes, remaining_seconds
 from ergoqp.step_parts import count, split
+from ergoqp.step_stop import Stop
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -110,6 +111,7 @@ class UnderWay:
         total: displacement (6,) [m, rad].
         twists: what is under way, piece by piece (6, k).
         seconds: for how long each piece still acts (k,) [s].
+        weights: of the planned ones, the first of them, in the mean (n,); None: every twist is sent as planned.
         tail: of what is older than the pieces: positive and negative parts (6, 2) [m, rad]; None: nothing is.
         turn: largest angle of the part that a robot may have done already [rad]; None: there is none.
         owed: displacement of the part that was sent (6,) [m, rad].
@@ -132,6 +134,7 @@ class UnderWay:
     total: ca.MX
     twists: ca.MX
     seconds: ca.MX
+    weights: ca.MX | None
     tail: ca.MX | None
     turn: ca.MX | None
     owed: ca.MX
@@ -181,8 +184,9 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
     pieces, seconds = [], []
     begun, own = ca.MX(ca.DM.zeros(6)), ca.MX(1.0)
     owed = up = down = total = ca.MX(ca.DM.zeros(6))
+    now = None
     if W:
-        own, weights, left = _mean(ends[: history.planned], dt, W)
+        own, weights, now, left = _mean(ends[: history.planned], dt, W)
         begun, total = part["planned"] @ weights, part["planned"] @ left
         pieces, seconds = [part["planned"]], [left]
     tail = turn = None
@@ -212,6 +216,7 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         total=total,
         twists=twists,
         seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
+        weights=now,
         tail=tail,
         turn=turn,
         owed=owed,
@@ -254,7 +259,7 @@ def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vector
     return landed, way
 
 
-_PARTS: Final = ("total", "twists", "seconds", "tail", "turn")
+_PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "turn")
 
 
 def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
@@ -268,6 +273,8 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         up += ahead @ tail[:, 0] + back @ tail[:, 1]
         down += ahead @ tail[:, 1] + back @ tail[:, 0]
     below, above = up, down
+    if "weights" in found:
+        below, above = below + _rise(problem, -done, found["weights"]), above + _rise(problem, done, found["weights"])
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
@@ -282,6 +289,13 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         turn = found.get("turn", 0) + hold * _most(angles)
         parts += [below + hold * _most(-done), above + hold * _most(done), turn]
     return [landed, ca.densify(ca.vertcat(*parts))]
+
+
+def _rise(problem: Problem, way: ca.MX, weights: ca.MX) -> ca.MX:
+    """What a mean that still rises toward the last planned twist adds along each row, see `ergoqp.step_stop.Stop`."""
+    planned = ca.fmax(way[:, : weights.numel()], 0)
+    longest = Stop.of(problem).longest
+    return longest * (ca.fmax(ca.repmat(planned[:, 0], 1, weights.numel()) - planned, 0) @ weights)
 
 
 def _most(values: ca.MX) -> ca.MX:
@@ -306,13 +320,13 @@ def _hard_rows(problem: Problem) -> ca.Function:
     return ca.Function("hard_rows", [pose, total], [ca.densify(landed), rows])
 
 
-def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX]:
+def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
     """The mean of the plan over W seconds as weights of its twists.
 
     Returns:
-        At the end of this period: weight of the new twist, and of those before (n,). And now: seconds for which each of
-            them still
-        acts when it is not yet sent (n,), the half of this period that leads away from the last one included.
+        At the end of this period: weight of the new twist, and of those before (n,). And now: their weights (n,), and the
+        seconds for which each of them still acts when it is not yet sent (n,), the half of this period that leads away from
+        the last one included.
     """
     n = ages.numel()
     length, share = _segments(ages + dt, W)
@@ -325,13 +339,15 @@ def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX]:
     weights = (before + ca.vertcat(length - far, rest) + ca.vertcat(0, far)) / W
 
     length, share = _segments(ages, W)
+    far, before = length * share / 2, W - ca.fmin(ages[n - 1], W)
+    present = (ca.vertcat(length - far, before) + ca.vertcat(0, far)) / W
     left = 1 - ca.fmin(ages, W) / W
     now, then, sixth = left[:-1], left[1:], length / 6
     later = sixth * share * (now + 2 * then)
     sooner = 3 * sixth * (now + then) - later
-    oldest = (W - ca.fmin(ages[n - 1], W)) ** 2 / (2 * W)
+    oldest = before**2 / (2 * W)
     ahead = ca.vertcat(dt / 2, ca.DM.zeros(n - 1)) + ca.vertcat(sooner, oldest) + ca.vertcat(0, later)
-    return own, weights, ahead
+    return own, weights, present, ahead
 
 
 def _segments(ages: ca.MX, W: float) -> tuple[ca.MX, ca.MX]:
