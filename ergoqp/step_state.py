@@ -10,7 +10,7 @@ from ergoqp.rest import STATES
 from ergoqp.step_guide import TRIAL
 from ergoqp.step_history import history_sizes, initial_history
 from ergoqp.step_parts import count
-from ergoqp.step_watch import WATCH
+from ergoqp.step_watch import WATCH, taken_over
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -41,4 +41,7 @@ def initial_state(problem: Problem, guided: bool = False, twist: np.ndarray | No
     parts = {name: np.zeros(size) for name, size in state_sizes(problem, guided).items()}
     history = initial_history(problem, np.zeros(6) if twist is None else twist)
     parts["history"] = np.concatenate([part.ravel(order="F") for part in history.values()])
+    if twist is not None:
+        for name, block in taken_over(problem, twist).items():
+            parts[name] = block[:, None]
     return np.concatenate([part.ravel(order="F") for part in parts.values()])

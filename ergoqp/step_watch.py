@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.linear import Shape, dense, largest
+from ergoqp.step_history import owes
 from ergoqp.step_parts import count, joined, split
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ _REPORTED: Final = {
     "blur": (6, 1),  # its variance, and the last sample
     "surprise": (6, 1),
     "path": (2, 1),  # how far it went, and turned, since it stood still
+    "due": (6, 2),  # what a declared robot still owed when this was begun, along each axis and against it
     "signs": (2, 1),  # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample does
 }
 _NAMED: Final = {
@@ -104,11 +106,26 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
     # Where no twist is reported and nothing is wrong, there is nothing to explain; standing still, all of it counts anew.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
-    quiet = [ca.vertcat(was["reported"][:-2] * (1 - was["parked"]), 0, 0), ca.MX(ca.DM.zeros(*was["named"].shape))]
+    kept = was["reported"][:-14] * (1 - was["parked"])
+    due = ca.MX(ca.DM.zeros(12))
+    if owes(problem):
+        # What a late robot did in this period nobody knows, so the sum of what it did begins anew.
+        kept, due = ca.MX(ca.DM.zeros(*kept.shape)), ca.vertcat(was["up"], was["down"])
+    quiet = [ca.vertcat(kept, due, 0, 0), ca.MX(ca.DM.zeros(*was["named"].shape))]
     choose = ca.Function.if_else("explain_or_not", shape(explain), ca.Function("quiet", inputs, quiet))
     facts = {**given, "went": went, "faulty": faulty}
     reported, named = choose.call([ca.logic_or(faulty, given["told"]), *(facts[name] for name in was)])
     return {"compared": compared, "reported": reported, "named": named}, faulty, halted
+
+
+def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the blocks of an object that moves already at `twist` (6,): what its robot owes nobody has measured."""
+    blocks = {name: {part: np.zeros(size) for part, size in block.items()} for name, block in WATCH.items()}
+    blocks["compared"]["least"] -= _WIDE
+    blocks["compared"]["most"] += _WIDE
+    late = problem.robot.dead_time + problem.robot.lag
+    blocks["reported"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
+    return {name: np.concatenate([part.ravel(order="F") for part in block.values()]) for name, block in blocks.items()}
 
 
 def doubted(state: Mapping[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
@@ -116,8 +133,8 @@ def doubted(state: Mapping[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
 
     The second (6,) [m, rad] is not 0 in the first step that knows of a fault, and no more than the way since it stood still.
     """
-    reported, fault = state["reported"], state["named"][-2]
-    signs, drift, path = reported[-2:], reported[:6], reported[-4:-2]
+    fault, reported = state["named"][-2], split(_REPORTED, state["reported"])
+    signs, drift, path = reported["signs"], reported["drift"], reported["path"]
     way = ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     first = ca.logic_and(signs[0] > 1, ca.logic_and(signs[1] <= 0, fault < 0.5))
     known = ca.logic_or(ca.logic_or(signs[0] > 1, signs[1] > 0), fault > 0.5)
@@ -179,6 +196,9 @@ def _explained(problem: Problem) -> ca.Function:
     reported = _reported(problem, now)
     strike = ca.if_else(told, reported["signs"][1], 0)
     kept = {name: now[name] for name in _REPORTED} | {"signs": ca.SX(2, 1)}
+    if owes(problem):
+        kept |= {name: ca.SX(*_REPORTED[name]) for name in ("drift", "blur", "path")}
+        kept["due"] = ca.horzcat(now["up"], now["down"])
     block = ca.if_else(told, joined(_REPORTED, reported), joined(_REPORTED, kept))
     named = ca.if_else(faulty, joined(_NAMED, _named(problem, now, strike)), 0)
     outputs = ca.cse(dense([block, named]))
@@ -193,7 +213,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
     scatter = ca.fmin(ca.fabs(surprise - now["surprise"]), credible) * lasted
-    drift, blur, path = (ca.if_else(fresh, 0, now[name]) for name in ("drift", "blur", "path"))
+    drift, blur, path, due = (ca.if_else(fresh, 0, now[name]) for name in ("drift", "blur", "path", "due"))
     drift, blur = drift + surprise * lasted, blur + scatter**2 / 2
     path = path + ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
     # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
@@ -201,10 +221,12 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     slack = _CERTAIN * ca.sqrt(blur) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
-    by_twist = _size((ca.fmax(drift - stretch * now["down"], -drift - stretch * now["up"]) - slack) / unit)
+    late = ca.fmax(drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1]))
+    by_twist = _size((late - slack) / unit)
     strikes = _size((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    return {"drift": drift, "blur": blur, "surprise": surprise, "path": path, "signs": ca.vertcat(by_twist, strike)}
+    kept = {"drift": drift, "blur": blur, "surprise": surprise, "path": path, "due": due}
+    return kept | {"signs": ca.vertcat(by_twist, strike)}
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
