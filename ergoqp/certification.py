@@ -61,6 +61,7 @@ def _symbols(problem: Problem, names: tuple[str, ...], kind: type = ca.SX) -> di
     sizes = {"posture": (n, 1), "observed": (n, 1), "readings": (readings_size(problem), 1), "pose": (4, 4), "S": (n, 6)}
     sizes |= {"landed": (4, 4), "way": (way_size(problem), 1), "shift": (n, 1), "begun": (6, 1), "away": (2 * rows, 1)}
     sizes |= {"previous": (6, 1), "xi": (6, 1), "wanted": (6, 1), "brake": (6, 1), "last": (6, 1), "rest": (STATES, 1)}
+    sizes |= {"share": (6, 1)}
     sizes |= {"trial": (TRIAL, 1), "now": (rows, 1), "outside": (rows, 1), "E": problem.response.sensitivity().size_out(1)}
     return {name: kind.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
@@ -120,21 +121,26 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
 
 
 def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
-    """The largest share of the way from braking to the wanted twist that can be certified; 0: only braking itself.
+    """The largest shares (6,) of the way from braking to the wanted twist that can be certified; 0: only braking itself.
 
-    What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
+    Where the way is not to be had at all, shifting or turning alone may be: an axis that cannot come nearer to its cone does
+    not keep the object out of its workspace. What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
     """
     sx = _symbols(problem, ("posture", "observed", "readings", "landed", "way", "shift", "dt", "S", "wanted", "brake", "now"))
     S = with_pattern(sx["S"], pattern)
     situation = situation_of(problem, sx, S)
     at_braking = _margins(problem, sx, S, sx["brake"], sx["dt"])
     floor = _floor(problem, sx["now"], at_braking)
-    share = ca.SX(0)
-    for candidate in reversed(_SHARES):
+    shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
+    candidates = [candidate * ca.DM.ones(6) for candidate in _SHARES]
+    if problem.surface is None:
+        candidates += [candidate * part for candidate in _SHARES[::2] for part in (shift, turn)]
+    shares = ca.SX(6, 1)
+    for candidate in reversed(candidates):
         twist = _kept(problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"])
         holds = smallest(_margins(problem, sx, S, twist, sx["dt"]) - floor) >= 0
-        share = ca.if_else(holds, candidate, share)
-    return ca.Function("shorten", list(sx.values()), ca.cse([share]))
+        shares = ca.if_else(holds, candidate, shares)
+    return ca.Function("shorten", list(sx.values()), ca.cse([ca.densify(shares)]))
 
 
 def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Function:
@@ -165,9 +171,9 @@ def _close_function(problem: Problem) -> ca.Function:
     """The twist that is planned, the one that is sent with it, and what to call the step."""
     names = ("posture", "dt", "residual", "usable", "E", "causes", "wanted", "brake", "solved", "rest", "share")
     sx = _symbols(problem, (*names, "begun", "own", "last", "used", "any_outside"))
-    share = sx["share"]
+    share = largest(sx["share"])
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
-    planned = sx["brake"] + ca.if_else(accepted, share, 0) * (sx["wanted"] - sx["brake"])
+    planned = sx["brake"] + ca.if_else(accepted, sx["share"], 0) * (sx["wanted"] - sx["brake"])
     if problem.surface is not None:
         planned = problem.surface.retract(sx["posture"], planned, sx["dt"], ca.DM(problem.twist_limit.acceleration))
     sent = planned

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import casadi as ca
@@ -16,13 +17,16 @@ the rows allow it (exact penalty: Nocedal and Wright, section 17.2)."""
 FREE: Final = 1e9
 """Stands for "no bound": large against every quantity here, and finite, so that residuals stay numbers."""
 
+ELBOW: Final = 1e-6
+"""Part of every cap that nobody needs, so that the feasible set has an inside even where braking is all that is left."""
+
 _FAR: Final = 1e3
 
 TOLERANCE: Final = 1e-6
 """Largest primal, dual and gap residual of an accepted answer."""
 
 
-def build_qp(solver: QpSolver, m: int, shape: Shape = vectors) -> ca.Function:
+def build_qp(solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[int] = ()) -> ca.Function:
     """Return the QP over a twist xi (6,) and m rows, each relaxed by at most `cap` in the direction `side`.
 
     min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lower <= A xi - side s <= upper,  0 <= s <= cap,  low <= xi <= high.
@@ -33,6 +37,7 @@ def build_qp(solver: QpSolver, m: int, shape: Shape = vectors) -> ca.Function:
         solver: of the QP.
         m: number of rows.
         shape: how the judgement of the answer is written, see `ergoqp.linear`.
+        exact: rows that give back what they used of `ELBOW`: xi moves across them by as much, at most.
 
     Returns:
         Function ``(H, g, A, lower, upper, side, cap, low, high) -> (xi (6,), slack (m,), multipliers (m,), residual)`` where
@@ -44,7 +49,7 @@ def build_qp(solver: QpSolver, m: int, shape: Shape = vectors) -> ca.Function:
     hard = _hard(solver, m, inputs, shape)
     if m == 0:
         return hard
-    relaxed = _relaxed(solver, m, inputs, shape)
+    relaxed = _relaxed(solver, m, inputs, shape, list(exact))
     choose = ca.Function.if_else("relaxed_or_hard", relaxed, hard)
     return ca.Function("qp", inputs, list(choose(ca.mmax(inputs[6]) > 0, *inputs)))
 
@@ -56,7 +61,7 @@ def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Fun
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
-def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
+def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]) -> ca.Function:
     H, g, A, lower, upper, side, cap, low, high = inputs
     # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between equal bounds instead, DAQP
     # was seen to lose a multiplier.
@@ -69,7 +74,12 @@ def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
     x, rows, box = solver.function(n, m)(*data)
     residual = shape(_residual(n, m))(*data, x, rows, box)
-    return ca.Function("relaxed", inputs, [x[:6], loose * x[6:], rows, residual])
+    xi, slack = x[:6], loose * x[6:]
+    if exact:
+        used = ca.fmax(0, slack[exact] - (cap[exact] - ELBOW)) * loose[exact]
+        across = A[exact, :]
+        xi -= across.T @ (side[exact] * used / ca.fmax(ca.sum2(across**2), ELBOW))
+    return ca.Function("relaxed", inputs, [xi, slack, rows, residual])
 
 
 def _residual(n: int, m: int) -> ca.Function:

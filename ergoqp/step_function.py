@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.certification import account_function, judge_function, shorten_function
 from ergoqp.linear import Shape, scalars, vectors
@@ -18,6 +19,7 @@ from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes, known_of
 from ergoqp.step_objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step_parts import joined, split
 from ergoqp.step_readings import readings_function, readings_size, situation_of
+from ergoqp.step_rows import limit_values
 from ergoqp.step_state import asks_back, state_sizes
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ def build_step(
     gain = gain_function(problem)(posture, total, xi, S)
     judged = (posture, seen, readings, known.pose, known.landed, known.way, shift, known.previous, dt, away, gain, total, xi, S)
     wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(*judged, residual, usable, state["rest"], *trial)
-    nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX(1)])
+    nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, shift, dt, S, wanted, brake, now)
     here = (posture, seen, readings, known.pose, dt, S, residual, usable, E, slack, multipliers, known.causes)
     under_way = known.under_way
@@ -127,7 +129,8 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) ->
         pull = [ca.MX.sym("pull_H", 6, 6), ca.MX.sym("pull_g", 6)]
         qp[:2] = [qp[0] + pull[0], qp[1] + pull[1]]
         inputs[-2:-2] = pull
-    xi, slack, multipliers, residual = build_qp(solver, len(movable), shape)(*qp)
+    exact = np.flatnonzero(limit_values(problem.row_limits, "hard")[movable])
+    xi, slack, multipliers, residual = build_qp(solver, len(movable), shape, exact.tolist())(*qp)
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
     xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
     newly = shape(_newly_locked(problem))(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)

@@ -18,14 +18,11 @@ import numpy as np
 
 from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
-from ergoqp.qp import FREE
+from ergoqp.qp import ELBOW, FREE
 from ergoqp.step_stop import Braking, Stop
 
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""
-
-ELBOW = 1e-6
-"""Room around the braking twist, so that the QP's feasible set has an inside even where braking is all that is left."""
 
 CLEARANCE = 1e-8
 """Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""

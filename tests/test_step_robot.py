@@ -1,0 +1,120 @@
+"""A robot within its declaration is never blamed, and what it may do on is kept free: what random loops have found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from step_samples import Held, bold_of, held_pose, near_comfort, plain_of, problem_of
+
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem import Problem
+from ergoqp.robot import DeclaredRobot
+from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step import Stepper
+
+
+def outside(problem: Problem, pose: np.ndarray) -> float:
+    """How far a pose (4, 4) is out of its box or its cone [m, rad]; negative inside."""
+    box, cone, point = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), pose[:3, 3]
+    angle = np.arccos(np.clip(np.asarray(cone.direction) @ pose[:3, 0], -1, 1)) - np.radians(cone.half_angle_deg)
+    return float(max(np.max(np.asarray(box.lower) - point), np.max(point - np.asarray(box.upper)), angle))
+
+
+def braked(stepper: Stepper, pose: np.ndarray) -> np.ndarray:
+    """The pose after the stop of a copy of the loop; the loop itself goes on as it was."""
+    state = stepper._state_in.copy()
+    while (step := stepper.brake()).twist.any():
+        pose = moved(pose, step.twist * stepper.dt)
+    stepper._state_in[:] = state
+    return pose
+
+
+@pytest.mark.parametrize("name", ["dentist", "screwing"])
+@pytest.mark.parametrize("gain_error", [0.0, 0.1])
+def test_one_declared_hold_of_any_twist_leaves_the_object_inside(name: str, gain_error: float) -> None:
+    """The room for a hold was that of the twists before the new one: 0.1 mm too little where the object had just begun."""
+    hold = 0.2
+    problem = bold_of(name).replace(robot=DeclaredRobot(longest_hold=hold, gain_error=gain_error))
+    stepper, rng, nearest = problem.stepper(), np.random.default_rng(3), -1.0
+    for _ in range(4):
+        stepper.reset()
+        loop, q = Held(stepper, held_pose(name)), near_comfort(name, rng, 30)
+        for number in range(250):
+            step = loop.step(q)
+            assert step.status != "invalid"
+            if number % 5 == 0:
+                held = moved(loop.pose, (1 + gain_error) * step.twist * hold)
+                nearest = max(nearest, outside(problem, held), outside(problem, braked(stepper, held)))
+                assert nearest <= 1e-8
+    # It came to its walls.
+    assert nearest > -0.005
+
+
+@pytest.mark.parametrize("plain", [False, True], ids=["with the mean", "sent as planned"])
+def test_after_a_pose_that_jumped_the_object_rests_before_it_moves_again(plain: bool) -> None:
+    """Without a mean, and without a late robot, it had always stood still, even while it moved."""
+    problem = plain_of("screwing") if plain else problem_of("screwing")
+    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 15)
+    loop = Held(stepper, held_pose("screwing"))
+    for _ in range(60):
+        last = loop.step(q)
+    assert last.twist.any()
+    loop.pose = moved(loop.pose, np.array([0.02, 0, 0, 0, 0, 0]))
+    first = loop.step(q)
+    assert "robot: pose jumps by 20" in first.reason
+    statuses, rested = [first.status], 0
+    while statuses[-1] == "braking":
+        # Its pose comes back only now and then.
+        step = loop.step(q, **({} if len(statuses) % 3 else {"pose": None}))
+        statuses.append(step.status)
+        rested = 0 if step.twist.any() and step.status == "braking" else rested + 1
+    assert 50 <= rested < 80
+
+
+def test_a_hold_of_a_lagging_robot_that_is_declared_is_no_fault() -> None:
+    """What it could do in a long period was judged by its speed at the end of it."""
+    robot = DeclaredRobot(lag=0.05, gain_error=0.08, longest_hold=0.2)
+    problem, kind = bold_of("screwing").replace(robot=robot), RobotKind(lag=0.05, gain=1.08)
+    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    sim = SimulatedRobot(kind, held_pose("screwing"), np.random.default_rng(0))
+    for number in range(120):
+        dt = 0.2 if number in (25, 70) else 0.01
+        step = stepper.step(q, sim.measured_pose(), dt=dt)
+        assert "robot:" not in step.reason
+        list(sim.execute(step.twist, dt))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("by", ["pose", "twist", "a twist now and then"])
+def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, by: str) -> None:
+    """What it owed when it was taken over had been taken for nothing; so had what it owed while nobody heard of it."""
+    declared = DeclaredRobot(delay=0.04, lag=0.05)
+    problem = problem_of("screwing").replace(robot=declared)
+    kind = RobotKind(delay=share * 0.04, lag=share * 0.05)
+    stepper, twist = problem.stepper(), np.array([0.05, -0.1, 0.02, 0.1, 0.0, -0.2])
+    sim = SimulatedRobot(kind, held_pose("screwing"), np.random.default_rng(0))
+    for _ in range(60):
+        list(sim.execute(twist, 0.01))
+    stepper.reset(twist)
+    q = near_comfort("screwing", np.random.default_rng(5), 20)
+    for number in range(150):
+        told = sim.reported_twist() if by == "twist" or (by != "pose" and number % 7) else None
+        step = stepper.step(q, sim.measured_pose() if by == "pose" or not number else None, told)
+        assert "robot:" not in step.reason
+        list(sim.execute(step.twist, 0.01))
+
+
+@pytest.mark.parametrize("elapsed", [0.004, 0.03, 0.0312, 0.1, 0.7])
+def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: float) -> None:
+    robot = DeclaredRobot(longest_hold=0.2)
+    stepper = bold_of("screwing").replace(robot=robot).stepper()
+    loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
+    for _ in range(40):
+        loop.step(q)
+    state, left = stepper._state_in.copy(), elapsed
+    while left >= 1e-5:
+        stepper.brake(min(left, 0.03))
+        left -= 0.03
+    one_by_one = stepper.brake().twist
+    stepper._state_in[:] = state
+    np.testing.assert_allclose(stepper.brake(elapsed=elapsed).twist, one_by_one, atol=1e-12)
