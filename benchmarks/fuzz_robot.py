@@ -126,7 +126,10 @@ class RobotReckoning:
         self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
         # Whatever the robot may owe, not do, or do on for once, in any direction.
         slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
-        room = 2 * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
+        # A hold that does not stand out of the noise cannot be told from it.
+        room = (
+            (6 if robot.longest_hold else 2) * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
+        )
         fast = (1 + robot.gain_error) * self._most * self._lasted
         least, most = (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
         leap, apart = np.abs(went - np.clip(went, least, most)), self._high - self._low

@@ -213,9 +213,11 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
     scatter = ca.fmin(ca.fabs(surprise - now["surprise"]), credible) * lasted
-    drift, blur, path, due = (ca.if_else(fresh, 0, now[name]) for name in ("drift", "blur", "path", "due"))
-    drift, blur = drift + surprise * lasted, blur + scatter**2 / 2
-    path = path + ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
+    gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
+    summed = {"drift": surprise * lasted, "blur": scatter**2 / 2, "path": gone}
+    # Standing still everything counts anew, but what a late robot still owes then.
+    drift, blur, path = (ca.if_else(fresh, 0, now[name] + part) for name, part in summed.items())
+    due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
     # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
     # a period.
     slack = _CERTAIN * ca.sqrt(blur) + problem.dt / 2 * ca.fabs(sent)
@@ -223,9 +225,12 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     stretch = 1 + gain
     late = ca.fmax(drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1]))
     by_twist = _size((late - slack) / unit)
+    if owes(problem):
+        # What it is sent does not say yet how fast it is, only how fast it can be.
+        surprise = _leap(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = _size((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    kept = {"drift": drift, "blur": blur, "surprise": surprise, "path": path, "due": due}
+    kept = {"drift": drift, "blur": blur, "surprise": now["executed"] - sent, "path": path, "due": due}
     return kept | {"signs": ca.vertcat(by_twist, strike)}
 
 
