@@ -15,21 +15,22 @@ processes. In seven of ten sequences the robot keeps its declaration and nothing
     workspace and its tool cone stays inside, what is outside comes no further out. From a tenth of the steps it is really
     braked down by a clone of the loop, at regular and uneven periods, with and without the one hold that is declared
     (`fuzz_object`). Only where nobody sent it (another pose is given, the loop takes over a moving object, a robot disobeys, a
-    period was longer than may be) may it be as far outside as braking forces from there. A step that has to brake sends what `Stepper.brake` does; after a
-    fault, and after it was disabled, nothing moves before it has come to rest; a pose that is not given is the declared motion,
-    or what a faulty robot reports; ``brake(elapsed=)`` leads to where calls one by one lead. The model's joints: none is
-    predicted further outside its range, and none moves faster than its limit unless the step says that this row gave way.
+    period was longer than may be) may it be as far outside as braking forces from there. A step that has to brake sends what
+    `Stepper.brake` does; after a fault, and after it was disabled, nothing moves before it has come to rest; a pose that is not
+    given is the declared motion, or what a faulty robot reports; ``brake(elapsed=)`` leads to where calls one by one lead. The
+    model's joints: none is predicted further outside its range, and none moves faster than its limit unless the step says that
+    this row gave way.
 ``certified_share``
-    of the steps whose inputs were all usable (nothing wrong, a fresh frame, enabled, no fault of the robot, periods as
-    declared) and from which some twist other than braking was possible, the share that was not answered by braking. Wherever
-    the step brakes, without exception, that is decided by 60 random twists within reach of the planned one, each also
-    shortened toward braking to 0.3 and 0.1 of the way (`fuzz_judge.Law`). What is under way counts first: what the mean has
-    still to send, rising on the way for periods up to h = 3 dt, and what a declared robot owes, done already or not, with its gain error, its noise and one hold at their
-    ends. Then comes the way of the new twist u by the law of the problem's stop: half its period (all of it without a mean),
-    half its stop, u max |u_i| / a_i / 2, and what a mean that rises with it can add, at most 1.5 h u and
-    a (h dt + h^2 / 8). A twist is possible if on the way through both, and on the circle
-    that the tool's axis turns on, every row of workspace and cone, and every joint by the model, stays inside, or at least no
-    further outside than it is, or than braking leads by the same law.
+    of the steps whose inputs were all usable (nothing wrong, a fresh frame, enabled, no robot at fault, periods as declared)
+    and from which some twist other than braking was possible, the share that was not answered by braking. Wherever the step
+    brakes, without exception, that is decided by 60 random twists within reach of the planned one, each also shortened toward
+    braking to 0.3 and 0.1 of the way (`fuzz_judge.Law`). What is under way counts first: what the mean has still to send,
+    rising on the way for periods up to h = 3 dt, and what a declared robot owes, done already or not, with its gain error, its
+    noise and one hold at their ends. Then comes the way of the new twist u by the law of the problem's stop: half its period
+    (all of it without a mean), half its stop, u max |u_i| / a_i / 2, and what a mean that rises with it can add, at most 1.5 h
+    u and a (h dt + h^2 / 8). A twist is possible if on the way through both, and on the circle that the tool's axis turns on,
+    every row of workspace and cone, and every joint by the model, stays inside, or at least no further outside than it is, or
+    than braking leads by the same law.
 ``reasons_wrong``
     steps whose status or sentence does not fit: a wrong input that is not ``invalid`` or not named, a usable one refused, a
     joint or limit outside that is not named, or one named that is inside, ``recovering`` for what does not come back; a robot

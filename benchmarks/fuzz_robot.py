@@ -48,14 +48,19 @@ class RobotReckoning:
         self.must = self.may = self.named = self._blamed = False
         self._still, self._since, self._phase = (0.0 if twist.any() else np.inf), np.inf, ""
         self._sent, self._lasted = np.array(twist), problem.dt
+        self._most = np.abs(self._sent)
         self._surprise, self._heard, self._heard_perhaps = np.zeros(6), 0.0, 0.0
         self._stand_still(False, False)
 
     def _stand_still(self, measured: bool, lied: bool) -> None:
         """Begin to compare again."""
         self._apart, self._path, self._lied = np.zeros(6), np.zeros(6), lied
+        self._surprise = np.zeros(6)
         self._low = self._high = np.zeros(6) if measured else None
-        self._drift, self._blur, self._most = np.zeros(6), np.zeros(6), np.abs(self._sent)
+        self._drift, self._blur = np.zeros(6), np.zeros(6)
+        # What lags fades, also after everything has stood still for as long as the robot is late.
+        fade = np.exp(-self._lasted / self._robot.lag) if self._robot.lag else 0.0
+        self._most = np.maximum(np.abs(self._sent), fade * self._most)
 
     @property
     def drift(self) -> np.ndarray:
@@ -126,10 +131,9 @@ class RobotReckoning:
         self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
         # Whatever the robot may owe, not do, or do on for once, in any direction.
         slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
+        alone = robot.longest_hold and not (robot.delay or robot.lag or robot.pose_delay)
         # A hold that does not stand out of the noise cannot be told from it.
-        room = (
-            (6 if robot.longest_hold else 2) * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
-        )
+        room = (6 if alone else 2) * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
         fast = (1 + robot.gain_error) * self._most * self._lasted
         least, most = (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
         leap, apart = np.abs(went - np.clip(went, least, most)), self._high - self._low

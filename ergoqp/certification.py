@@ -123,8 +123,9 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
 def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     """The largest shares (6,) of the way from braking to the wanted twist that can be certified; 0: only braking itself.
 
-    Where the way is not to be had at all, shifting or turning alone may be: an axis that cannot come nearer to its cone does
-    not keep the object out of its workspace. What held before holds through the stop, what did not gets no worse, and nothing is asked beyond what braking does.
+    Where the way is not to be had at all, shifting or turning alone may be: an axis that comes no nearer to its cone does not
+    keep the object out of its workspace. What held before holds through the stop, what did not gets no worse, and nothing is
+    asked beyond what braking does.
     """
     sx = _symbols(problem, ("posture", "observed", "readings", "landed", "way", "shift", "dt", "S", "wanted", "brake", "now"))
     S = with_pattern(sx["S"], pattern)

@@ -107,7 +107,7 @@ class Known:
         under_way: the same, in its parts.
         causes: why the step can only brake, by `Cause`; 0 if it can do more.
         started: 1 once a pose is known.
-        watched: the blocks of `ergoqp.step_watch.WATCH`.
+        watched: the blocks of `ergoqp.step_watch.watch_blocks`.
     """
 
     posture: ca.MX

@@ -10,7 +10,7 @@ from ergoqp.rest import STATES
 from ergoqp.step_guide import TRIAL
 from ergoqp.step_history import history_sizes, initial_history
 from ergoqp.step_parts import count
-from ergoqp.step_watch import WATCH, taken_over
+from ergoqp.step_watch import taken_over, watch_blocks
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def state_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, int]]:
     """Return the shape of every part of the state, in order."""
     sizes = {"history": (count(history_sizes(problem)), 1), "stored": (4, 4), "started": (1, 1), "rest": (STATES, 1)}
-    sizes |= {name: (count(block), 1) for name, block in WATCH.items()}
+    sizes |= {name: (count(block), 1) for name, block in watch_blocks(problem).items()}
     if asks_back(problem):
         sizes["asked"] = (2, 1)
     return sizes | ({"trial": (TRIAL, 1)} if guided else {})

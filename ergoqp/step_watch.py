@@ -75,20 +75,23 @@ _NAMED: Final = {
     "fit": (5, 1),  # sums of the products of `moved`
     "fault": (2, 1),  # a `Fault` and its amount
 }
-WATCH: Final = {"compared": _COMPARED, "reported": _REPORTED, "named": _NAMED}
-"""Blocks of the state that watch the robot, and their parts; all zero at the start."""
-
 _SIZES: Final = (
     {**_COMPARED, **_REPORTED, **_NAMED}
     | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "went"), (6, 1))
     | dict.fromkeys(("pose", "stored"), (4, 4))
-    | {name: (count(block), 1) for name, block in WATCH.items()}
     | {"fault": (1, 1), "signs": (2, 1)}
 )
 
 
+def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
+    """Return the blocks of the state that watch the robot, and their parts; all zero at the start."""
+    # What a late robot does in a hold shows little by little, and so does not stand out.
+    held = {"held": (6, 2)} if problem.robot.longest_hold and owes(problem) else {}
+    return {"compared": _COMPARED | held, "reported": _REPORTED, "named": _NAMED}
+
+
 def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX, ca.MX]:
-    """Return the blocks of `WATCH` after the last period, whether there is a fault, and whether the object has to come to rest.
+    """Return `watch_blocks` after the last period, whether there is a fault, and whether the object has to come to rest.
 
     What a reported twist shows counts from the next step on.
 
@@ -120,7 +123,8 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
 
 def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
     """Return the blocks of an object that moves already at `twist` (6,): what its robot owes nobody has measured."""
-    blocks = {name: {part: np.zeros(size) for part, size in block.items()} for name, block in WATCH.items()}
+    sizes = watch_blocks(problem)
+    blocks = {name: {part: np.zeros(size) for part, size in block.items()} for name, block in sizes.items()}
     blocks["compared"]["least"] -= _WIDE
     blocks["compared"]["most"] += _WIDE
     late = problem.robot.dead_time + problem.robot.lag
@@ -141,8 +145,9 @@ def doubted(state: Mapping[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
     return known, first * ca.fmax(ca.fmin(drift, way), -way)
 
 
-def _symbols(*names: str) -> dict[str, ca.SX]:
-    return {name: ca.SX.sym(name, *_SIZES.get(name, (1, 1))) for name in names}
+def _symbols(problem: Problem, *names: str) -> dict[str, ca.SX]:
+    sizes = _SIZES | {name: (count(block), 1) for name, block in watch_blocks(problem).items()}
+    return {name: ca.SX.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
 
 def _compared(problem: Problem) -> ca.Function:
@@ -152,19 +157,26 @@ def _compared(problem: Problem) -> ca.Function:
     """
     robot, stretch = problem.robot, 1 + problem.robot.gain_error
     names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
-    given = _symbols(*names, "period", "compared", "fault", "signs")
-    now = given | split(_COMPARED, given["compared"])
+    given = _symbols(problem, *names, "period", "compared", "fault", "signs")
+    sizes = watch_blocks(problem)["compared"]
+    now = given | split(sizes, given["compared"])
     parked, noise = now["parked"], ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart = now["apart"] + went - done
-    if robot.longest_hold:
+    block = {}
+    if robot.longest_hold and not owes(problem):
         apart -= _held(problem, _leap(now, went), now["sent"])
         # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
         noise *= 3
     low, high = apart - noise, apart + noise
-    if robot.dead_time or robot.lag:
+    if owes(problem):
         low, high = low - stretch * now["down"], high + stretch * now["up"]
+    if "held" in sizes:
+        moving, sent = now["held"] * (1 - parked), now["sent"]
+        block["held"] = ca.fmax(moving, ca.horzcat(sent, -sent))
+        hold = stretch * robot.longest_hold * block["held"]
+        low, high = low - hold[:, 0], high + hold[:, 1]
     least, most = now["least"], now["most"]
     if robot.gain_error:
         spread = robot.gain_error * ca.vertcat(*[ca.norm_2(done[:3])] * 3, *[ca.norm_2(done[3:])] * 3)
@@ -182,15 +194,15 @@ def _compared(problem: Problem) -> ca.Function:
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
     faulty = ca.logic_or(found, ca.logic_and(now["fault"] > 0.5, ca.logic_not(over)))
     halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
-    block = dict(zip(_COMPARED, (apart - shift, least, most, calm, halted), strict=True))
-    outputs = ca.cse(dense([joined(_COMPARED, block), faulty, halted, went]))
+    block |= dict(zip(_COMPARED, (apart - shift, least, most, calm, halted), strict=True))
+    outputs = ca.cse(dense([joined(sizes, block), faulty, halted, went]))
     return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(4)])
 
 
 def _explained(problem: Problem) -> ca.Function:
     """``(...) -> (reported, named)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
-    given = _symbols(*names, "parked", "reported", "named")
+    given = _symbols(problem, *names, "parked", "reported", "named")
     told, faulty = given["told"] > 0.5, given["faulty"] > 0.5
     now = given | split(_REPORTED, given["reported"]) | split(_NAMED, given["named"])
     reported = _reported(problem, now)

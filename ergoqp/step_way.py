@@ -59,7 +59,12 @@ def _sizes(problem: Problem) -> list[int]:
     count, held = _counts(problem), problem.robot.longest_hold > 0
     if not count:
         return [6]
-    return [6, count, count, *([1] if owes(problem) else []), *([count, count, 1] if held else [])]
+    return [6, count, count, *([1] if _turns(problem) else []), *([count, count, 1] if held else [])]
+
+
+def _turns(problem: Problem) -> bool:
+    """Whether the object may be turned otherwise than it lands."""
+    return owes(problem) or bool(problem.robot.pose_noise_deg)
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ class Way:
     Attributes:
         ahead: displacement (6,) [m, rad].
         lost: what cannot be counted on of the distance to the (lower, upper) ends, by hard limit.
-        turn: angle that a robot may have done already [rad]; None: there is none.
+        turn: angle that a robot may have done already, and by which its pose may be mistaken [rad]; None: there is none.
         lost_held: as `lost`, where the robot holds on once with what is under way, if that is declared.
         turn_held: and as `turn`.
     """
@@ -87,7 +92,7 @@ def split_way(problem: Problem, way: Any) -> Way:
     ahead, *parts = (way[start:end] for start, end in pairwise(ends))
     if not parts:
         return Way(ahead, {}, None, {}, None)
-    lost, turn = _by_limit(problem, *parts[:2]), parts[2] if owes(problem) else None
+    lost, turn = _by_limit(problem, *parts[:2]), parts[2] if _turns(problem) else None
     if not problem.robot.longest_hold:
         return Way(ahead, lost, turn, lost, turn)
     return Way(ahead, lost, turn, _by_limit(problem, *parts[-3:-1]), parts[-1])
@@ -281,13 +286,14 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         aside = ca.fabs(rows) @ ca.DM(robot.noise)
         below, above = below + aside, above + aside
     parts = [found["total"], below, above]
-    if owes(problem):
-        parts.append(found["turn"])
+    # A turn that is measured with an error is one that may have been done, or not.
+    turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
+    if _turns(problem):
+        parts.append(turn)
     if robot.longest_hold:
         hold = robot.longest_hold * (1 + robot.gain_error)
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
-        turn = found.get("turn", 0) + hold * _most(angles)
-        parts += [below + hold * _most(-done), above + hold * _most(done), turn]
+        parts += [below + hold * _most(-done), above + hold * _most(done), turn + hold * _most(angles)]
     return [landed, ca.densify(ca.vertcat(*parts))]
 
 
