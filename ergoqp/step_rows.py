@@ -155,8 +155,9 @@ def _ends(
     if zone.nnz():
         yields = ca.logic_and(ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
         allowed = ca.if_else(yields, rate, allowed)
-    # A row's own curvature must not carry it further out, on the object side by any amount.
-    curving = twice(ca.if_else(moves, (rows.reserve + CLEARANCE) / brake.swing, 0))
+    # A row's own curvature must not carry it further out, on the object side by any amount. A straight one has none, and
+    # between two ends that are both within the noise of a pose it stays where it is.
+    curving = twice(ca.if_else(moves, (rows.reserve + ca.fmin(rows.reserve, CLEARANCE)) / brake.swing, 0))
     # Where nothing asks to come back, the end only stops what leads further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
