@@ -12,7 +12,7 @@ from ergoqp.linear import dense
 from ergoqp.qp import FREE
 from ergoqp.step_objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
-from ergoqp.step_rows import movable_rows, patience, row_bounds, unhurried
+from ergoqp.step_rows import movable_rows, no_further, patience, row_bounds, unhurried
 from ergoqp.step_stop import Braking, Stop, on_surface
 from ergoqp.step_way import way_size
 
@@ -102,7 +102,8 @@ def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     brake = on_surface(brake, situation)
     brake = unhurried(brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"], stop))
     kept = movable_rows(problem.twist_limit, problem.row_limits, situation)
-    rows = [limit.rows(situation) for limit in problem.row_limits]
+    twist = problem.twist_limit
+    rows = [no_further(twist, limit, limit.rows(situation), brake) for limit in problem.row_limits]
     numbered = [(each, i) for each in rows for i in range(each.matrix.shape[0])]
     follows = [i if each.matrix is situation.sensitivity else None for each, i in (numbered[k] for k in kept)]
     own = [numbered[k] for k, of_S in zip(kept, follows, strict=True) if of_S is None]

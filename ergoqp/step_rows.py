@@ -71,6 +71,18 @@ def unhurried(brake: Braking, longest: ca.SX) -> Braking:
     return replace(brake, low=low, high=high)
 
 
+def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> Rows:
+    """Return bent rows that are outside with the rate at which the object can still stop where it is nearest to the inside.
+
+    A turn any further leads away again. Straight rows are returned as they are.
+    """
+    bend = getattr(limit, "bend", 0.0)
+    if not bend:
+        return rows
+    most = rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
+    return replace(rows, rate=ca.if_else(ca.fmin(rows.below, rows.above) < 0, ca.fmin(rows.rate, most), rows.rate))
+
+
 def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:
     """Return the numbers, among all rows, of those that are not zero by structure."""
     numbers, start = [], 0
@@ -164,15 +176,6 @@ def _ends(
     pace = ca.fmin(ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt))
     back = ca.fmin(rate, ca.fmax(pace, curving)) * twice(moves)
     outside = away > 0
-    bent = [i for i, row in enumerate(kept) if limit_values(limits, "bend")[row]]
-    if bent:
-        # Nearest to the inside, a turn any further leads away again: no faster than it can stop there.
-        slope = rows.matrix[bent, :] ** 2 @ ca.DM(twist.speed > 0)
-        most = type(slope)(ca.DM(np.full(len(kept), FREE)))
-        most[bent] = slope / (ca.DM(limit_values(limits, "bend")[[kept[i] for i in bent]]) * brake.slowest)
-        back = ca.fmin(back, twice(most))
-        ends = ca.vertcat(outside[len(kept) :], outside[: len(kept)])
-        allowed = ca.if_else(ends, ca.fmin(allowed, 1.5 * twice(most)), allowed)
     allowed = ca.if_else(outside, 0, allowed)
     bound = allowed - ca.if_else(outside, back, 0)
     least = allowed - ca.if_else(outside, curving, 0)
@@ -184,5 +187,5 @@ def _ends(
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
     """Return one number per row from the limits' attribute `pick`, which is that of all its rows or one for each."""
     return np.array(
-        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick, 0), len(limit.names))], dtype=float
+        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float
     )

@@ -146,10 +146,14 @@ class Braking:
             slowing: by how much each row can be slowed per second (m,).
             hard: 1 for rows on the object side (m,): what a robot may hold on to is kept free of them.
         """
-        law, held = self.stop, self.stop.held * hard if self.stop.held else 0.0
+        law = self.stop
         if law.average:
             left = ca.fmax(left - slowing * (law.stretch * law.rise(self.dt)), ca.fmin(left, 0))
         # v = d / (h + H) up to the knee, and from there on its tangent parabola (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2.
+        if not law.held:
+            knee = slowing * self.reach**2
+            return ca.sqrt(slowing * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / self.reach
+        held = law.held * hard
         bent, kept = slowing * self.reach, slowing * held
         knee = bent * (self.reach + held)
         steep = ca.sqrt(kept**2 + 2 * slowing * ca.fmax(left, knee) - bent**2) - kept

@@ -21,7 +21,7 @@ import numpy as np
 
 from ergoqp.errors import ProblemError
 from ergoqp.limits import Situation
-from ergoqp.linear import Shape, scalars, vectors
+from ergoqp.linear import Shape, dense, vectors
 from ergoqp.rigid import shifted
 from ergoqp.step_history import History, history_sizes, owes, remaining_seconds
 from ergoqp.step_parts import count, split
@@ -29,9 +29,6 @@ from ergoqp.step_stop import Stop
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
-
-_SHORT: Final = 60
-"""So many twists are few."""
 
 _AT_ALL: Final = 1e-9
 """What has stood still for less has not stood still [s]."""
@@ -173,31 +170,21 @@ def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vector
     parts = vars(_under_way(problem, split(sizes, symbols[0]), symbols[1]))
     present = [name for name, part in parts.items() if part is not None]
     function = ca.Function("under_way", symbols, [ca.densify(parts[name]) for name in present])
-    found = _shape(problem, shape)(function)(history, dt)
+    found = shape(function)(history, dt)
     return UnderWay(**(dict.fromkeys(parts) | dict(zip(present, found, strict=True))))  # pyright: ignore[reportArgumentType]
 
 
-def _shape(problem: Problem, shape: Shape) -> Shape:
-    """A short history is run faster as scalars, by an interpreter too."""
-    history = History.of(problem)
-    return scalars if history.planned + history.sent <= _SHORT else shape
-
-
 def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
-    history, W = History.of(problem), problem.average
-    ends = ca.vertcat(0, part["ages"])
+    W, robot, lag = problem.average, problem.robot, problem.robot.lag
+    own, of_plan, now, remaining, aged, fits, parked = _weights(problem)(part["ages"], part["idle"], dt)
     pieces, seconds = [], []
-    begun, own = ca.MX(ca.DM.zeros(6)), ca.MX(1.0)
-    owed = up = down = total = ca.MX(ca.DM.zeros(6))
-    now = None
+    begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
     if W:
-        own, weights, now, left = _mean(ends[: history.planned], dt, W)
-        begun, total = part["planned"] @ weights, part["planned"] @ left
-        pieces, seconds = [part["planned"]], [left]
-    tail = turn = None
+        sums = part["planned"] @ of_plan
+        begun, total = sums[:, 0], sums[:, 1]
+        pieces, seconds = [part["planned"]], [of_plan[:, 1]]
+    tail = turn = swift = None
     if owes(problem):
-        dead, lag = problem.robot.dead_time, problem.robot.lag
-        remaining = remaining_seconds(ends[: history.sent], ends[1 : history.sent + 1], dead, lag)
         owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
         turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
@@ -208,20 +195,16 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
             turn += ca.norm_2(tail[3:, 0] + tail[3:, 1])
         total = total + owed
         pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
-    twists = ca.horzcat(*pieces) if pieces else ca.MX(6, 0)
-    slowest = fastest = ca.MX(ca.DM.zeros(6))
-    for twist in ca.horzsplit(part["sent"]):
-        slowest, fastest = ca.fmin(slowest, twist), ca.fmax(fastest, twist)
-    swift = None
-    if lag := problem.robot.lag:
+    slowest, fastest = _extremes(part["sent"])
+    if lag:
         swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
         fastest, slowest = ca.fmax(fastest, part["swift"][:, 0]), ca.fmin(slowest, -part["swift"][:, 1])
-    stretch = 1 + problem.robot.gain_error
+    stretch = 1 + robot.gain_error
     return UnderWay(
         total=total,
-        twists=twists,
+        twists=ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
         seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
-        weights=now,
+        weights=now if W else None,
         tail=tail,
         turn=turn,
         owed=owed,
@@ -234,12 +217,42 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         slowest=stretch * slowest,
         fastest=stretch * fastest,
         swift=swift,
-        aged=part["ages"] + dt,
+        aged=aged,
         begun=begun,
         own=own,
-        fits=_holds_all(problem, part["ages"], dt),
-        parked=part["idle"] >= max(problem.average, problem.robot.dead_time, _AT_ALL),
+        fits=fits,
+        parked=parked,
     )
+
+
+def _weights(problem: Problem) -> ca.Function:
+    """What follows from the ages alone, in scalars.
+
+    Returns:
+        Function ``(ages, idle, dt) -> (own, (weights at the end of this period, seconds) (n, 2), weights now (n,), seconds for
+        which what was sent still acts (k,), ages at the end of this period, fits, parked)``.
+    """
+    history, W, robot = History.of(problem), problem.average, problem.robot
+    ages, idle, dt = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
+    ends, n = ca.vertcat(0, ages), history.planned
+    own, of_plan, now, remaining = ca.SX(1), ca.SX(n, 2), ca.SX(n, 1), ca.SX(history.sent, 1)
+    if W:
+        own, weights, now, left = _mean(ends[:n], dt, W)
+        of_plan = ca.horzcat(weights, left)
+    if owes(problem):
+        remaining = remaining_seconds(ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag)
+    parked = idle >= max(W, robot.dead_time, _AT_ALL)
+    outputs = [own, of_plan, now, remaining, ages + dt, _holds_all(problem, ages, dt), parked]
+    return ca.Function("weights", [ages, idle, dt], ca.cse(dense(outputs)))
+
+
+def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Return the least and the greatest entry of each row, of them and zero."""
+    given = ca.SX.sym("twists", *twists.shape)
+    low = high = ca.SX(twists.shape[0], 1)
+    for twist in ca.horzsplit(given):
+        low, high = ca.fmin(low, twist), ca.fmax(high, twist)
+    return ca.Function("extremes", [given], dense([low, high]))(twists)
 
 
 def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vectors) -> tuple[ca.MX, ca.MX]:
@@ -260,7 +273,7 @@ def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vector
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     function = ca.Function("way", [at, *symbols.values()], _counted(problem, at, symbols))
-    landed, way = _shape(problem, shape)(function)(pose, *given.values())
+    landed, way = shape(function)(pose, *given.values())
     return landed, way
 
 
@@ -271,15 +284,21 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     robot = problem.robot
     landed, rows = _hard_rows(problem)(pose, found["total"])
     done = rows @ found["twists"]
-    up = ca.fmax(done, 0) @ found["seconds"]
-    down = up - done @ found["seconds"]
+    # Of each piece, what leads to the upper ends, and to the lower ones.
+    toward = ca.fmax(done, 0)
+    toward = ca.vertcat(toward, toward - done)
+    sums, many = toward @ found["seconds"], rows.shape[0]
     if "tail" in found:
         tail, ahead, back = found["tail"], ca.fmax(rows, 0), ca.fmax(-rows, 0)
-        up += ahead @ tail[:, 0] + back @ tail[:, 1]
-        down += ahead @ tail[:, 1] + back @ tail[:, 0]
+        sums += ca.vertcat(ahead @ tail[:, 0] + back @ tail[:, 1], ahead @ tail[:, 1] + back @ tail[:, 0])
+    # A piece that leads to one end is not counted on at the other.
+    up, down = sums[:many], sums[many:]
     below, above = up, down
     if "weights" in found:
-        below, above = below + _rise(problem, -done, found["weights"]), above + _rise(problem, done, found["weights"])
+        # What a mean that still rises toward the last planned twist adds, see `ergoqp.step_stop.Stop`.
+        n = found["weights"].numel()
+        rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (Stop.of(problem).longest * found["weights"])
+        below, above = below + rise[many:], above + rise[:many]
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
@@ -295,13 +314,6 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
         parts += [below + hold * _most(-done), above + hold * _most(done), turn + hold * _most(angles)]
     return [landed, ca.densify(ca.vertcat(*parts))]
-
-
-def _rise(problem: Problem, way: ca.MX, weights: ca.MX) -> ca.MX:
-    """What a mean that still rises toward the last planned twist adds along each row, see `ergoqp.step_stop.Stop`."""
-    planned = ca.fmax(way[:, : weights.numel()], 0)
-    longest = Stop.of(problem).longest
-    return longest * (ca.fmax(ca.repmat(planned[:, 0], 1, weights.numel()) - planned, 0) @ weights)
 
 
 def _most(values: ca.MX) -> ca.MX:
@@ -326,7 +338,7 @@ def _hard_rows(problem: Problem) -> ca.Function:
     return ca.Function("hard_rows", [pose, total], [ca.densify(landed), rows])
 
 
-def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """The mean of the plan over W seconds as weights of its twists.
 
     Returns:
@@ -341,7 +353,7 @@ def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]
     rest = W - ca.fmin(ages[n - 1] + dt, W)
     first = ca.fmin(dt, W)
     own = first * (2 - first / dt) / (2 * W)
-    before = ca.vertcat(first * (first / dt) / 2, ca.MX(ca.DM.zeros(n - 1)))
+    before = ca.vertcat(first * (first / dt) / 2, ca.SX(n - 1, 1))
     weights = (before + ca.vertcat(length - far, rest) + ca.vertcat(0, far)) / W
 
     length, share = _segments(ages, W)
@@ -352,11 +364,11 @@ def _mean(ages: ca.MX, dt: ca.MX, W: float) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]
     later = sixth * share * (now + 2 * then)
     sooner = 3 * sixth * (now + then) - later
     oldest = before**2 / (2 * W)
-    ahead = ca.vertcat(dt / 2, ca.DM.zeros(n - 1)) + ca.vertcat(sooner, oldest) + ca.vertcat(0, later)
+    ahead = ca.vertcat(dt / 2, ca.SX(n - 1, 1)) + ca.vertcat(sooner, oldest) + ca.vertcat(0, later)
     return own, weights, present, ahead
 
 
-def _segments(ages: ca.MX, W: float) -> tuple[ca.MX, ca.MX]:
+def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
     """Return how much of each segment between two ages is younger than W [s], and as a share of it."""
     ends = ca.fmin(ages, W)
     length = ends[1:] - ends[:-1]
@@ -364,10 +376,10 @@ def _segments(ages: ca.MX, W: float) -> tuple[ca.MX, ca.MX]:
     return length, length / (ages[1:] - ages[:-1] + 1e-30)
 
 
-def _holds_all(problem: Problem, ages: ca.MX, dt: ca.MX) -> ca.MX:
+def _holds_all(problem: Problem, ages: ca.SX, dt: ca.SX) -> ca.SX:
     history = History.of(problem)
     needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
-    found = ca.MX(1)
+    found = ca.SX(1)
     for last, seconds in needed:
         if seconds:
             found = ca.logic_and(found, ages[last] + dt >= seconds)

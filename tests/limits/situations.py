@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.limits import Rows, Situation, TwistLimit
 from ergoqp.qp import FREE
-from ergoqp.step_rows import movable_rows, row_bounds
+from ergoqp.step_rows import movable_rows, no_further, row_bounds
 from ergoqp.step_stop import Stop
 
 SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}
@@ -97,7 +97,7 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     brake = Stop(twist_limit).braking(previous, dt)
     situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1))
     movable = movable_rows(twist_limit, [limit], situation)
-    all_rows = limit.rows(situation)
+    all_rows = no_further(twist_limit, limit, limit.rows(situation), brake)
     rows = Rows(*(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows)))
     found = row_bounds(twist_limit, [limit], rows, movable, _away(limit, rows, movable), brake, ca.SX(1))
     outputs = [found.lower, found.upper, found.side, found.cap, found.matrix]
