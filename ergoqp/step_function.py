@@ -91,7 +91,7 @@ def build_step(
         after["asked"] = asked_update(problem, state["asked"], now, dt)
     if guided:
         after["trial"] = next_trial[0]
-    outputs = [twist, known.pose, joined(sizes, after), rate, status, causes, known.watched["named"][-2:]]
+    outputs = [twist, known.pose, joined(sizes, after), rate, status, causes, known.watched["said"][-2:]]
     outputs += [value, gain, now, slack, multipliers, locked, outside, residuals]
     if drawn is None:
         return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))

@@ -14,7 +14,7 @@ from ergoqp.linear import Shape, dense
 from ergoqp.rigid import exp_rotation, is_rigid
 from ergoqp.step_parts import count
 from ergoqp.step_state import state_sizes
-from ergoqp.step_watch import doubted, watch
+from ergoqp.step_watch import HALTED, ROBOT, TOLD_SO_FAR, missed, watch, watch_blocks
 from ergoqp.step_way import UnderWay, under_way, way_of
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ class Cause(IntEnum):
     too_old = 7
     not_solved = 8
     not_certified = 9
-    robot = 10
+    robot = ROBOT
     unmeasured = 11
-    halted = 12
+    halted = HALTED
     asked = 13
     long_period = 14
     short_periods = 15
@@ -141,14 +141,12 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
 
     found = under_way(problem, state["history"], dt, shape)
     given = {**state, **raw, **vars(found), "period": dt, "dt_ok": dt_ok, "posture_ok": posture_ok}
-    given["doubted"], given["missed"] = doubted(state)
+    given["begin"] = state["story"][:TOLD_SO_FAR]
     read = shape(_read_function(problem))
     moved, started, measured, told, stop, causes = read(*(given[name] for name in read.name_in()))
     pose = _pose(problem, measured, raw["pose"], state["started"], state["stored"], moved, posture)
     given |= {"pose": pose, "measured": measured, "told": told, "stop": stop}
-    watched, faulty, halted = watch(problem, given, shape)
-    resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, stop)))
-    causes += ca.dot(ca.DM([2.0**Cause.robot, 2.0**Cause.halted]), ca.vertcat(faulty, resting))
+    watched, causes = watch(problem, given | {"causes": causes}, shape)
     landed, way = way_of(problem, found, pose, shape)
     return Known(posture, pose, landed, found.previous, dt, way, found, causes, started, watched)
 
@@ -161,8 +159,9 @@ def _read_function(problem: Problem) -> ca.Function:
         whether one was measured, whether a twist was reported, whether the object may not move, and the causes so far.
     """
     inputs = {name: size for name, size in input_sizes(problem).items() if name not in ("posture", "observed", "state")}
-    own = dict.fromkeys(("sent", "changed", "slowest", "fastest", "missed"), (6, 1))
-    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits", "doubted"), (1, 1))
+    own = dict.fromkeys(("sent", "changed", "slowest", "fastest"), (6, 1))
+    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits"), (1, 1))
+    own |= {"said": (count(watch_blocks(problem)["said"]), 1), "begin": (TOLD_SO_FAR, 1)}
     raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | own).items()}
     has_pose, has_twist, started, frame = (raw[name] > 0.5 for name in ("has_pose", "has_twist", "started", "frame"))
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
@@ -173,8 +172,9 @@ def _read_function(problem: Problem) -> ca.Function:
     # as far as it is what was sent, or less, and what it was short of before.
     executed = ca.fmin(ca.fmax(ca.if_else(told, raw["executed"], 0), raw["slowest"]), raw["fastest"])
     declared = raw["sent"] * raw["lasted"] + raw["changed"]
-    doubted = ca.logic_and(told, raw["doubted"])
-    moved = ca.if_else(doubted, executed * raw["lasted"], declared) + doubted * raw["missed"]
+    doubted, short = missed(raw["said"], raw["begin"])
+    doubted = ca.logic_and(told, doubted)
+    moved = ca.if_else(doubted, executed * raw["lasted"], declared) + doubted * short
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(bool(problem.robot.gain_error), ca.logic_not(measured))
     disabled = raw["enable"] < 0.5

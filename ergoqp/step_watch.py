@@ -41,6 +41,13 @@ _CERTAIN: Final = 6.0
 """Noise of a reported twist counts as none up to so many standard deviations of its sum."""
 
 
+ROBOT: Final = 10
+"""`ergoqp.step_inputs.Cause` of a robot that does something else."""
+
+HALTED: Final = 12
+"""And of an object that comes to rest before it moves again."""
+
+
 class Fault(IntEnum):
     """What the robot does other than declared; the amount beside it is a factor, seconds, metres or radians."""
 
@@ -60,26 +67,32 @@ _COMPARED: Final = {
     "most": (6, 1),
     "calm": (1, 1),  # for how long the object has stood still
     "halted": (1, 1),  # 1 until it has come to rest
+    "rests": (1, 1),  # periods of standing still
 }
 _REPORTED: Final = {
     "drift": (6, 1),  # measured motion less sent motion, by the reported twist
-    "blur": (6, 1),  # its variance, and the last sample
-    "surprise": (6, 1),
     "path": (2, 1),  # how far it went, and turned, since it stood still
+    "blur": (6, 1),  # variance of the drift, and the last sample
+    "surprise": (6, 1),
     "due": (6, 2),  # what a declared robot still owed when this was begun, along each axis and against it
-    "signs": (2, 1),  # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample does
+    "rested": (1, 1),  # what ``rests`` was then
 }
 _NAMED: Final = {
     "moved": (6, 3),  # since there is a fault: sent motion, measured motion, change of the sent twist
     "last": (6, 1),  # the sent twist before the last one
     "fit": (5, 1),  # sums of the products of `moved`
+}
+_SAID: Final = {
+    "signs": (2, 1),  # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample does
     "fault": (2, 1),  # a `Fault` and its amount
 }
+_STORY: Final = {**_REPORTED, **_NAMED}
+TOLD_SO_FAR: Final = 8
+"""What `missed` needs of the story: its first entries."""
 _SIZES: Final = (
-    {**_COMPARED, **_REPORTED, **_NAMED}
+    {**_COMPARED, **_STORY, **_SAID}
     | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "went"), (6, 1))
     | dict.fromkeys(("pose", "stored"), (4, 4))
-    | {"fault": (1, 1), "signs": (2, 1)}
 )
 
 
@@ -87,11 +100,11 @@ def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
     """Return the blocks of the state that watch the robot, and their parts; all zero at the start."""
     # What a late robot does in a hold shows little by little, and so does not stand out.
     held = {"held": (6, 2)} if problem.robot.longest_hold and owes(problem) else {}
-    return {"compared": _COMPARED | held, "reported": _REPORTED, "named": _NAMED}
+    return {"compared": _COMPARED | held, "story": _STORY, "said": _SAID}
 
 
-def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX, ca.MX]:
-    """Return `watch_blocks` after the last period, whether there is a fault, and whether the object has to come to rest.
+def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX]:
+    """Return `watch_blocks` after the last period, and the causes why the step can only brake.
 
     What a reported twist shows counts from the next step on.
 
@@ -100,25 +113,25 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
         given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``, ``measured``, ``told`` (0 or 1),
             ``executed``, ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists of a robot that does no more
             than it was sent, ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop``
-            (1: the object may not move now), ``period`` [s].
+            (1: the object may not move now), ``period`` [s], ``causes`` so far.
         shape: how functions are written, see `ergoqp.linear`.
     """
     compare, explain = shape(_compared(problem)), _explained(problem)
-    known = {**given, "fault": given["named"][-2], "signs": given["reported"][-2:]}
-    compared, faulty, halted, went = compare.call([known[name] for name in compare.name_in()])
-    # Where no twist is reported and nothing is wrong, there is nothing to explain; standing still, all of it counts anew.
+    compared, faulty, causes, went, rests = compare.call([given[name] for name in compare.name_in()])
+    # Where no twist is reported and nothing is wrong, there is nothing to explain.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
-    kept = was["reported"][:-14] * (1 - was["parked"])
-    due = ca.MX(ca.DM.zeros(12))
+    story = was["story"]
     if owes(problem):
         # What a late robot did in this period nobody knows, so the sum of what it did begins anew.
-        kept, due = ca.MX(ca.DM.zeros(*kept.shape)), ca.vertcat(was["up"], was["down"])
-    quiet = [ca.vertcat(kept, due, 0, 0), ca.MX(ca.DM.zeros(*was["named"].shape))]
-    choose = ca.Function.if_else("explain_or_not", shape(explain), ca.Function("quiet", inputs, quiet))
-    facts = {**given, "went": went, "faulty": faulty}
-    reported, named = choose.call([ca.logic_or(faulty, given["told"]), *(facts[name] for name in was)])
-    return {"compared": compared, "reported": reported, "named": named}, faulty, halted
+        anew = {name: ca.MX(ca.DM.zeros(*_REPORTED[name])) for name in ("drift", "path", "blur")}
+        anew["due"] = ca.horzcat(was["up"], was["down"])
+        story = joined(_STORY, split(_STORY, story) | anew)
+    quiet = ca.Function("quiet", inputs, [story, ca.MX(ca.DM.zeros(count(_SAID)))])
+    choose = ca.Function.if_else("explain_or_not", shape(explain), quiet)
+    facts = {**given, "went": went, "faulty": faulty, "now_rests": rests}
+    story, said = choose.call([ca.logic_or(faulty, given["told"]), *(facts[name] for name in was)])
+    return {"compared": compared, "story": story, "said": said}, causes
 
 
 def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
@@ -128,17 +141,21 @@ def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
     blocks["compared"]["least"] -= _WIDE
     blocks["compared"]["most"] += _WIDE
     late = problem.robot.dead_time + problem.robot.lag
-    blocks["reported"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
+    blocks["story"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
     return {name: np.concatenate([part.ravel(order="F") for part in block.values()]) for name, block in blocks.items()}
 
 
-def doubted(state: Mapping[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
+def missed(said: ca.SX, begin: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return whether what the robot reported so far shows a fault, or one is not over; and what it has missed until then.
 
     The second (6,) [m, rad] is not 0 in the first step that knows of a fault, and no more than the way since it stood still.
+
+    Args:
+        said: block of the state.
+        begin: first `TOLD_SO_FAR` entries of the story.
     """
-    fault, reported = state["named"][-2], split(_REPORTED, state["reported"])
-    signs, drift, path = reported["signs"], reported["drift"], reported["path"]
+    now, drift, path = split(_SAID, said), begin[:6], begin[6:]
+    signs, fault = now["signs"], now["fault"][0]
     way = ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     first = ca.logic_and(signs[0] > 1, ca.logic_and(signs[1] <= 0, fault < 0.5))
     known = ca.logic_or(ca.logic_or(signs[0] > 1, signs[1] > 0), fault > 0.5)
@@ -151,15 +168,15 @@ def _symbols(problem: Problem, *names: str) -> dict[str, ca.SX]:
 
 
 def _compared(problem: Problem) -> ca.Function:
-    """Compare the poses: ``(...) -> (compared, whether there is a fault, whether to come to rest, motion of the pose (6,))``.
+    """Compare the poses: ``(...) -> (compared, whether there is a fault, causes, motion of the pose (6,), rests)``.
 
     An interpreter pays for every scalar here in every step, so what is not needed to see a fault is in `_explained`.
     """
     robot, stretch = problem.robot, 1 + problem.robot.gain_error
     names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
-    given = _symbols(problem, *names, "period", "compared", "fault", "signs")
+    given = _symbols(problem, *names, "period", "compared", "said", "causes")
     sizes = watch_blocks(problem)["compared"]
-    now = given | split(sizes, given["compared"])
+    now = given | split(sizes, given["compared"]) | split(_SAID, given["said"])
     parked, noise = now["parked"], ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
@@ -185,42 +202,48 @@ def _compared(problem: Problem) -> ca.Function:
     low, high = low - unseen, high + unseen
     beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high), 0) * ca.DM(1 / UNIT)
     by_pose = ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1
-    found = ca.logic_or(by_pose, ca.logic_or(given["signs"][0] > 1, given["signs"][1] > 0))
+    found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
     # Standing still the difference counts anew.
     anew, shift = _WIDE * parked, parked * apart
     least, most = ca.fmax(least - anew, low) - shift, ca.fmin(most + anew, high) - shift
 
     calm = parked * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
-    faulty = ca.logic_or(found, ca.logic_and(now["fault"] > 0.5, ca.logic_not(over)))
+    faulty = ca.logic_or(found, ca.logic_and(now["fault"][0] > 0.5, ca.logic_not(over)))
     halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
-    block |= dict(zip(_COMPARED, (apart - shift, least, most, calm, halted), strict=True))
-    outputs = ca.cse(dense([joined(sizes, block), faulty, halted, went]))
-    return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(4)])
+    rests = now["rests"] + parked
+    block |= dict(zip(_COMPARED, (apart - shift, least, most, calm, halted, rests), strict=True))
+    resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
+    causes = now["causes"] + 2.0**ROBOT * faulty + 2.0**HALTED * resting
+    outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
+    return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(len(outputs))])
 
 
 def _explained(problem: Problem) -> ca.Function:
-    """``(...) -> (reported, named)``: what a reported twist shows, and the name of a fault, made anew at every step."""
+    """``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
-    given = _symbols(problem, *names, "parked", "reported", "named")
+    given = _symbols(problem, *names, "parked", "now_rests", "story", "said")
     told, faulty = given["told"] > 0.5, given["faulty"] > 0.5
-    now = given | split(_REPORTED, given["reported"]) | split(_NAMED, given["named"])
-    reported = _reported(problem, now)
-    strike = ca.if_else(told, reported["signs"][1], 0)
-    kept = {name: now[name] for name in _REPORTED} | {"signs": ca.SX(2, 1)}
+    now = given | split(_STORY, given["story"]) | split(_SAID, given["said"])
+    reported, signs = _reported(problem, now)
+    signs = ca.if_else(told, signs, 0)
+    kept = {name: now[name] for name in _REPORTED}
     if owes(problem):
         kept |= {name: ca.SX(*_REPORTED[name]) for name in ("drift", "blur", "path")}
         kept["due"] = ca.horzcat(now["up"], now["down"])
-    block = ca.if_else(told, joined(_REPORTED, reported), joined(_REPORTED, kept))
-    named = ca.if_else(faulty, joined(_NAMED, _named(problem, now, strike)), 0)
-    outputs = ca.cse(dense([block, named]))
-    return ca.Function("explained", list(given.values()), outputs, list(given), ["next_reported", "next_named"])
+    told_now = ca.if_else(told, joined(_REPORTED, reported), joined(_REPORTED, kept))
+    named = _named(problem, now, signs[1])
+    fault = ca.if_else(faulty, named.pop("fault"), 0)
+    story = ca.vertcat(told_now, joined(_NAMED, named))
+    outputs = ca.cse(dense([story, ca.vertcat(signs, fault)]))
+    return ca.Function("explained", list(given.values()), outputs, list(given), ["next_story", "next_said"])
 
 
-def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-    """Compare the integral of the reported twist with what was sent."""
+def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.SX]:
+    """Compare the integral of the reported twist with what was sent: what to keep of it, and the signs of a fault."""
     gain, unit = problem.robot.gain_error, ca.DM(UNIT)
-    sent, lasted, fresh = now["sent"], now["lasted"] * now["started"], now["parked"] > 0.5
+    sent, lasted = now["sent"], now["lasted"] * now["started"]
+    fresh = ca.logic_or(now["parked"] > 0.5, now["now_rests"] > now["rested"])
     surprise = now["executed"] - sent
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
@@ -242,8 +265,8 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
         surprise = _leap(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = _size((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    kept = {"drift": drift, "blur": blur, "surprise": now["executed"] - sent, "path": path, "due": due}
-    return kept | {"signs": ca.vertcat(by_twist, strike)}
+    kept = {"drift": drift, "path": path, "blur": blur, "surprise": now["executed"] - sent, "due": due}
+    return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
@@ -252,10 +275,12 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     done, told = sent * lasted, now["executed"] * lasted
     seen = ca.if_else(now["measured"] > 0.5, now["went"], ca.if_else(now["told"] > 0.5, told, done))
     changed = ca.if_else(now["fault"][0] > 0.5, sent - now["last"], 0)
-    moved = forget * now["moved"] + ca.horzcat(done, seen, changed)
+    # What there was to name before this fault is over.
+    goes_on = forget * (now["fault"][0] > 0.5)
+    moved = goes_on * now["moved"] + ca.horzcat(done, seen, changed)
     Y, y, s = ca.horzsplit(moved / ca.repmat(ca.DM(UNIT / UNIT[0]), 1, 3))
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))
-    fit = forget * now["fit"] + products
+    fit = goes_on * now["fit"] + products
     leap = _leap(now, now["went"])
     shift, turn = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])), ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
