@@ -9,7 +9,8 @@ import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.step_guide import BACK, LOOK, THERE
-from ergoqp.step_inputs import LONGEST_DT, SHORTEST_DT, Cause, Status
+from ergoqp.step_history import LONGEST_DT, SHORTEST_DT
+from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_rows import limit_values
 from ergoqp.step_watch import fault_sentence
 

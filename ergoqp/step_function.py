@@ -85,7 +85,7 @@ def build_step(
     planned, twist, still, rate, status, causes, slack, multipliers, residuals = account(
         *here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent
     )
-    after = {"history": ca.vertcat(*next_history(problem, state["history"], under_way, planned, twist, still, dt))}
+    after = {"history": ca.vertcat(*next_history(problem, state["history"], under_way, planned, twist, still))}
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
     if asks_back(problem):
         after["asked"] = asked_update(problem, state["asked"], now, dt)

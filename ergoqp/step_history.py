@@ -17,6 +17,12 @@ if TYPE_CHECKING:
 FAR: Final = 1e3
 """Age of what was before the first step: older than anything counts [s]."""
 
+SHORTEST_DT: Final = 1e-5
+"""What is shorter is no control period either [s]."""
+
+LONGEST_DT: Final = 1.0
+"""What is longer is no control period [s]."""
+
 _SPARE: Final = 1.5
 """The history holds this many times its seconds at the problem's period: periods may be that much shorter on average."""
 
@@ -70,9 +76,7 @@ def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray
     return parts
 
 
-def next_history(
-    problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX, dt: ca.MX
-) -> list[ca.MX]:
+def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX) -> list[ca.MX]:
     """Return the history after a period, in pieces that are put one below the other.
 
     Args:
@@ -82,14 +86,13 @@ def next_history(
         planned: twist that was planned for the end of the period (6,).
         sent: twist that was sent for it (6,).
         still: 1 if both are zero.
-        dt: period [s].
     """
     kept, sizes = History.of(problem), history_sizes(problem)
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [dt, *([found.aged[: kept.ages - 1]] if kept.ages > 1 else [])]
-    after.append(still * (split(sizes, history)["idle"] + dt))
+    after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
     if lag := problem.robot.lag:
+        dt = found.dt
         # The oldest leaves the history; what it has still to do goes on fading.
         part = split(sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])

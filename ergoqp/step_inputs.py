@@ -53,12 +53,6 @@ class Cause(IntEnum):
     short_periods = 15
 
 
-SHORTEST_DT: Final = 1e-5
-"""What is shorter is no control period either [s]."""
-
-LONGEST_DT: Final = 1.0
-"""What is longer is no control period [s]."""
-
 INPUTS: Final = (
     "posture",
     "observed",
@@ -136,11 +130,9 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
     posture = ca.if_else(usable, raw["posture"], ca.DM(stand_in(problem)))
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
-    dt_ok = ca.logic_and(raw["dt"] >= SHORTEST_DT, raw["dt"] <= LONGEST_DT)
-    dt = ca.if_else(dt_ok, raw["dt"], problem.dt)
 
-    found = under_way(problem, state["history"], dt, shape)
-    given = {**state, **raw, **vars(found), "period": dt, "dt_ok": dt_ok, "posture_ok": posture_ok}
+    found = under_way(problem, state["history"], raw["dt"], shape)
+    given = {**state, **raw, **vars(found), "period": found.dt, "posture_ok": posture_ok}
     given["begin"] = state["story"][:TOLD_SO_FAR]
     read = shape(_read_function(problem))
     moved, started, measured, told, stop, causes = read(*(given[name] for name in read.name_in()))
@@ -148,7 +140,7 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
     given |= {"pose": pose, "measured": measured, "told": told, "stop": stop}
     watched, causes = watch(problem, given | {"causes": causes}, shape)
     landed, way = way_of(problem, found, pose, shape)
-    return Known(posture, pose, landed, found.previous, dt, way, found, causes, started, watched)
+    return Known(posture, pose, landed, found.previous, found.dt, way, found, causes, started, watched)
 
 
 def _read_function(problem: Problem) -> ca.Function:

@@ -23,7 +23,7 @@ from ergoqp.errors import ProblemError
 from ergoqp.limits import Situation
 from ergoqp.linear import Shape, dense, vectors
 from ergoqp.rigid import shifted
-from ergoqp.step_history import History, history_sizes, owes, remaining_seconds
+from ergoqp.step_history import LONGEST_DT, SHORTEST_DT, History, history_sizes, owes, remaining_seconds
 from ergoqp.step_parts import count, split
 from ergoqp.step_stop import Stop
 
@@ -126,7 +126,10 @@ class UnderWay:
         slowest: least twist (6,) in the last period of a robot that does no more than it was sent.
         fastest: its greatest (6,).
         swift: how fast it can be now, along each axis and against it (6, 2); None: as fast as it was sent.
-        aged: ages of the ends of the periods before, at the end of this one (k,) [s].
+        dt: period [s].
+        dt_ok: whether that is what was given.
+        aged: ages of the ends of the periods before, at the end of this one, as many as are kept (k,) [s].
+        idled: for how long all will have stood still then, if it does [s].
         begun: twist that is sent however the plan goes on (6,).
         own: share of the planned twist that is sent beside it.
         fits: whether the history still reaches far enough back after the period: it does not if periods are too short.
@@ -149,7 +152,10 @@ class UnderWay:
     slowest: ca.MX
     fastest: ca.MX
     swift: ca.MX | None
+    dt: ca.MX
+    dt_ok: ca.MX
     aged: ca.MX
+    idled: ca.MX
     begun: ca.MX
     own: ca.MX
     fits: ca.MX
@@ -157,12 +163,12 @@ class UnderWay:
 
 
 def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
-    """Return what is under way at the begin of a period `dt` [s].
+    """Return what is under way at the begin of a period.
 
     Args:
         problem: the task.
         history: as one vector of `history_sizes`.
-        dt: period [s].
+        dt: period as it was given; what is none is taken for the problem's [s].
         shape: how functions are written, see `ergoqp.linear`.
     """
     sizes = history_sizes(problem)
@@ -176,7 +182,8 @@ def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vector
 
 def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
     W, robot, lag = problem.average, problem.robot, problem.robot.lag
-    own, of_plan, now, remaining, aged, fits, parked = _weights(problem)(part["ages"], part["idle"], dt)
+    by_ages = _weights(problem)(part["ages"], part["idle"], dt)
+    own, of_plan, now, remaining, period, dt_ok, aged, idled, fits, parked = by_ages
     pieces, seconds = [], []
     begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
     if W:
@@ -217,7 +224,10 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         slowest=stretch * slowest,
         fastest=stretch * fastest,
         swift=swift,
+        dt=period,
+        dt_ok=dt_ok,
         aged=aged,
+        idled=idled,
         begun=begun,
         own=own,
         fits=fits,
@@ -230,10 +240,12 @@ def _weights(problem: Problem) -> ca.Function:
 
     Returns:
         Function ``(ages, idle, dt) -> (own, (weights at the end of this period, seconds) (n, 2), weights now (n,), seconds for
-        which what was sent still acts (k,), ages at the end of this period, fits, parked)``.
+        which what was sent still acts (k,), dt, dt_ok, ages at the end of this period, idled, fits, parked)``.
     """
     history, W, robot = History.of(problem), problem.average, problem.robot
-    ages, idle, dt = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
+    ages, idle, given = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
+    dt_ok = ca.logic_and(given >= SHORTEST_DT, given <= LONGEST_DT)
+    dt = ca.if_else(dt_ok, given, problem.dt)
     ends, n = ca.vertcat(0, ages), history.planned
     own, of_plan, now, remaining = ca.SX(1), ca.SX(n, 2), ca.SX(n, 1), ca.SX(history.sent, 1)
     if W:
@@ -242,8 +254,9 @@ def _weights(problem: Problem) -> ca.Function:
     if owes(problem):
         remaining = remaining_seconds(ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag)
     parked = idle >= max(W, robot.dead_time, _AT_ALL)
-    outputs = [own, of_plan, now, remaining, ages + dt, _holds_all(problem, ages, dt), parked]
-    return ca.Function("weights", [ages, idle, dt], ca.cse(dense(outputs)))
+    outputs = [own, of_plan, now, remaining, dt, dt_ok, (ages + dt)[: history.ages - 1], idle + dt]
+    outputs += [_holds_all(problem, ages, dt), parked]
+    return ca.Function("weights", [ages, idle, given], ca.cse(dense(outputs)))
 
 
 def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:

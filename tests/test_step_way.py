@@ -30,7 +30,7 @@ def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
         ca.MX.sym("z"),
     )
     found = under_way(problem, history, dt)
-    after = ca.vertcat(*next_history(problem, history, found, planned, sent, still, dt))
+    after = ca.vertcat(*next_history(problem, history, found, planned, sent, still))
     seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
     return ca.Function("seen", [history, dt], seen), ca.Function("after", [history, planned, sent, still, dt], [after])
 

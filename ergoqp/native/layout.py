@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from ergoqp import __version__
 from ergoqp.joints import JOINTS
-from ergoqp.step_history import History
-from ergoqp.step_inputs import INPUTS, OUTPUTS, SHORTEST_DT, Cause, Status, input_sizes
+from ergoqp.step_history import SHORTEST_DT, History
+from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status, input_sizes
 from ergoqp.step_state import initial_state
 from ergoqp.step_watch import Fault
 
