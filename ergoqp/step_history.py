@@ -99,6 +99,7 @@ def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.
         seconds = remaining_seconds(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
+        assert found.swift is not None
         after.append(ca.vec(found.swift))
     return [*after, found.owed] if owes(problem) else after
 

@@ -265,7 +265,8 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
     low = high = ca.SX(twists.shape[0], 1)
     for twist in ca.horzsplit(given):
         low, high = ca.fmin(low, twist), ca.fmax(high, twist)
-    return ca.Function("extremes", [given], dense([low, high]))(twists)
+    low, high = ca.Function("extremes", [given], dense([low, high])).call([twists])
+    return low, high
 
 
 def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vectors) -> tuple[ca.MX, ca.MX]:
