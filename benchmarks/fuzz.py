@@ -44,6 +44,7 @@ from __future__ import annotations
 import multiprocessing
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -89,8 +90,8 @@ def _silent_chunk(task: tuple[int, int]) -> Tally:
         return run_chunk(task)
 
 
-def fuzz(steps: int, processes: int = 2) -> Tally:
-    """Run that many steps over all problems and return what was found."""
+def fuzz(steps: int, processes: int = 2, say: Callable[[str], object] = str) -> Tally:
+    """Run that many steps over all problems and return what was found; `say` is told how far it is."""
     size = min(CHUNK, max(SEQUENCE, steps // 20))
     tasks = [(number, size) for number in range(round(steps / size))]
     total = Tally()
@@ -100,14 +101,16 @@ def fuzz(steps: int, processes: int = 2) -> Tally:
             total.add(tally)
         return total
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for tally in pool.imap_unordered(_silent_chunk, tasks):
+        for done, tally in enumerate(pool.imap_unordered(_silent_chunk, tasks), start=1):
             total.add(tally)
+            if done % 20 == 0:
+                say(f"  {done}/{len(tasks)} chunks")
     return total
 
 
 def measure(report: Report) -> None:
     """Attack."""
-    found = fuzz(report.pick(20_000, 1_000_000))
+    found = fuzz(report.pick(20_000, 1_000_000), say=report.say)
     for status, count in found.statuses.most_common():
         report.say(f"  {status:<12} {count:>9}")
     kinds: dict[str, Any] = {name: count for name, count in found.counts.items() if ": " in name}
