@@ -27,6 +27,14 @@ def scalars(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, ca.cse([ca.densify(part) for part in outputs]), *names)
 
 
+def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]:
+    """Return what a function gives, its operations written out instead of a call where they are of matrices.
+
+    An interpreter copies what goes into a call and what comes out of it; a function of scalars stays a call.
+    """
+    return function.call([ca.MX(argument) for argument in arguments], function.is_a("MXFunction"), False)
+
+
 def dense(parts: Sequence[ca.SX]) -> list[ca.SX]:
     """Return expressions with their structural zeros written out, as functions that exchange plain arrays need them."""
     return [ca.densify(ca.SX(part)) for part in parts]

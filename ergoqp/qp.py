@@ -7,7 +7,7 @@ from typing import Final
 
 import casadi as ca
 
-from ergoqp.linear import Shape, vectors
+from ergoqp.linear import Shape, vectors, written_out
 from ergoqp.solvers import QpSolver
 
 PENALTY: Final = 1e4
@@ -57,7 +57,7 @@ def build_qp(solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[i
 def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
     H, g, A, lower, upper, _, _, low, high = inputs
     x, rows, box = solver.function(6, m)(H, g, A, lower, upper, low, high)
-    residual = shape(_residual(6, m))(H, g, A, lower, upper, low, high, x, rows, box)
+    residual = written_out(shape(_residual(6, m)), H, g, A, lower, upper, low, high, x, rows, box)[0]
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
@@ -73,7 +73,7 @@ def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact:
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
     x, rows, box = solver.function(n, m)(*data)
-    residual = shape(_residual(n, m))(*data, x, rows, box)
+    residual = written_out(shape(_residual(n, m)), *data, x, rows, box)[0]
     xi, slack = x[:6], loose * x[6:]
     if exact:
         used = ca.fmax(0, slack[exact] - (cap[exact] - ELBOW)) * loose[exact]

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.limits import Rows
-from ergoqp.linear import dense
+from ergoqp.linear import dense, written_out
 from ergoqp.qp import FREE
 from ergoqp.step_objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
@@ -75,7 +75,7 @@ def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     """
     names = (*_PLACE, "away", "value", "gradient", "locked", "final")
     mx = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
-    S, E = problem.response.sensitivity()(mx["posture"], mx["locked"])
+    S, E = written_out(problem.response.sensitivity(), mx["posture"], mx["locked"])
     terms, kept, follows = _terms(problem)
     shift = S @ mx["way"][:6]
     own, below, above, rate, reserve, twist, low, high, reach = terms(*(mx[name] for name in _PLACE), shift, S)

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.certification import account_function, judge_function, shorten_function
-from ergoqp.linear import Shape, scalars, vectors
+from ergoqp.linear import Shape, scalars, vectors, written_out
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
 from ergoqp.step_asked import asked_update, still_asks
@@ -70,21 +70,22 @@ def build_step(
     if guided:
         *pull, distance, on, drawn = pull_function(problem)(known.landed, lead["guide"], lead["guided"], state["trial"])
         fixed, trial = [*fixed, *pull], [lead["promise"], value, state["trial"], distance, on]
-    result = _further_passes(one_pass, 1)(*fixed, *one_pass(*fixed, ca.MX(ca.DM.zeros(posture.numel())), 0))
+    first = written_out(one_pass, *fixed, ca.MX(ca.DM.zeros(posture.numel())), 0)
+    result = written_out(_further_passes(one_pass, 1), *fixed, *first)
     xi, S, E, slack, multipliers, residual, locked, _, shift = result
     pattern = sensitivity_pattern(problem)
     judge, shorten = shape(judge_function(problem, pattern, guided)), shorten_function(problem, pattern)
     account = shape(account_function(problem, pattern, movable))
     gain = gain_function(problem)(posture, total, xi, S)
     judged = (posture, seen, readings, known.pose, known.landed, known.way, shift, known.previous, dt, away, gain, total, xi, S)
-    wanted, brake, now, solved, outside, rest, whole, *next_trial = judge(*judged, residual, usable, state["rest"], *trial)
+    judged = (*judged, residual, usable, state["rest"], *trial)
+    wanted, brake, now, solved, outside, rest, whole, *next_trial = written_out(judge, *judged)
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, shift, dt, S, wanted, brake, now)
     here = (posture, seen, readings, known.pose, dt, S, residual, usable, E, slack, multipliers, known.causes)
     under_way = known.under_way
-    planned, twist, still, rate, status, causes, slack, multipliers, residuals = account(
-        *here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent
-    )
+    here = (*here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent)
+    planned, twist, still, rate, status, causes, slack, multipliers, residuals = written_out(account, *here)
     after = {"history": ca.vertcat(*next_history(problem, state["history"], under_way, planned, twist, still))}
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
     if asks_back(problem):
@@ -123,17 +124,18 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) ->
     data, movable = pass_data(problem)
     data = shape(data)
     mx = {data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())}
-    *qp, S, E, shift = data(*mx.values())
+    *qp, S, E, shift = written_out(data, *mx.values())
     inputs = list(mx.values())
     if guided:
         pull = [ca.MX.sym("pull_H", 6, 6), ca.MX.sym("pull_g", 6)]
         qp[:2] = [qp[0] + pull[0], qp[1] + pull[1]]
         inputs[-2:-2] = pull
     exact = np.flatnonzero(limit_values(problem.row_limits, "hard")[movable])
-    xi, slack, multipliers, residual = build_qp(solver, len(movable), shape, exact.tolist())(*qp)
+    xi, slack, multipliers, residual = written_out(build_qp(solver, len(movable), shape, exact.tolist()), *qp)
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
     xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
-    newly = shape(_newly_locked(problem))(mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
+    seen = (mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
+    newly = written_out(shape(_newly_locked(problem)), *seen)[0]
     locked = ca.fmax(mx["locked"], newly)
     parts = [xi, S, E, slack, multipliers, residual, locked, ca.mmax(newly), shift]
     return ca.Function("one_pass", inputs, parts), movable

@@ -21,7 +21,7 @@ import numpy as np
 
 from ergoqp.errors import ProblemError
 from ergoqp.limits import Situation
-from ergoqp.linear import Shape, dense, vectors
+from ergoqp.linear import Shape, dense, vectors, written_out
 from ergoqp.rigid import shifted
 from ergoqp.step_history import LONGEST_DT, SHORTEST_DT, History, history_sizes, owes, remaining_seconds
 from ergoqp.step_parts import count, split
@@ -176,7 +176,7 @@ def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vector
     parts = vars(_under_way(problem, split(sizes, symbols[0]), symbols[1]))
     present = [name for name, part in parts.items() if part is not None]
     function = ca.Function("under_way", symbols, [ca.densify(parts[name]) for name in present])
-    found = shape(function)(history, dt)
+    found = written_out(shape(function), history, dt)
     return UnderWay(**(dict.fromkeys(parts) | dict(zip(present, found, strict=True))))  # pyright: ignore[reportArgumentType]
 
 
@@ -287,7 +287,7 @@ def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vector
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     function = ca.Function("way", [at, *symbols.values()], _counted(problem, at, symbols))
-    landed, way = shape(function)(pose, *given.values())
+    landed, way = written_out(shape(function), pose, *given.values())
     return landed, way
 
 
