@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import casadi as ca
 
@@ -33,6 +33,11 @@ def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]
     An interpreter copies what goes into a call and what comes out of it; a function of scalars stays a call.
     """
     return function.call([ca.MX(argument) for argument in arguments], function.is_a("MXFunction"), False)
+
+
+def once(expressions: list[ca.MX]) -> list[ca.MX]:
+    """Return the same expressions, with what is equal in them computed once."""
+    return cast("list[ca.MX]", ca.cse(expressions))
 
 
 def dense(parts: Sequence[ca.SX]) -> list[ca.SX]:

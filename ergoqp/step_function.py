@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.certification import account_function, judge_function, shorten_function
-from ergoqp.linear import Shape, scalars, vectors, written_out
+from ergoqp.linear import Shape, once, scalars, vectors, written_out
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.solvers import QpSolver
 from ergoqp.step_asked import asked_update, still_asks
@@ -95,8 +95,8 @@ def build_step(
     outputs = [twist, known.pose, joined(sizes, after), rate, status, causes, known.watched["said"][-2:]]
     outputs += [value, gain, now, slack, multipliers, locked, outside, residuals]
     if drawn is None:
-        return ca.Function(name, list(raw.values()), outputs, list(INPUTS), list(OUTPUTS))
-    outputs.append(drawn)
+        return ca.Function(name, list(raw.values()), once(outputs), list(INPUTS), list(OUTPUTS))
+    outputs = once([*outputs, drawn])
     return ca.Function(name, [*raw.values(), *lead.values()], outputs, [*INPUTS, *GUIDE_INPUTS], [*OUTPUTS, *GUIDE_OUTPUTS])
 
 
