@@ -175,7 +175,7 @@ class Loop:
         while left >= 1e-5 and (self._sent.twist.any() or self._law.planned.any()):
             period = min(left, 3 * self._problem.dt)
             left -= period
-            self._go(self._stepper.brake(period), period, "asked to brake", bool(self._problem.robot.gain_error), where)
+            self._go(self._stepper.brake(period), period, "asked to brake", self._problem.robot.needs_pose, where)
         then = self._state.copy()
         expected = self._stepper.brake(dt).twist
         self._state[:] = state
@@ -196,7 +196,7 @@ class Loop:
             self._tally.wrong("unsafe", "not finite", where, f"{step.twist}")
             self.restart()
             return
-        short, unmeasured = self._may_be_short(dt), bool(self._problem.robot.gain_error and not measured)
+        short, unmeasured = self._may_be_short(dt), bool(self._problem.robot.needs_pose and not measured)
         self._place(call, step, posture, seen, measured, told, short, where)
         self._object.settle(state, self._sent, dt)
         lied = bool(call.lies) or self._disobeys > 0

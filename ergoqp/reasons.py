@@ -100,7 +100,9 @@ def _cause(
         Cause.not_solved: f"the QP was not solved: residual {step.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
         Cause.unmeasured: "no pose, and the robot is declared to move by up to "
-        f"{100 * problem.robot.gain_error:g} % more or less than what it is sent",
+        f"{100 * problem.robot.gain_error:g} % more or less than what it is sent"
+        + f", and to hold on for up to {problem.robot.longest_hold:g} s"
+        * bool(problem.robot.longest_hold),
         Cause.halted: "comes to rest before it moves again",
         Cause.asked: "asked to brake",
         Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "

@@ -35,7 +35,8 @@ class DeclaredRobot:
         pose_delay: age of the measured pose, and of the reported twist [s].
         pose_noise: how far off a measured position is at most, per axis [m].
         pose_noise_deg: and a measured orientation, about each axis [deg].
-        longest_hold: for how long a twist may go on being executed because the next call is late, once per stop [s].
+        longest_hold: for how long a twist may go on being executed because the next call is late [s], once between two moments
+            at which nothing is under way; needs a measured pose.
     """
 
     delay: float = 0.0
@@ -58,6 +59,11 @@ class DeclaredRobot:
     def dead_time(self) -> float:
         """Seconds of sent twists of which a measured pose shows nothing yet [s]."""
         return self.delay + self.pose_delay
+
+    @property
+    def needs_pose(self) -> bool:
+        """Whether nobody knows where the object is without a measured pose."""
+        return bool(self.gain_error or self.longest_hold)
 
     @property
     def noise(self) -> np.ndarray:

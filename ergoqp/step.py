@@ -102,13 +102,8 @@ class Stepper:
         """
         state = self._begin
         if twist is not None:
-            moving, notes = np.zeros(6), {}
-            put(moving, twist, (6,), "twist", notes)
-            if notes or not np.isfinite(moving).all():
-                said = notes.get("twist", "numbers that are not finite").split(", allowed")[0]
-                raise InputError(f"twist: got {said}, allowed 6 finite numbers")
             speed = self.problem.twist_limit.speed
-            state = initial_state(self.problem, self._guided, np.clip(moving, -speed, speed))
+            state = initial_state(self.problem, self._guided, np.clip(self._six(twist), -speed, speed))
         self._state_in[:] = state
         self._inputs["posture"][:] = 0.0
 
@@ -224,11 +219,24 @@ class Stepper:
             twist: (6,) [m/s, rad/s], within the limits of the object.
 
         Raises:
-            InputError: if what is sent is a mean (`Control.average`), which cannot be changed afterwards.
+            InputError: if what is sent is a mean (`Control.average`), which cannot be changed afterwards, or if `twist` is not
+                six finite numbers within the speed limits.
         """
         if self.problem.average:
             raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
-        self._state_in[self._planned_at], self._state_in[self._sent_at] = twist, twist
+        sent, speed = self._six(twist), self.problem.twist_limit.speed
+        if np.any(np.abs(sent) > speed * (1 + 1e-9)):
+            raise InputError(f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}")
+        self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
+
+    @staticmethod
+    def _six(twist: Any) -> np.ndarray:
+        numbers, notes = np.zeros(6), {}
+        put(numbers, twist, (6,), "twist", notes)
+        if notes or not np.isfinite(numbers).all():
+            said = notes.get("twist", "numbers that are not finite").split(", allowed")[0]
+            raise InputError(f"twist: got {said}, allowed 6 finite numbers")
+        return numbers
 
     def _brake(self, dt: float) -> Step:
         start = time.perf_counter()

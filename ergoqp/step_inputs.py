@@ -168,7 +168,7 @@ def _read_function(problem: Problem) -> ca.Function:
     doubted = ca.logic_and(told, doubted)
     moved = ca.if_else(doubted, executed * raw["lasted"], declared) + doubted * short
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
-    unmeasured = ca.logic_and(bool(problem.robot.gain_error), ca.logic_not(measured))
+    unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
     disabled = raw["enable"] < 0.5
     bad = {
         Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),

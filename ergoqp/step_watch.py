@@ -190,9 +190,10 @@ def _compared(problem: Problem) -> ca.Function:
     if owes(problem):
         low, high = low - stretch * now["down"], high + stretch * now["up"]
     if "held" in sizes:
-        moving, sent = now["held"] * (1 - parked), now["sent"]
-        block["held"] = ca.fmax(moving, ca.horzcat(sent, -sent))
-        hold = stretch * robot.longest_hold * block["held"]
+        sent = ca.horzcat(now["sent"], -now["sent"])
+        # What it held on to before it came to rest still counts in this comparison, and no more in the next one.
+        hold = stretch * robot.longest_hold * ca.fmax(now["held"], sent)
+        block["held"] = ca.fmax(now["held"] * (1 - parked), sent)
         low, high = low - hold[:, 0], high + hold[:, 1]
     least, most = now["least"], now["most"]
     if robot.gain_error:
@@ -318,7 +319,7 @@ def _held(problem: Problem, leap: ca.SX, sent: ca.SX) -> ca.SX:
     """How much of a leap (6,) one declared hold of the last twist explains; what may be noise is none."""
     most = problem.robot.longest_hold * (1 + problem.robot.gain_error) * sent
     explained = ca.fmax(ca.fmin(leap, ca.fmax(0, most)), ca.fmin(0, most))
-    stands_out = largest((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1
+    stands_out = _size((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1
     return ca.if_else(stands_out, explained, 0)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, plain_of, problem_of
 
+from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
@@ -118,3 +119,52 @@ def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: fl
     one_by_one = stepper.brake().twist
     stepper._state_in[:] = state
     np.testing.assert_allclose(stepper.brake(elapsed=elapsed).twist, one_by_one, atol=1e-12)
+
+
+@pytest.mark.parametrize("true_lag", [0.0, 0.1, 0.2])
+def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_rest_either(true_lag: float) -> None:
+    """What it held on to was forgotten in the very comparison in which it still counted."""
+    problem = bold_of("screwing").replace(robot=DeclaredRobot(lag=0.2, longest_hold=0.2))
+    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    sim = SimulatedRobot(RobotKind(lag=true_lag), held_pose("screwing"), np.random.default_rng(0))
+    for number in range(200):
+        step = stepper.step(q, sim.measured_pose(), enable=number < 20)
+        assert "robot:" not in step.reason
+        list(sim.execute(step.twist, 0.21 if number == 10 else 0.01))
+
+
+@pytest.mark.parametrize("hold", [0.01, 0.02, 0.03, 0.04, 0.05])
+def test_a_hold_that_is_shorter_than_declared_is_no_fault(hold: float) -> None:
+    """Of a leap along two axes neither stood out alone, but both together were a fault."""
+    problem = bold_of("screwing").replace(robot=DeclaredRobot(longest_hold=0.05))
+    stepper = problem.stepper()
+    for seed in range(12):
+        stepper.reset()
+        loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(seed), 20)
+        for number in range(12):
+            step = loop.step(q)
+            assert "robot:" not in step.reason
+            if number == 6:
+                loop.pose = moved(loop.pose, step.twist * hold)
+
+
+def test_where_a_hold_is_declared_nothing_moves_without_a_measured_pose() -> None:
+    """Holds that nobody sees add up: 10 mm out of the box after four of them."""
+    stepper = bold_of("screwing").replace(robot=DeclaredRobot(longest_hold=0.1)).stepper()
+    loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
+    assert [loop.step(q) for _ in range(20)][-1].twist.any()
+    step = loop.step(q, pose=None)
+    assert step.status == "braking"
+    assert "no pose" in step.reason
+    assert "hold on for up to 0.1 s" in step.reason
+    assert not [loop.step(q, pose=None) for _ in range(60)][-1].twist.any()
+
+
+@pytest.mark.parametrize("sent", [np.full(6, np.nan), np.full(6, 99.0), np.zeros(5), "fast"])
+def test_what_cannot_have_been_sent_instead_changes_nothing(sent: object) -> None:
+    """A NaN was answered by NaN from then on, 99 m/s by 98.99."""
+    stepper = plain_of("screwing").stepper()
+    before = stepper._state_in.copy()
+    with pytest.raises(InputError, match="twist: got"):
+        stepper.sent_instead(sent)
+    np.testing.assert_array_equal(stepper._state_in, before)
