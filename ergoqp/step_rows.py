@@ -24,6 +24,9 @@ from ergoqp.step_stop import Braking, Stop
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""
 
+_ROOM = 1.5
+"""A bent row may come back so many times as fast as it is asked to at most."""
+
 CLEARANCE = 1e-8
 """Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
 
@@ -79,7 +82,7 @@ def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> R
     bend = getattr(limit, "bend", 0.0)
     if not bend:
         return rows
-    most = rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
+    most = _ROOM * rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
     return replace(rows, rate=ca.if_else(ca.fmin(rows.below, rows.above) < 0, ca.fmin(rows.rate, most), rows.rate))
 
 
@@ -174,7 +177,9 @@ def _ends(
     allowed = ca.fmax(allowed, -constant("hard") * curving)
     # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
     pace = ca.fmin(ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt))
-    back = ca.fmin(rate, ca.fmax(pace, curving)) * twice(moves)
+    # Between what is asked of a bent row and what it may do at most there is room, or a solver finds nothing.
+    most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
+    back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
     outside = away > 0
     allowed = ca.if_else(outside, 0, allowed)
     bound = allowed - ca.if_else(outside, back, 0)
@@ -182,6 +187,11 @@ def _ends(
     beyond = toward - bound
     needed = ca.fmax(least - bound, beyond)
     return bound, ca.if_else(ca.fmax(needed, beyond + ELBOW) > 0, needed + ELBOW, 0)
+
+
+def bends(limits: Sequence[Limit]) -> np.ndarray:
+    """Return the bend of each row, 0 for straight ones, see `ergoqp.limits.limit.Limit`."""
+    return np.array([getattr(limit, "bend", 0.0) for limit in limits for _ in limit.names])
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:

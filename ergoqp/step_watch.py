@@ -98,8 +98,9 @@ _SIZES: Final = (
 
 def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
     """Return the blocks of the state that watch the robot, and their parts; all zero at the start."""
-    # What a late robot does in a hold shows little by little, and so does not stand out.
-    held = {"held": (6, 2)} if problem.robot.longest_hold and owes(problem) else {}
+    # The fastest that may have been held on to, along each axis and against it: since the last measured pose; of a late robot,
+    # in which a hold shows little by little and so does not stand out, since it stood still.
+    held = {"held": (6, 2)} if problem.robot.longest_hold else {}
     return {"compared": _COMPARED | held, "story": _STORY, "said": _SAID}
 
 
@@ -183,13 +184,15 @@ def _compared(problem: Problem) -> ca.Function:
     apart = now["apart"] + went - done
     block = {}
     if robot.longest_hold and not owes(problem):
-        apart -= _held(problem, _leap(now, went), now["sent"])
+        reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        block["held"] = ca.if_else(now["measured"], 0, reach)
+        apart -= now["measured"] * _held(problem, _leap(now, went), reach)
         # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
         noise *= 3
     low, high = apart - noise, apart + noise
     if owes(problem):
         low, high = low - stretch * now["down"], high + stretch * now["up"]
-    if "held" in sizes:
+    if robot.longest_hold and owes(problem):
         sent = ca.horzcat(now["sent"], -now["sent"])
         # What it held on to before it came to rest still counts in this comparison, and no more in the next one.
         hold = stretch * robot.longest_hold * ca.fmax(now["held"], sent)
@@ -315,10 +318,10 @@ def _size(excess: ca.SX) -> ca.SX:
     return ca.sqrt(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])))
 
 
-def _held(problem: Problem, leap: ca.SX, sent: ca.SX) -> ca.SX:
-    """How much of a leap (6,) one declared hold of the last twist explains; what may be noise is none."""
-    most = problem.robot.longest_hold * (1 + problem.robot.gain_error) * sent
-    explained = ca.fmax(ca.fmin(leap, ca.fmax(0, most)), ca.fmin(0, most))
+def _held(problem: Problem, leap: ca.SX, reach: ca.SX) -> ca.SX:
+    """How much of a leap (6,) one declared hold explains, of at most `reach` (6, 2); what may be noise is none."""
+    most = problem.robot.longest_hold * (1 + problem.robot.gain_error) * ca.fmax(reach, 0)
+    explained = ca.fmax(ca.fmin(leap, most[:, 0]), -most[:, 1])
     stands_out = _size((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1
     return ca.if_else(stands_out, explained, 0)
 
