@@ -225,7 +225,7 @@ class Stepper:
         if self.problem.average:
             raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
         sent, speed = self._six(twist), self.problem.twist_limit.speed
-        if np.any(np.abs(sent) > speed * (1 + 1e-9)):
+        if np.any(np.abs(sent) > speed * (1 + 1e-9) + 1e-9):
             raise InputError(f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}")
         self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
 

@@ -30,6 +30,9 @@ from ergoqp.step_stop import Stop
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
+_SLIGHT: Final = 0.1
+"""Sine of the least angle at which the slope of a bent row is known."""
+
 _AT_ALL: Final = 1e-9
 """What has stood still for less has not stood still [s]."""
 
@@ -312,7 +315,7 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         # What a mean that still rises toward the last planned twist adds, see `ergoqp.step_stop.Stop`.
         n = found["weights"].numel()
         rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (Stop.of(problem).longest * found["weights"])
-        below, above = below + rise[many:], above + rise[:many]
+        below, above = below + rise[many:], above + rise[:many] + ca.DM(_bent_rise(problem))
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
@@ -328,6 +331,14 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
         parts += [below + hold * _most(-done), above + hold * _most(done), turn + hold * _most(angles)]
     return [landed, ca.densify(ca.vertcat(*parts))]
+
+
+def _bent_rise(problem: Problem) -> list[float]:
+    """By how much more than along its slope a mean that rises can lead to the end of each hard row that bends, at most."""
+    law = Stop.of(problem)
+    turn = law.longest * law.average / 2 * float(np.linalg.norm(law.limit.acceleration[3:]))
+    hard = (limit for limit in problem.row_limits if limit.hard)
+    return [turn**2 / (2 * _SLIGHT) * bool(getattr(limit, "bend", 0.0)) for limit in hard for _ in limit.names]
 
 
 def _most(values: ca.MX) -> ca.MX:
