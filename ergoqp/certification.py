@@ -11,14 +11,14 @@ from ergoqp.limits.limit import Expression
 from ergoqp.linear import dense, largest, smallest
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
+from ergoqp.step_causes import Cause, Status
+from ergoqp.step_counted import way_size
 from ergoqp.step_guide import TRIAL, trial_update
-from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_margins import StepRows, situations_of, smallest_margins
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
 from ergoqp.step_rows import limit_values, patience
 from ergoqp.step_stop import Stop, on_surface
-from ergoqp.step_way import way_size
 
 if TYPE_CHECKING:
     from ergoqp.limits import Situation

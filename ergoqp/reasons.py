@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
+from ergoqp.step_causes import Cause, Status
+from ergoqp.step_faults import fault_sentence
 from ergoqp.step_guide import BACK, LOOK, THERE
 from ergoqp.step_history import LONGEST_DT, SHORTEST_DT
-from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_rows import limit_values
-from ergoqp.step_watch import fault_sentence
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem

@@ -11,9 +11,9 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
 from ergoqp.step_answer import Step
+from ergoqp.step_causes import Cause, Status
 from ergoqp.step_guide import TRIAL
 from ergoqp.step_history import SHORTEST_DT, history_sizes
-from ergoqp.step_inputs import Cause, Status
 from ergoqp.step_state import initial_state
 from ergoqp.step_values import number, put, truth
 

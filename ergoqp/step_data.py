@@ -10,11 +10,11 @@ import numpy as np
 from ergoqp.limits import Rows
 from ergoqp.linear import dense, written_out
 from ergoqp.qp import FREE
+from ergoqp.step_counted import way_size
 from ergoqp.step_objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step_readings import readings_function, readings_size, situation_of
 from ergoqp.step_rows import movable_rows, no_further, patience, row_bounds, unhurried
 from ergoqp.step_stop import Braking, Stop, on_surface
-from ergoqp.step_way import way_size
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem

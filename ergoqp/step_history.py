@@ -60,6 +60,8 @@ def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
     sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1), "idle": (1, 1)}
     if problem.robot.lag:
         sizes["tail"], sizes["swift"] = (6, 2), (6, 2)
+        if problem.robot.longest_hold:
+            sizes["clung"] = (6, 2)
     return sizes | ({"owed": (6, 1)} if owes(problem) else {})
 
 
@@ -101,6 +103,10 @@ def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
         assert found.swift is not None
         after.append(ca.vec(found.swift))
+        if hold := problem.robot.longest_hold:
+            # What a hold leaves behind of the oldest fades as slowly, and there is only one hold.
+            left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
+            after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
     return [*after, found.owed] if owes(problem) else after
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING, Final
 
 import casadi as ca
@@ -12,45 +11,15 @@ import numpy as np
 
 from ergoqp.linear import Shape, dense
 from ergoqp.rigid import exp_rotation, is_rigid
+from ergoqp.step_causes import Cause
+from ergoqp.step_counted import way_of
 from ergoqp.step_parts import count
 from ergoqp.step_state import state_sizes
-from ergoqp.step_watch import HALTED, ROBOT, TOLD_SO_FAR, missed, watch, watch_blocks
-from ergoqp.step_way import UnderWay, under_way, way_of
+from ergoqp.step_watch import TOLD_SO_FAR, missed, watch, watch_blocks
+from ergoqp.step_way import UnderWay, under_way
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
-
-
-class Status(IntEnum):
-    """What a step did; the order is the order of precedence."""
-
-    optimal = 0
-    settled = 1
-    relaxed = 2
-    recovering = 3
-    braking = 4
-    invalid = 5
-
-
-class Cause(IntEnum):
-    """Why a step did not use its inputs or its answer; bits of the function's output ``causes``."""
-
-    posture = 0
-    pose = 1
-    twist = 2
-    dt = 3
-    age = 4
-    disabled = 5
-    no_frame = 6
-    too_old = 7
-    not_solved = 8
-    not_certified = 9
-    robot = ROBOT
-    unmeasured = 11
-    halted = HALTED
-    asked = 13
-    long_period = 14
-    short_periods = 15
 
 
 INPUTS: Final = (
@@ -97,7 +66,7 @@ class Known:
         landed: where it comes to rest if the planned twist were zero from now on (4, 4).
         previous: twist that was planned for the end of the last period (6,).
         dt: period [s].
-        way: what is under way, as `ergoqp.step_way.split_way` reads it.
+        way: what is under way, as `ergoqp.step_counted.split_way` reads it.
         under_way: the same, in its parts.
         causes: why the step can only brake, by `Cause`; 0 if it can do more.
         started: 1 once a pose is known.

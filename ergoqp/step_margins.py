@@ -14,9 +14,9 @@ import casadi as ca
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.linear import dense
+from ergoqp.step_counted import way_size
 from ergoqp.step_objective import sensitivity_pattern, with_pattern
 from ergoqp.step_readings import here, readings_size, situation_of
-from ergoqp.step_way import way_size
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem

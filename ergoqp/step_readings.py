@@ -9,8 +9,8 @@ import casadi as ca
 
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
+from ergoqp.step_counted import split_way
 from ergoqp.step_stop import Braking
-from ergoqp.step_way import split_way
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem

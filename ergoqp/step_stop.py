@@ -49,7 +49,7 @@ class Stop:
     def of(cls, problem: Problem) -> Self:
         """Return the law of a problem."""
         robot = problem.robot
-        hold, memory = robot.longest_hold, problem.average + robot.dead_time
+        hold, memory = robot.longest_hold, problem.average + robot.dead_time + robot.lag
         return cls(problem.twist_limit, problem.average, 3 * problem.dt, 1 + robot.gain_error, hold, memory)
 
     @property

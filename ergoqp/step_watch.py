@@ -12,13 +12,14 @@ After a fault, and after the object was not allowed to move, it comes to rest an
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import IntEnum
 from typing import TYPE_CHECKING, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.linear import Shape, dense, largest
+from ergoqp.step_causes import Cause
+from ergoqp.step_faults import Fault, fault_of
 from ergoqp.step_history import owes
 from ergoqp.step_parts import count, joined, split
 
@@ -39,26 +40,6 @@ _WIDE: Final = 1e3
 
 _CERTAIN: Final = 6.0
 """Noise of a reported twist counts as none up to so many standard deviations of its sum."""
-
-
-ROBOT: Final = 10
-"""`ergoqp.step_inputs.Cause` of a robot that does something else."""
-
-HALTED: Final = 12
-"""And of an object that comes to rest before it moves again."""
-
-
-class Fault(IntEnum):
-    """What the robot does other than declared; the amount beside it is a factor, seconds, metres or radians."""
-
-    none = 0
-    stands_still = 1
-    factor = 2
-    another_axis = 3
-    late = 4
-    pose_jumps = 5
-    pose_turns = 6
-    speed_jumps = 7
 
 
 _COMPARED: Final = {
@@ -218,7 +199,7 @@ def _compared(problem: Problem) -> ca.Function:
     rests = now["rests"] + parked
     block |= dict(zip(_COMPARED, (apart - shift, least, most, calm, halted, rests), strict=True))
     resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
-    causes = now["causes"] + 2.0**ROBOT * faulty + 2.0**HALTED * resting
+    causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
     return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(len(outputs))])
 
@@ -291,7 +272,7 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), _size(far) > 1)
     # What was sudden keeps its name, and what a second sudden thing adds is only its coming back.
     sudden = now["fault"][0] >= int(Fault.pose_jumps)
-    fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), _name(fit, Y, y))
+    fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), fault_of(fit, Y, y))
     fault = ca.if_else(jumps, ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn), fault)
     fault = ca.if_else(sudden, now["fault"], fault)
     return {"moved": moved, "last": sent, "fit": fit, "fault": fault}
@@ -324,32 +305,3 @@ def _held(problem: Problem, leap: ca.SX, reach: ca.SX) -> ca.SX:
     explained = ca.fmax(ca.fmin(leap, most[:, 0]), -most[:, 1])
     stands_out = _size((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1
     return ca.if_else(stands_out, explained, 0)
-
-
-def _name(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
-    """The `Fault` and its amount (2,) that fits best to what moved of late: y = g Y - late s."""
-    YY, Ys, ss, Yy, sy = ca.vertsplit(fit)
-    det = YY * ss - Ys**2
-    sound = det > 1e-6 * YY * ss
-    share = Yy / ca.fmax(YY, 1e-18)
-    gain = ca.if_else(sound, (Yy * ss - sy * Ys) / ca.if_else(sound, det, 1), share)
-    late = ca.if_else(sound, -(YY * sy - Ys * Yy) / ca.if_else(sound, det, 1), 0)
-    along = ca.dot(y, Y) / ca.fmax(ca.dot(Y, Y), 1e-18)
-    aside = ca.norm_2(y - along * Y) > 0.5 * ca.norm_2(Y)
-    is_late = ca.logic_and(late > 0, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
-    other = ca.if_else(gain < 0.15, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain))
-    other = ca.if_else(is_late, ca.vertcat(int(Fault.late), late), other)
-    return ca.if_else(aside, ca.vertcat(int(Fault.another_axis), 0), other)
-
-
-def fault_sentence(kind: int, amount: float) -> str:
-    """Return what is said of a fault."""
-    return {
-        Fault.stands_still: "robot: stands still",
-        Fault.factor: f"robot: moves {amount:.2g} times what was sent",
-        Fault.another_axis: "robot: moves along another axis",
-        Fault.late: f"robot: late by {1e3 * amount:.0f} ms",
-        Fault.pose_jumps: f"robot: pose jumps by {1e3 * amount:.3g} mm",
-        Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",
-        Fault.speed_jumps: "robot: speed jumps",
-    }.get(Fault(kind), "")

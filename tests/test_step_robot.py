@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, plain_of, problem_of
 
 from ergoqp.errors import InputError
-from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
@@ -168,3 +170,33 @@ def test_what_cannot_have_been_sent_instead_changes_nothing(sent: object) -> Non
     with pytest.raises(InputError, match="twist: got"):
         stepper.sent_instead(sent)
     np.testing.assert_array_equal(stepper._state_in, before)
+
+
+@pytest.mark.parametrize(("lag", "hold"), [(0.5, 0.4), (0.2, 0.2)])
+def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, hold: float) -> None:
+    """It goes on fading long after the twist that was held on to has left the history: 3.7 mm outside."""
+    base = bold_of("screwing")
+    box, pose = base.limit_of(WorkspaceBox), held_pose("screwing")
+    middle = (np.asarray(box.lower) + np.asarray(box.upper)) / 2
+    walls = WorkspaceBox(tuple(middle - 0.15), tuple(middle + 0.15))
+    limits = [limit for limit in base.limits if not isinstance(limit, (WorkspaceBox, TwistLimit))]
+    speed = replace(base.twist_limit, axes=("x",))
+    problem = base.replace(
+        limits=[speed, walls, *limits],
+        robot=DeclaredRobot(lag=lag, longest_hold=hold),
+        control=replace(base.control, average=0.0),
+    )
+    stepper, furthest = problem.stepper(), -1.0
+    pose[1:3, 3] = middle[1:]
+    for distance in (0.02, 0.04, 0.07):
+        for held in (5, 12):
+            stepper.reset()
+            pose[0, 3] = walls.lower[0] + distance
+            sim = SimulatedRobot(RobotKind(lag=lag), pose, np.random.default_rng(0))
+            q = near_comfort("screwing", np.random.default_rng(0), 1)
+            for number in range(300):
+                twist = stepper.step(q, sim.measured_pose()).twist
+                for way in sim.execute(twist, 0.01 + hold * (number == held)):
+                    furthest = max(furthest, walls.lower[0] - float(way[0, 3]))
+    assert furthest <= 1e-6
+    assert furthest > -0.02

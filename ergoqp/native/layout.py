@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 from ergoqp import __version__
 from ergoqp.joints import JOINTS
+from ergoqp.step_causes import Cause, Status
+from ergoqp.step_faults import Fault
 from ergoqp.step_history import SHORTEST_DT, History
-from ergoqp.step_inputs import INPUTS, OUTPUTS, Cause, Status, input_sizes
+from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes
 from ergoqp.step_state import initial_state
-from ergoqp.step_watch import Fault
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem

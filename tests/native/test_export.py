@@ -16,7 +16,7 @@ from ergoqp.cli import execute
 from ergoqp.errors import InputError
 from ergoqp.native.export import export_step
 from ergoqp.native.layout import c_string, header
-from ergoqp.step_inputs import Status
+from ergoqp.step_causes import Status
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 

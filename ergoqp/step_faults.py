@@ -1,0 +1,50 @@
+"""What a robot does other than it was sent, as a name and an amount, and the sentence for people."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import casadi as ca
+import numpy as np
+
+
+class Fault(IntEnum):
+    """What the robot does other than declared; the amount beside it is a factor, seconds, metres or radians."""
+
+    none = 0
+    stands_still = 1
+    factor = 2
+    another_axis = 3
+    late = 4
+    pose_jumps = 5
+    pose_turns = 6
+    speed_jumps = 7
+
+
+def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
+    """The `Fault` and its amount (2,) that fits best to what moved of late: y = g Y - late s."""
+    YY, Ys, ss, Yy, sy = ca.vertsplit(fit)
+    det = YY * ss - Ys**2
+    sound = det > 1e-6 * YY * ss
+    share = Yy / ca.fmax(YY, 1e-18)
+    gain = ca.if_else(sound, (Yy * ss - sy * Ys) / ca.if_else(sound, det, 1), share)
+    late = ca.if_else(sound, -(YY * sy - Ys * Yy) / ca.if_else(sound, det, 1), 0)
+    along = ca.dot(y, Y) / ca.fmax(ca.dot(Y, Y), 1e-18)
+    aside = ca.norm_2(y - along * Y) > 0.5 * ca.norm_2(Y)
+    is_late = ca.logic_and(late > 0, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
+    other = ca.if_else(gain < 0.15, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain))
+    other = ca.if_else(is_late, ca.vertcat(int(Fault.late), late), other)
+    return ca.if_else(aside, ca.vertcat(int(Fault.another_axis), 0), other)
+
+
+def fault_sentence(kind: int, amount: float) -> str:
+    """Return what is said of a fault."""
+    return {
+        Fault.stands_still: "robot: stands still",
+        Fault.factor: f"robot: moves {amount:.2g} times what was sent",
+        Fault.another_axis: "robot: moves along another axis",
+        Fault.late: f"robot: late by {1e3 * amount:.0f} ms",
+        Fault.pose_jumps: f"robot: pose jumps by {1e3 * amount:.3g} mm",
+        Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",
+        Fault.speed_jumps: "robot: speed jumps",
+    }.get(Fault(kind), "")
