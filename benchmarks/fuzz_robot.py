@@ -44,7 +44,9 @@ class RobotReckoning:
         self._robot, self._average, self._dt, self._honest = problem.robot, problem.average, problem.dt, honest
         limit = problem.twist_limit
         self._credible = 0.5 * np.repeat([limit.linear_speed, limit.angular_speed], 3)
-        self._noise = np.repeat([problem.robot.pose_noise, np.radians(problem.robot.pose_noise_deg)], 3)
+        # The error of an orientation turns with the object, and may then lie along any axis.
+        spread = (1 + np.sqrt(3)) * np.radians(problem.robot.pose_noise_deg)
+        self._noise = np.repeat([problem.robot.pose_noise, spread], 3)
         self.must = self.may = self.named = self._blamed = False
         self._still, self._since, self._phase = (0.0 if twist.any() else np.inf), np.inf, ""
         self._sent, self._lasted = np.array(twist), problem.dt

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.linear import Shape, dense, largest
+from ergoqp.rigid import turned
 from ergoqp.step_causes import Cause
 from ergoqp.step_faults import Fault, fault_of
 from ergoqp.step_history import owes
@@ -82,7 +83,10 @@ def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
     # The fastest that may have been held on to, along each axis and against it: since the last measured pose; of a late robot,
     # in which a hold shows little by little and so does not stand out, since it stood still.
     held = {"held": (6, 2)} if problem.robot.longest_hold else {}
-    return {"compared": _COMPARED | held, "story": _STORY, "said": _SAID}
+    # Turns do not commute: differences of neighbouring noisy poses would add up to a random walk. How the object was turned by
+    # what was sent since it stood still.
+    turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
+    return {"compared": _COMPARED | held | turn, "story": _STORY, "said": _SAID}
 
 
 def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX]:
@@ -163,13 +167,20 @@ def _compared(problem: Problem) -> ca.Function:
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart = now["apart"] + went - done
-    block = {}
+    block, gone = {}, ca.SX(6, 1)
     if robot.longest_hold and not owes(problem):
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
         block["held"] = ca.if_else(now["measured"], 0, reach)
-        apart -= now["measured"] * _held(problem, _leap(now, went), reach)
+        gone = now["measured"] * _held(problem, _leap(now, went), reach)
+        apart -= gone
         # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
         noise *= 3
+    if "turned" in sizes:
+        sent_to = ca.if_else(now["started"], turned(done[3:] + gone[3:], now["turned"]), now["pose"][:3, :3])
+        apart[3:] = _rotation(sent_to, now["pose"][:3, :3])
+        block["turned"] = ca.if_else(parked, now["pose"][:3, :3], sent_to)
+        # The error of the pose at rest turns with the object, so it may lie along any axis.
+        noise[3:] = (1 + np.sqrt(3)) * noise[3:]
     low, high = apart - noise, apart + noise
     if owes(problem):
         low, high = low - stretch * now["down"], high + stretch * now["up"]
@@ -286,11 +297,16 @@ def _leap(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
     """Displacement (6,) along the world's axes that leads from one pose to another."""
+    return ca.vertcat(after[:3, 3] - before[:3, 3], _rotation(before, after))
+
+
+def _rotation(before: ca.SX, after: ca.SX) -> ca.SX:
+    """Turn (3,) that leads from one orientation to another, as long as its sine."""
     columns = [(before[:3, i], after[:3, i]) for i in range(3)]
     sines = sum((ca.cross(*pair) for pair in columns), ca.SX(3, 1)) / 2
     # Half a turn has no sine; it is large all the same.
     over = ca.if_else(sum((ca.dot(*pair) for pair in columns), ca.SX(0)) < 1, 1.0, 0.0)
-    return ca.vertcat(after[:3, 3] - before[:3, 3], sines[0] + ca.if_else(sines[0] < 0, -over, over), sines[1:])
+    return ca.vertcat(sines[0] + ca.if_else(sines[0] < 0, -over, over), sines[1:])
 
 
 def _size(excess: ca.SX) -> ca.SX:
