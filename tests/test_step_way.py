@@ -11,6 +11,7 @@ from step_samples import problem_of
 
 from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
+from ergoqp.step_counted import split_way, way_of
 from ergoqp.step_history import FAR, history_sizes, initial_history, next_history
 from ergoqp.step_parts import count, split
 from ergoqp.step_way import under_way
@@ -107,3 +108,37 @@ def test_periods_that_are_too_short_are_noticed() -> None:
         history = np.array(after(history, np.full(6, 0.01), np.full(6, 0.01), 0.0, 0.002)).ravel()
     assert fits[0]
     assert not fits[-1]
+
+
+@pytest.mark.parametrize("robot", [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05, gain_error=0.1, pose_noise=0.002)])
+def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: DeclaredRobot) -> None:
+    """The plan speeds up along x alone: nothing under way is credited at the lower end, all of it counts at the upper."""
+    problem = problem_of("screwing").replace(robot=robot)
+    W, plan, dt, axis = problem.average, Plan(), 0.01, np.eye(6)[0]
+    _, after = functions(problem)
+    size, symbols = count(history_sizes(problem)), [ca.MX.sym("pose", 4, 4), ca.MX.sym("dt")]
+    past = ca.MX.sym("history", size)
+    found = under_way(problem, past, symbols[1])
+    counted = ca.Function("counted", [*symbols, past], list(way_of(problem, found, symbols[0])))
+    planned = ca.Function("planned", [past, symbols[1]], [found.begun, found.own])
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    for number in range(1, 8):
+        twist = 0.02 * number * axis
+        begun, own = (np.array(part).ravel() for part in planned(history, dt))
+        sent = begun + own * twist
+        plan.times.append(number * dt)
+        plan.twists.append(twist)
+        plan.sent.append(((number - 1) * dt, number * dt, sent))
+        history = np.array(after(history, twist, sent, 0.0, dt)).ravel()
+    now = 7 * dt
+    ages = np.linspace(0, W, 20001)
+    speeds = plan.at(now - ages)[0]
+    left = np.trapezoid(speeds * (1 - ages / W), ages) + speeds[0] * dt / 2
+    left += plan.remaining(now, robot)[0] if robot.lag else 0.0
+    rise = 3 * problem.dt * np.trapezoid(np.maximum(speeds[0] - speeds, 0), ages) / W
+    lost = split_way(problem, np.array(counted(np.eye(4), dt, history)[1]).ravel()).lost["workspace x"]
+    below, above = (float(end[0]) for end in lost)
+    assert rise > 1e-3
+    # At the upper end what is under way is where the object lands; beyond it there are the rise, the gain error and the noise.
+    assert above == pytest.approx((1 + robot.gain_error) * rise + robot.gain_error * left + robot.pose_noise, abs=3e-5)
+    assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
