@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import linprog
 from scipy.sparse import csc_matrix
 
-from ergoqp.qp import FREE, PENALTY, TOLERANCE, _residual, build_qp
+from ergoqp.qp import ELBOW, FREE, PENALTY, TOLERANCE, _residual, build_qp
 from ergoqp.solvers import solver_named
 
 
@@ -229,3 +229,19 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
 
 def test_the_penalty_is_above_what_the_objective_can_ask() -> None:
     assert PENALTY >= 1e3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_exact_row_gives_back_what_it_used_of_the_room_that_nobody_needs(seed: int) -> None:
+    """Two rows that cannot both hold: the one whose cap is small gives way by what was needed, and not by `ELBOW` more."""
+    rng, needed = np.random.default_rng(seed), 0.01
+    row = np.zeros(6)
+    row[0] = rng.uniform(0.5, 2.0)
+    data = random_qp(rng, 2)
+    data |= {"g": np.zeros(6), "A": np.vstack([row, -3 * row]), "low": -np.ones(6), "high": np.ones(6)}
+    data |= {"lower": np.full(2, -FREE), "upper": np.array([0.0, -1.0]), "cap": np.array([needed + ELBOW, 9.0])}
+    for exact, most in (((), needed + ELBOW), ((0,), needed)):
+        xi, slack, _, worst = build_qp(solver_named("daqp"), 2, exact=exact)(*data.values())
+        assert float(worst) < TOLERANCE
+        assert float(np.array(slack)[0, 0]) == pytest.approx(needed + ELBOW, abs=1e-9)
+        assert float(row @ np.array(xi).ravel()) == pytest.approx(most, abs=1e-9)

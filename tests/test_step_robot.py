@@ -217,3 +217,30 @@ def test_noise_of_the_orientation_that_is_declared_is_no_fault(noise: float, cor
         off = np.radians(noise) * (rng.choice([-1.0, 1.0], 3) if corners else rng.uniform(-1, 1, 3))
         measured = moved(loop.pose, np.concatenate([np.zeros(3), off]))
         assert "robot:" not in loop.step(q, pose=measured).reason, number
+
+
+def test_after_a_fault_a_late_robot_is_given_the_time_that_it_needs_to_stand_still() -> None:
+    """Half a second, its dead time, and three times its lag: what it still did then would be a fault again."""
+    robot = DeclaredRobot(delay=0.05, lag=0.2)
+    stepper = problem_of("screwing").replace(robot=robot).stepper()
+    q, pose = near_comfort("screwing", np.random.default_rng(5), 15), held_pose("screwing")
+    stepper.step(q, pose)
+    # Nothing moved yet, so nothing explains this.
+    pose = moved(pose, np.array([0.05, 0, 0, 0, 0, 0]))
+    stands = 0
+    while "robot:" in stepper.step(q, pose).reason:
+        stands += 1
+        assert stands < 200
+    assert 0.01 * stands >= 0.5 + 0.05 + 3 * 0.2 - 0.02
+
+
+def test_the_speed_that_a_lagging_robot_still_has_in_a_long_period_is_no_jump() -> None:
+    """At the end of the period it is nearly still; on the way it was as fast as it had been sent before."""
+    robot = DeclaredRobot(lag=0.05, longest_hold=0.2)
+    stepper, q = bold_of("screwing").replace(robot=robot).stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    sim = SimulatedRobot(RobotKind(lag=0.05), held_pose("screwing"), np.random.default_rng(0))
+    for number in range(120):
+        dt = 0.2 if number in (25, 26, 70) else 0.01
+        step = stepper.step(q, sim.measured_pose(), sim.reported_twist() if number else None, dt=dt, enable=number % 40 < 25)
+        assert "robot:" not in step.reason, number
+        list(sim.execute(step.twist, dt))

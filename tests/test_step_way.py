@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -11,7 +12,7 @@ from step_samples import problem_of
 
 from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
-from ergoqp.step_counted import split_way, way_of
+from ergoqp.step_counted import Way, split_way, way_of
 from ergoqp.step_history import FAR, history_sizes, initial_history, next_history
 from ergoqp.step_parts import count, split
 from ergoqp.step_way import under_way
@@ -142,3 +143,45 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     # At the upper end what is under way is where the object lands; beyond it there are the rise, the gain error and the noise.
     assert above == pytest.approx((1 + robot.gain_error) * rise + robot.gain_error * left + robot.pose_noise, abs=3e-5)
     assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
+
+
+def lands(problem: Problem, history: np.ndarray) -> Way:
+    """What is under way, for limits, of an object at a pose of no consequence."""
+    past, dt = ca.MX.sym("history", history.size), ca.MX.sym("dt")
+    counted = way_of(problem, under_way(problem, past, dt), ca.MX(ca.DM.eye(4)))[1]
+    return split_way(problem, np.array(ca.Function("lands", [past, dt], [counted])(history, 0.01)).ravel())
+
+
+@pytest.mark.parametrize("gain_error", [0.0, 0.1])
+def test_a_hold_on_to_what_left_the_history_fades_with_the_lag(gain_error: float) -> None:
+    """A twist of one period that was held on to: of its v h the robot still owes v tau (1 - exp(-h / tau)) exp(-t / tau)."""
+    lag, hold, twist = 0.2, 0.3, np.array([0.1, 0, 0, 0, 0.2, 0])
+    robot = DeclaredRobot(lag=lag, longest_hold=hold, gain_error=gain_error)
+    base = problem_of("screwing")
+    problem = base.replace(robot=robot, control=replace(base.control, average=0.0))
+    _, after = functions(problem)
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    for number in range(60):
+        sent = twist * (number == 0)
+        history = np.array(after(history, sent, sent, 0.0, 0.01)).ravel()
+        if number < 3:
+            continue
+        way = lands(problem, history)
+        left = (1 + gain_error) * lag * (1 - np.exp(-hold / lag)) * np.exp(-0.01 * (number - 1) / lag)
+        held = float(way.lost_held["workspace x"][1][0] - way.lost["workspace x"][1][0])
+        assert left * 0.1 * 0.9 <= held <= left * 0.1 * 1.1
+        # The lower end does not come nearer.
+        assert way.lost_held["workspace x"][0][0] == pytest.approx(way.lost["workspace x"][0][0], abs=1e-12)
+        assert left * 0.2 * 0.9 <= float(way.turn_held[0] - way.turn[0]) <= left * 0.2 * 1.1
+
+
+def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_how_it_bends_along_a_rise() -> None:
+    base = problem_of("screwing")
+    problem = base.replace(robot=DeclaredRobot(pose_noise_deg=0.5), control=replace(base.control, average=0.2))
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    way = lands(problem, history)
+    assert float(way.turn[0]) == pytest.approx(np.sqrt(3) * np.radians(0.5))
+    plain = problem.replace(robot=DeclaredRobot())
+    # The mean may climb by h a W / 2 on the way, about any axis; with sin(angle) of 0.1 that bends by its square over 0.2.
+    climb = 0.03 * 0.1 * np.linalg.norm(problem.twist_limit.acceleration[3:])
+    assert float(lands(plain, history).lost["tool axis"][1][0]) == pytest.approx(climb**2 / 0.2)
