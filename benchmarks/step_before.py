@@ -72,7 +72,7 @@ def measure(report: Report) -> None:
 
 
 def _compare(report: Report, form: str, before: Path) -> None:
-    seconds, passes = report.pick(2.0, 20.0), report.pick(5, 31)
+    seconds, passes = report.pick(1.0, 20.0), report.pick(3, 31)
     versions = {"before": Version(before, form, False, seconds), "now": Version(ROOT, form, False, seconds)}
     versions["declared"] = Version(ROOT, form, True, seconds)
     if not all([version.ready() for version in versions.values()]):

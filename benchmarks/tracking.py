@@ -102,7 +102,7 @@ def people_of(name: str, seeds: range, duration: float) -> tuple[int, int]:
 
 def measure(report: Report) -> None:
     """Run everything in two processes."""
-    names, seconds = report.pick(TASKS[3:], TASKS), report.pick(1.6, 6.0)
+    names, seconds = report.pick(TASKS[3:], TASKS), report.pick(1.2, 6.0)
     alike: dict[DeclaredRobot, list[Case]] = {}
     for case in cases(0.01):
         alike.setdefault(case.declared, []).append(case)

@@ -95,7 +95,7 @@ class Stepper:
 
         Args:
             twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a moving robot, once; it is
-                clipped to the speed limits. None: it stands still.
+                clipped to the speed limits, and what is clipped off is not braked down. None: it stands still.
 
         Raises:
             InputError: if `twist` is not six finite numbers.
