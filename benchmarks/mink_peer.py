@@ -103,9 +103,10 @@ def questions(problem: Problem, calls: Sequence[Call]) -> list[tuple[dict[str, A
     stepper, data, given = Stepper(problem), Evaluator(qp_data(problem)), []
     previous = np.zeros(6)
     for posture, pose, age in calls:
+        unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
         question = {"posture": posture, "observed": np.ones(len(posture)), "pose": step.pose, "previous": previous}
-        question |= {"dt": problem.dt, "locked": np.zeros(len(posture)), "final": 0.0}
+        question |= {"dt": problem.dt, "stalled": unimproved, "locked": np.zeros(len(posture)), "final": 0.0}
         plain = step.status == "optimal" and step.residuals["accepted"] == 1 and not step.locked
         if plain and not data(question)["cap"].any():
             given.append((question, step.twist))

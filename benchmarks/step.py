@@ -105,9 +105,10 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
     data, n, times, previous = qp_data(problem), len(problem.coordinates), [], np.zeros(6)
     stepper = problem.stepper()
     for posture, pose, age in calls:
+        unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
         if step.status == "optimal":
-            parts = data(posture, np.ones(n), step.pose, previous, problem.dt, np.zeros(n), 0.0)
+            parts = data(posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0)
             H, g, A, lower, upper, _, _, low, high = (np.array(part) for part in parts[:9])
             G, h = np.vstack([A, -A]), np.concatenate([upper, -lower]).ravel()
             start = time.perf_counter()

@@ -30,13 +30,14 @@ def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict
     n = len(problem.coordinates)
     stepper, previous = problem.stepper(), np.zeros(6)
     for posture, pose, age in calls:
+        unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
         if step.status == "invalid" or np.ndim(posture) == 0:
             previous = step.twist
             continue
         _, total, _ = timers["cost"](posture, np.ones(n))
         S, _ = timers["response"](posture, np.zeros(n))
-        parts = timers["data"](posture, np.ones(n), step.pose, previous, problem.dt, np.zeros(n), 0.0)
+        parts = timers["data"](posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0)
         timers["qp"](*parts[: len(QP_DATA)])
         timers["gain"](posture, total, step.twist, S)
         previous = step.twist

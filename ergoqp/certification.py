@@ -17,7 +17,7 @@ from ergoqp.step_guide import TRIAL, trial_update
 from ergoqp.step_margins import StepRows, situations_of, smallest_margins
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
-from ergoqp.step_rows import limit_values, patience
+from ergoqp.step_rows import MOVES, limit_values, patience
 from ergoqp.step_stop import Stop, on_surface
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> 
 def _moves(problem: Problem, rows: StepRows) -> ca.MX:
     """Whether some twist that the object can do moves each row."""
     free = ca.DM(problem.twist_limit.speed > 0)
-    return ca.vertcat(*(ca.fabs(matrix) @ free > 1e-6 for matrix in rows.matrices))
+    return ca.vertcat(*(ca.fabs(matrix) @ free > MOVES for matrix in rows.matrices))
 
 
 def _rate_excess(rows: StepRows, twist: ca.MX) -> ca.MX:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 
@@ -13,8 +13,13 @@ STATES: Final = 6
 """At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost; lowest filtered cost
 since it moves; seconds since that improved. All zero at the start; the filters begin with the first frame."""
 
-_HUNTING: Final = 2.0
+HUNTING: Final = 2.0
 """After this many times `Control.stall_after` the object rests even where it is not at its lowest."""
+
+
+def stalled(rest: Any) -> Any:
+    """Return for how long the cost has not improved [s], see `STATES`."""
+    return rest[5]
 
 
 def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_move: ca.SX, dt: ca.SX, counts: ca.SX) -> ca.SX:
@@ -39,21 +44,21 @@ def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_m
     cost = rest[3] + share * (value - rest[3])
     better = ca.logic_or(ca.logic_not(begun), cost < rest[4] - control.stall_gain)
     lowest = ca.if_else(better, cost, rest[4])
-    stalled = ca.if_else(better, 0, rest[5] + dt)
+    unimproved = ca.if_else(better, 0, stalled(rest) + dt)
 
     asks = ca.if_else(still, filtered > control.move_above, filtered < control.rest_below)
     asks = ca.if_else(must_move, still, asks)
     timer = ca.if_else(asks, timer + dt, 0)
     patience = ca.if_else(still, control.move_after, control.rest_after)
     near_lowest = cost <= lowest + control.stall_gain
-    enough = ca.if_else(near_lowest, control.stall_after, _HUNTING * control.stall_after)
-    gives_up = ca.logic_and(ca.logic_not(ca.logic_or(still, must_move)), stalled >= enough)
+    enough = ca.if_else(near_lowest, control.stall_after, HUNTING * control.stall_after)
+    gives_up = ca.logic_and(ca.logic_not(ca.logic_or(still, must_move)), unimproved >= enough)
     changes = ca.logic_or(timer >= patience - 1e-12, gives_up)
     state = ca.if_else(changes, ca.logic_not(still), still)
     # A new journey is judged by itself.
     starts = ca.logic_and(changes, still)
     after = ca.vertcat(
         *(state, ca.if_else(changes, 0, timer), filtered, cost),
-        *(ca.if_else(starts, cost, lowest), ca.if_else(starts, 0, stalled)),
+        *(ca.if_else(starts, cost, lowest), ca.if_else(starts, 0, unimproved)),
     )
     return ca.if_else(counts, after, rest)

@@ -10,11 +10,13 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
+from ergoqp.rest import STATES, stalled
 from ergoqp.step_answer import Step
 from ergoqp.step_causes import Cause, Status
 from ergoqp.step_guide import TRIAL
 from ergoqp.step_history import SHORTEST_DT, history_sizes
-from ergoqp.step_state import initial_state
+from ergoqp.step_parts import count
+from ergoqp.step_state import initial_state, state_sizes
 from ergoqp.step_values import number, put, truth
 
 if TYPE_CHECKING:
@@ -65,6 +67,8 @@ class Stepper:
         # The history comes first in the state, the planned twists in it, then the sent ones; newest first.
         sent_at = 6 * history_sizes(self.problem)["planned"][1]
         self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
+        sizes = state_sizes(self.problem, self._guided)
+        self._rest_at = count({name: sizes[name] for name in ("history", "stored", "started")})
         self._function = self.problem.step_function(solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
         names_in, names_out = self._function.name_in(), self._function.name_out()
@@ -106,6 +110,11 @@ class Stepper:
             state = initial_state(self.problem, self._guided, np.clip(self._six(twist), -speed, speed))
         self._state_in[:] = state
         self._inputs["posture"][:] = 0.0
+
+    @property
+    def stalled(self) -> float:
+        """For how long nothing has improved since the object moves [s]: the next step moves the more slowly."""
+        return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
 
     def guide(self, guide: Any) -> None:
         """Be drawn to another place from now on, or to none.

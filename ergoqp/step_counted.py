@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from ergoqp.problem import Problem
     from ergoqp.step_way import UnderWay
 
-_SLIGHT: Final = 0.1
-"""Sine of the least angle at which the slope of a bent row is known."""
-
 
 def _counts(problem: Problem) -> int:
     """How many hard rows have less than their distance to count on."""
@@ -47,12 +44,24 @@ def _sizes(problem: Problem) -> list[int]:
     count, held = _counts(problem), problem.robot.longest_hold > 0
     if not count:
         return [6]
-    return [6, count, count, *([1] if _turns(problem) else []), *([count, count, 1] if held else [])]
+    bent = [1] * (_turns(problem) + 2 * _strays(problem))
+    return [6, count, count, *bent, *([count, count, 1] if held else [])]
 
 
 def _turns(problem: Problem) -> bool:
     """Whether the object may be turned otherwise than it lands."""
     return owes(problem) or bool(problem.robot.pose_noise_deg)
+
+
+def _strays(problem: Problem) -> bool:
+    """Whether the way that is under way can turn the object about more than one axis, and a row bends."""
+    return problem.average > 0 and any(_bends(problem))
+
+
+def _bends(problem: Problem) -> list[bool]:
+    """Whether each hard row bends."""
+    hard = (limit for limit in problem.row_limits if limit.hard)
+    return [bool(getattr(limit, "bend", 0.0)) for limit in hard for _ in limit.names]
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,8 @@ class Way:
         ahead: displacement (6,) [m, rad].
         lost: what cannot be counted on of the distance to the (lower, upper) ends, by hard limit.
         turn: angle that a robot may have done already, and by which its pose may be mistaken [rad]; None: there is none.
+        stray: by which angle it leaves the straight line at most [rad]; None: no row bends.
+        raised: which angle a mean that rises adds at most [rad]; None: no row bends.
         lost_held: as `lost`, where the robot holds on once with what is under way, if that is declared.
         turn_held: and as `turn`.
     """
@@ -70,6 +81,8 @@ class Way:
     ahead: Any
     lost: dict[str, tuple[Any, Any]]
     turn: Any
+    stray: Any
+    raised: Any
     lost_held: dict[str, tuple[Any, Any]]
     turn_held: Any
 
@@ -79,11 +92,14 @@ def split_way(problem: Problem, way: Any) -> Way:
     ends = np.cumsum([0, *_sizes(problem)]).tolist()
     ahead, *parts = (way[start:end] for start, end in pairwise(ends))
     if not parts:
-        return Way(ahead, {}, None, {}, None)
-    lost, turn = _by_limit(problem, *parts[:2]), parts[2] if _turns(problem) else None
+        return Way(ahead, {}, None, None, None, {}, None)
+    bent = iter(parts[2:])
+    lost = _by_limit(problem, *parts[:2])
+    strays = _strays(problem)
+    turn, stray, raised = (next(bent) if there else None for there in (_turns(problem), strays, strays))
     if not problem.robot.longest_hold:
-        return Way(ahead, lost, turn, lost, turn)
-    return Way(ahead, lost, turn, _by_limit(problem, *parts[-3:-1]), parts[-1])
+        return Way(ahead, lost, turn, stray, raised, lost, turn)
+    return Way(ahead, lost, turn, stray, raised, _by_limit(problem, *parts[-3:-1]), parts[-1])
 
 
 def _by_limit(problem: Problem, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
@@ -128,17 +144,31 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     # Of each piece, what leads to the upper ends, and to the lower ones.
     toward = ca.fmax(done, 0)
     toward = ca.vertcat(toward, toward - done)
-    sums, many = toward @ found["seconds"], rows.shape[0]
+    sums, many, law = toward @ found["seconds"], rows.shape[0], Stop.of(problem)
     if "tail" in found:
         sums += _along(rows, found["tail"])
     # A piece that leads to one end is not counted on at the other.
     up, down = sums[:many], sums[many:]
     below, above = up, down
-    if "weights" in found:
+    n = found["weights"].numel() if "weights" in found else 0
+    if n:
         # What a mean that still rises toward the last planned twist adds, see `ergoqp.step_stop.Stop`.
-        n, law = found["weights"].numel(), Stop.of(problem)
         rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (law.stretch * law.longest * found["weights"])
-        below, above = below + rise[many:], above + rise[:many] + ca.DM(_bent_rise(problem))
+        below, above = below + rise[many:], above + rise[:many]
+    angles = stray = raised = ca.MX(0)
+    if robot.longest_hold or _strays(problem):
+        angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
+    if _strays(problem):
+        # A way of length L that leads c far leaves its chord by at most sqrt(L^2 - c^2) / 2. Turns do not commute: done one
+        # by one, they differ from the turn of their sum by the area between way and chord.
+        length = angles @ found["seconds"]
+        if "tail" in found:
+            length += ca.norm_2(found["tail"][3:, 0] + found["tail"][3:, 1])
+        stray = (1 + robot.gain_error) / 2 * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
+        above += (1 + robot.gain_error) * stray * length * ca.DM(_bends(problem))
+        turns = found["twists"][3:, :n]
+        rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
+        raised = law.stretch * law.longest * (rises @ found["weights"])
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
@@ -149,9 +179,10 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
     if _turns(problem):
         parts.append(turn)
+    if _strays(problem):
+        parts += [stray, raised]
     if robot.longest_hold:
         hold = robot.longest_hold * (1 + robot.gain_error)
-        angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
         held, turned = hold * _most(toward), hold * _most(angles)
         if "clung" in found:
             clung = (1 + robot.gain_error) * found["clung"]
@@ -164,14 +195,6 @@ def _along(rows: ca.MX, ways: ca.MX) -> ca.MX:
     """How far ways along each axis and against it (6, 2) lead to the upper ends of rows (m, 6), and then to the lower ones."""
     ahead, back = ca.fmax(rows, 0), ca.fmax(-rows, 0)
     return ca.vertcat(ahead @ ways[:, 0] + back @ ways[:, 1], ahead @ ways[:, 1] + back @ ways[:, 0])
-
-
-def _bent_rise(problem: Problem) -> list[float]:
-    """By how much more than along its slope a mean that rises can lead to the end of each hard row that bends, at most."""
-    law = Stop.of(problem)
-    turn = law.stretch * law.longest * law.average / 2 * float(np.linalg.norm(law.limit.acceleration[3:]))
-    hard = (limit for limit in problem.row_limits if limit.hard)
-    return [turn**2 / (2 * _SLIGHT) * bool(getattr(limit, "bend", 0.0)) for limit in hard for _ in limit.names]
 
 
 def _most(values: ca.MX) -> ca.MX:

@@ -30,11 +30,12 @@ def qp_data(problem: Problem) -> ca.Function:
     That is so where every twist is sent as planned (`Control.average` 0) and no robot is declared.
 
     Returns:
-        Function ``(posture (n,), observed (n,), pose (4, 4), previous (6,), dt, locked (n,), final) -> (*QP_DATA, S, E)``, by
-        these names. `locked` is 1 for joints that do not follow; `final` 1 makes joints close to their end rows like all others
-        (the last locking pass), 0 lets them be locked instead. The rows of `A` are those of `movable_names`.
+        Function ``(posture (n,), observed (n,), pose (4, 4), previous (6,), dt, stalled, locked (n,), final) -> (*QP_DATA, S,
+        E)``, by these names. `stalled`: for how long nothing has improved [s]; `locked` is 1 for joints that do not follow;
+        `final` 1 makes joints close to their end rows like all others (the last locking pass), 0 lets them be locked instead.
+        The rows of `A` are those of `movable_names`.
     """
-    names = ("posture", "observed", "pose", "previous", "dt", "locked", "final")
+    names = ("posture", "observed", "pose", "previous", "dt", "stalled", "locked", "final")
     given = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
     data, _ = pass_data(problem)
     _, value, gradient = cost_function(problem)(given["posture"], given["observed"])
@@ -69,11 +70,11 @@ AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
 def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     """Return the QP of one locking pass and the numbers of the rows in it.
 
-    The function is ``(*_PLACE, away, value, gradient, locked, final) -> (*QP_DATA, S, E, shift)``; `away` is that of
+    The function is ``(*_PLACE, away, value, gradient, stalled, locked, final) -> (*QP_DATA, S, E, shift)``; `away` is that of
     `away_function`. What is geometry is scalars; what is the same for every row is vectors, which an interpreter runs many
     times faster.
     """
-    names = (*_PLACE, "away", "value", "gradient", "locked", "final")
+    names = (*_PLACE, "away", "value", "gradient", "stalled", "locked", "final")
     mx = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
     S, E = written_out(problem.response.sensitivity(), mx["posture"], mx["locked"])
     terms, kept, follows = _terms(problem)

@@ -10,6 +10,7 @@ import numpy as np
 from ergoqp.certification import account_function, judge_function, shorten_function
 from ergoqp.linear import Shape, once, scalars, vectors, written_out
 from ergoqp.qp import TOLERANCE, build_qp
+from ergoqp.rest import stalled
 from ergoqp.solvers import QpSolver
 from ergoqp.step_asked import asked_update, still_asks
 from ergoqp.step_data import away_function, pass_data
@@ -65,7 +66,7 @@ def build_step(
     away = shape(away_function(problem))(posture, seen, readings, known.pose, asks)
 
     place = [posture, seen, readings, known.landed, known.way]
-    fixed = [*place, known.previous, dt, away, total, gradient]
+    fixed = [*place, known.previous, dt, away, total, gradient, stalled(state["rest"])]
     trial, drawn = [], None
     if guided:
         *pull, distance, on, drawn = pull_function(problem)(known.landed, lead["guide"], lead["guided"], state["trial"])
@@ -117,9 +118,9 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
 
 
 def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) -> tuple[ca.Function, list[int]]:
-    """One QP with a given lock set, of what `pass_data` takes: ``(..., V, dV, locked, final) -> result``.
+    """One QP with a given lock set, of what `pass_data` takes: ``(..., stalled, locked, final) -> result``.
 
-    Guided, ``(..., dV, H, g, locked, final)``: the last two of these are added to the objective.
+    Guided, ``(..., stalled, H, g, locked, final)``: the last two of these are added to the objective.
     """
     data, movable = pass_data(problem)
     data = shape(data)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.rest import stalled
 from ergoqp.rigid import is_rigid
 
 if TYPE_CHECKING:
@@ -153,7 +154,7 @@ def trial_update(
     cost = cost + share * (points - cost)
     expected = ca.if_else(tried > 0.5, worth, promise) + control.guide_gain
     # A limit that asks to come back allows no rest, but descent may be stuck there all the same.
-    ended = ca.logic_or(rest[0] > 0.5, rest[5] >= control.stall_after)
+    ended = ca.logic_or(rest[0] > 0.5, stalled(rest) >= control.stall_after)
     leaves = ca.logic_and(ca.logic_and(phase == DESCENT, ended), cost > expected)
 
     travels = _travels(phase)

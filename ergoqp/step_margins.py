@@ -7,6 +7,7 @@ the time of one vector.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -17,6 +18,7 @@ from ergoqp.linear import dense
 from ergoqp.step_counted import way_size
 from ergoqp.step_objective import sensitivity_pattern, with_pattern
 from ergoqp.step_readings import here, readings_size, situation_of
+from ergoqp.step_stop import Stop
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -95,8 +97,11 @@ def _curved_ahead(problem: Problem, limit: Limit, count: int) -> ca.Function:
 
 def situations_of(problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression) -> tuple[Situation, ...]:
     """Return the situation for each of `Stop.ways`: a robot that holds on does so with what is under way, or with the twist."""
-    situations = situation_of(problem, known, S, held=ways.shape[1] > 1), situation_of(problem, known, S)
-    return situations[: ways.shape[1]]
+    law = Stop.of(problem)
+    found = [situation_of(problem, known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    if law.average:
+        found = [replace(situation, lead=ways[:, -2], most=ways[:, -1]) for situation in found]
+    return tuple(found)
 
 
 def smallest_margins(limit: Limit, situations: tuple[Situation, ...], ways: Expression) -> Expression:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.rest import HUNTING
 from ergoqp.step_inputs import stand_in
 
 if TYPE_CHECKING:
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
 
 
 _CAUTION_EPS: Final = 0.1
+
+_HESITATES: Final = 0.25
+"""After this many times `Control.stall_after` without an improvement moving is twice as dear. A cost with steps, a person who
+follows late, and an object that can go no slower than it decides would swing about the edge of a step for ever."""
 
 _LOOKS: Final = (0.1, 1.0)
 """Seconds at full speed after which the improvement is looked up; every look is as dear as the cost itself. The near one sees
@@ -88,7 +93,7 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
 
     Args:
         problem: the task.
-        known: ``value``, ``gradient``, ``previous`` and ``dt`` of this step.
+        known: ``value``, ``gradient``, ``previous``, ``dt`` and ``stalled`` of this step.
         S: sensitivity (n, 6).
         E: contact motion that the posture cannot follow (k, 6).
 
@@ -96,6 +101,7 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
         (H, g) of the QP.
     """
     control, pattern = problem.control, sensitivity_pattern(problem)
+    hesitates = ca.fmin(known["stalled"], HUNTING * control.stall_after) / (_HESITATES * control.stall_after)
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
     smoothing = control.smoothing / known["dt"]
     ahead = control.look_ahead
@@ -106,7 +112,7 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
     weighted = S * ca.repmat(ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6)
     # Products of a matrix with its own transpose: symmetric to the last bit.
     H = weighted.T @ weighted + control.contact * (E.T @ E) + (ahead**2 / 2 / excess) * (slope @ slope.T)
-    return H + ca.diag(effort * (1 + smoothing)), ahead * slope - smoothing * effort * known["previous"]
+    return H + ca.diag(effort * (1 + hesitates**2 + smoothing)), ahead * slope - smoothing * effort * known["previous"]
 
 
 def gain_function(problem: Problem) -> ca.Function:

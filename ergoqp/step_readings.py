@@ -55,7 +55,8 @@ def situation_of(
     way = split_way(problem, known["way"])
     lost, turn = (way.lost_held, way.turn_held) if held else (way.lost, way.turn_held if brake is not None else way.turn)
     place = (known["landed"], S, swing, change, readings, problem.surface, way.ahead, known["shift"])
-    return Situation(*now, *place, lost, turn)
+    most = brake.stop.most(brake.dt) if brake is not None and problem.average else None
+    return Situation(*now, *place, lost, turn, way.stray, way.raised, most=most)
 
 
 def here(known: Mapping[str, Expression]) -> dict[str, Expression]:

@@ -27,6 +27,10 @@ STEADY_RETURN = 0.01
 _ROOM = 1.5
 """A bent row may come back so many times as fast as it is asked to at most."""
 
+MOVES = 1e-4
+"""A row that all axes together move less than this has no inward target: it would leave a solver with nothing but rounding
+[per unit of the twist]"""
+
 CLEARANCE = 1e-8
 """Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
 
@@ -125,7 +129,9 @@ def row_bounds(
     upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final)
     upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
     # An inward target never asks for more than the other end allows; the slack covers only one side.
-    lower = ca.fmin(ca.fmax(lower, -FREE), upper)
+    lower = ca.fmax(lower, -FREE)
+    upper = ca.if_else(away[:m] > 0, ca.fmax(upper, lower), upper)
+    lower = ca.fmin(lower, upper)
     relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
     side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
     equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[kept]
@@ -155,11 +161,12 @@ def _ends(
     def twice(values: Expression) -> Expression:
         return ca.vertcat(values, values)
 
-    slowing = ca.fabs(rows.matrix) @ (brake.acceleration * ca.DM(twist.speed > 0))
+    free = ca.DM(twist.speed > 0)
+    slowing = ca.fabs(rows.matrix) @ (brake.acceleration * free)
     distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
-    rate, toward = twice(rows.rate), ca.vertcat(at_braking, -at_braking)
     # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
-    moves = slowing > 1e-6
+    moves = ca.fabs(rows.matrix) @ free > MOVES
+    rate, toward = twice(ca.if_else(moves, rows.rate, FREE)), ca.vertcat(at_braking, -at_braking)
     slower = twice(slowing)
     left = distance - twice(rows.reserve + CLEARANCE)
     allowed = brake.fastest(left, slower, constant("hard"))
@@ -180,7 +187,7 @@ def _ends(
     # Between what is asked of a bent row and what it may do at most there is room, or a solver finds nothing.
     most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
     back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
-    outside = away > 0
+    outside = ca.logic_and(away > 0, twice(moves))
     allowed = ca.if_else(outside, 0, allowed)
     bound = allowed - ca.if_else(outside, back, 0)
     least = allowed - ca.if_else(outside, curving, 0)

@@ -72,16 +72,30 @@ class Stop:
 
     def displacement(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
         """Return the largest displacement (6,) [m, rad] that a planned twist adds, in its period and the stop after it."""
-        way = twist * (self.share * dt + self.time(twist) / 2)
+        way = self.stretch * twist * (self.share * dt + self.time(twist) / 2)
         if self.average:
-            rise = self.rise(dt) * ca.DM(self.limit.acceleration)
-            way += ca.fmax(-rise, ca.fmin(rise, 1.5 * self.longest * twist))
-        return self.stretch * way
+            most = self.most(dt)
+            way += ca.fmax(-most, ca.fmin(most, self.lead(twist)))
+        return way
+
+    def lead(self, twist: ca.SX) -> ca.SX:
+        """Return the displacement (6,) that a mean which rises to a planned twist can add at most, at any acceleration."""
+        return self.stretch * 1.5 * self.longest * twist
+
+    def most(self, dt: Expression) -> Expression:
+        """Return what it can add at most along each axis (6,) at any twist."""
+        return self.stretch * self.rise(dt) * ca.DM(self.limit.acceleration)
 
     def ways(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
-        """Return the `displacement` of a planned twist (6, 1); where a hold is declared, beside it the one with that (6, 2)."""
-        way = self.displacement(twist, dt)
-        return ca.horzcat(way, way + self.stretch * self.hold * twist) if self.hold else way
+        """Return the displacements (6, k) by which margins are judged.
+
+        They are the `displacement` of a planned twist, the one with a hold if that is declared, and of a mean its `lead` and
+        the `most` of it.
+        """
+        ways = [self.displacement(twist, dt)]
+        if self.hold:
+            ways.append(ways[0] + self.stretch * self.hold * twist)
+        return ca.horzcat(*ways, *([self.lead(twist), self.most(dt)] if self.average else []))
 
     def braking(self, previous: ca.SX, dt: ca.SX) -> Braking:
         """Return braking twist and twist bounds after the planned twist `previous` (6,) for a period `dt` [s]."""

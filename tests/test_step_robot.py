@@ -244,3 +244,25 @@ def test_the_speed_that_a_lagging_robot_still_has_in_a_long_period_is_no_jump() 
         step = stepper.step(q, sim.measured_pose(), sim.reported_twist() if number else None, dt=dt, enable=number % 40 < 25)
         assert "robot:" not in step.reason, number
         list(sim.execute(step.twist, dt))
+
+
+@pytest.mark.parametrize("above", [True, False], ids=["from above", "from below"])
+def test_an_object_that_comes_back_into_a_narrow_box_does_not_leave_it_by_the_other_end(above: bool) -> None:
+    """Its pose came 60 ms late, and as far as it had been outside it might be beyond: 0.1 mm out of a box of 0.1 mm."""
+    robot, pose = DeclaredRobot(delay=0.02, pose_delay=0.04), held_pose("overhead")
+    box = plain_of("overhead").limit_of(WorkspaceBox)
+    z = pose[2, 3] + (-0.004 if above else 0.004)
+    narrow = replace(box, lower=(*box.lower[:2], z - 5e-5), upper=(*box.upper[:2], z + 5e-5))
+    base = plain_of("overhead")
+    limits = tuple(narrow if limit is box else limit for limit in base.limits)
+    problem = base.replace(robot=robot, limits=limits, dt=0.02)
+    stepper, q = problem.stepper(), near_comfort("overhead", np.random.default_rng(2), 5)
+    mover = SimulatedRobot(RobotKind(delay=0.02, pose_delay=0.04), pose, np.random.default_rng(0))
+    heights = []
+    for _ in range(250):
+        step = stepper.step(q, mover.measured_pose())
+        heights += [part[2, 3] - z for part in mover.execute(step.twist, 0.02)]
+    assert max(heights) <= (0.0041 if above else 5e-5 + 1e-8)
+    assert min(heights) >= (-5e-5 - 1e-8 if above else -0.0041)
+    # It came back.
+    assert abs(heights[-1]) < 1e-4

@@ -175,13 +175,11 @@ def test_a_hold_on_to_what_left_the_history_fades_with_the_lag(gain_error: float
         assert left * 0.2 * 0.9 <= float(way.turn_held[0] - way.turn[0]) <= left * 0.2 * 1.1
 
 
-def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_how_it_bends_along_a_rise() -> None:
+def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_nothing_else() -> None:
     base = problem_of("screwing")
     problem = base.replace(robot=DeclaredRobot(pose_noise_deg=0.5), control=replace(base.control, average=0.2))
     history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
     way = lands(problem, history)
     assert float(way.turn[0]) == pytest.approx(np.sqrt(3) * np.radians(0.5))
-    plain = problem.replace(robot=DeclaredRobot())
-    # The mean may climb by h a W / 2 on the way, about any axis; with sin(angle) of 0.1 that bends by its square over 0.2.
-    climb = 0.03 * 0.1 * np.linalg.norm(problem.twist_limit.acceleration[3:])
-    assert float(lands(plain, history).lost["tool axis"][1][0]) == pytest.approx(climb**2 / 0.2)
+    still = lands(problem.replace(robot=DeclaredRobot()), history)
+    assert float(still.lost["tool axis"][1][0]) == float(still.stray[0]) == float(still.raised[0]) == 0

@@ -30,6 +30,10 @@ class Situation:
         lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot be counted on, by the
             name of its first row; without an entry all of it can.
         turn: largest angle under way that a robot may have done already [rad]; None: there is none.
+        stray: largest angle by which what is under way leaves a straight line [rad]; None: it matters to no row.
+        raised: what a mean that rises adds to it at most, as an angle [rad]; None: it matters to no row.
+        lead: what it adds at most to a displacement of `Limit.margins`, at any acceleration (6,) [m, rad]; None: nothing.
+        most: and at any twist (6,): that much of it is in the displacement, along each axis by itself; None: nothing.
     """
 
     posture: Expression
@@ -44,6 +48,16 @@ class Situation:
     shift: Expression = field(default_factory=lambda: ca.SX(32, 1))
     lost: Mapping[str, tuple[Expression, Expression]] = field(default_factory=dict)
     turn: Expression | None = None
+    stray: Expression | None = None
+    raised: Expression | None = None
+    lead: Expression | None = None
+    most: Expression | None = None
+
+    def straight(self, displacement: Expression) -> Expression:
+        """Return a displacement of `Limit.margins` (6,) without what a mean that rises adds: that leads along the twist."""
+        if self.lead is None or self.most is None:
+            return displacement
+        return displacement - ca.fmax(-self.most, ca.fmin(self.most, self.lead))
 
     def counted(self, name: str, rows: Rows) -> Rows:
         """Return rows on the object side with only the distances that can be counted on: every hard limit returns these.
@@ -165,7 +179,19 @@ class Limit(Protocol):
         ...
 
 
-def straight_margins(rows: Rows, displacement: ca.SX) -> ca.SX:
-    """Return the smallest margins (m,) on the way to a displacement for quantities that are linear in it."""
-    moved = rows.matrix @ displacement
-    return ca.fmin(rows.below + ca.fmin(moved, 0), rows.above - ca.fmax(moved, 0))
+def straight_margins(rows: Rows, displacement: Expression, mixed: Situation | None = None) -> Expression:
+    """Return the smallest margins (m,) on the way to a displacement for quantities that are linear in it.
+
+    Args:
+        rows: as they are where the way begins.
+        displacement: of the object (6,) [m, rad].
+        mixed: the situation, for hard rows of more than one axis: what a mean adds is in the displacement axis by axis, and
+            those can make up for each other in a row that mixes them.
+    """
+    if mixed is None or mixed.lead is None or mixed.most is None:
+        moved = rows.matrix @ displacement
+        return ca.fmin(rows.below + ca.fmin(moved, 0), rows.above - ca.fmax(moved, 0))
+    moved, led = rows.matrix @ mixed.straight(displacement), rows.matrix @ mixed.lead
+    most = ca.fabs(rows.matrix) @ mixed.most
+    down, up = ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most), ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most)
+    return ca.fmin(rows.below + down, rows.above - up)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import casadi as ca
@@ -58,8 +58,13 @@ class WorkspaceBox:
         )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margins on the way; exact, a box is convex."""
-        return straight_margins(self.rows(situation), displacement)
+        """Return the smallest margins on the way; exact, a box is convex.
+
+        What is outside and comes back is not to leave by the other end: beyond that it counts as that much further out.
+        """
+        rows = self.rows(situation)
+        through = replace(rows, below=rows.below + ca.fmin(rows.above, 0), above=rows.above + ca.fmin(rows.below, 0))
+        return straight_margins(through, displacement)
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,9 @@ class AxisCone:
         bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
         reserve = 1.5 * change * (2 * ca.sqrt(bend) + change) / (2 * ca.fmax(sine, 0.1))
         start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
+        along += _mixed(situation, turn, change)
+        if situation.most is not None and situation.raised is not None:
+            along += _beyond(situation.raised + ca.norm_2(situation.most[3:]), sine)
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start
         return situation.counted(self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along))
 
@@ -120,7 +128,7 @@ class AxisCone:
         or where phi - phi0 = pi.
         """
         middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
-        turn = displacement[3:]
+        turn = situation.straight(displacement)[3:]
         end = ca.sqrt(ca.sumsqr(turn) + 1e-24)
         u = turn / end
         constant = ca.dot(u, axis) * ca.dot(u, middle)
@@ -130,10 +138,15 @@ class AxisCone:
         farthest = ca.pi + ca.atan2(sine, cosine)
         passes = ca.logic_and(farthest >= 0, farthest <= end)
         least = ca.fmin(at_end, ca.if_else(passes, constant - ca.hypot(cosine, sine), 1.0))
-        lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
-        if situation.turn is None:
-            return self._within(ca.fmin(constant + cosine, least)) - lost
         start, along = _uncertain(situation, self._slope(axis)[1], end)
+        along += _mixed(situation, turn)
+        lead, most, raised = situation.lead, situation.most, situation.raised
+        if lead is not None and most is not None and raised is not None:
+            slopes = -sine, cosine * ca.sin(end) - sine * ca.cos(end)
+            angles = ca.norm_2(lead[3:]), ca.norm_2(most[3:]), raised
+            here, there = _risen(*angles, slopes, (constant + cosine, at_end))
+            start, along = start + here, along + there
+        lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
     def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -161,6 +174,44 @@ def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca
     # sin(angle - L) >= sin(angle) - L: the nearest that the axis comes to the middle on the way.
     near, nearer = (ca.fmax(sine - part, 1e-6) for part in (turn, turn + end))
     return ca.fmin(turn, turn**2 / (2 * near)), ca.fmin(turn, end * turn / nearer)
+
+
+def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca.SX:
+    """What it can cost at most that a turn of about `turn` (3,) is done with what is under way, and not after it [rad].
+
+    Turns do not commute: those that are done together differ by the area between their ways from the same done one after the
+    other.
+    """
+    if situation.stray is None:
+        return ca.SX(0)
+    ahead = situation.ahead[3:]
+    return ca.norm_2(ca.cross(ahead, turn)) + situation.stray * (ca.norm_2(turn) + change) + ca.norm_2(ahead) * change
+
+
+def _risen(
+    led: ca.SX, most: ca.SX, raised: ca.SX, slopes: tuple[ca.SX, ca.SX], cosines: tuple[ca.SX, ca.SX]
+) -> tuple[ca.SX, ca.SX]:
+    """What a mean that rises can cost at most: (at the start of a turn, along it) [rad].
+
+    It leads along the slope, where that is known, and bends by its own square.
+
+    Args:
+        led: what it adds with this twist, at any acceleration [rad].
+        most: and at any twist [rad].
+        raised: and what it adds without it [rad].
+        slopes: how fast minus the cosine of the angle grows with the turn, at its start and at its end.
+        cosines: of the angle there.
+    """
+    sines = [ca.sqrt(ca.fmax(1 - cosine**2, 1e-12)) for cosine in cosines]
+    rates = [ca.fmin(ca.fmax(slope / sine, 0), 1) for slope, sine in zip(slopes, sines, strict=True)]
+    extra = ca.fmin(led, most)
+    along = ca.fmin(ca.fmax(*rates) * led, extra) + _beyond(raised + extra, ca.fmin(*sines))
+    return _beyond(raised, sines[0]), along
+
+
+def _beyond(turn: ca.SX, sine: ca.SX) -> ca.SX:
+    """By how much an angle whose sine is known changes at most beyond its slope while the axis turns by `turn` [rad]."""
+    return ca.fmin(turn, turn**2 / (2 * ca.fmax(sine - turn, 1e-6)))
 
 
 def _three(what: str, value: Sequence[float]) -> tuple[float, float, float]:

@@ -126,7 +126,7 @@ class StepTerms:
         self._qp = build_qp(solver_named("daqp"), len(movable_names(problem)))
 
     def __call__(
-        self, step: Step, posture: np.ndarray, previous: np.ndarray, observed: np.ndarray
+        self, step: Step, posture: np.ndarray, previous: np.ndarray, observed: np.ndarray, unimproved: float
     ) -> tuple[dict[str, np.ndarray], np.ndarray | float]:
         """Return the terms, see `terms_function`, and the slack that the step's rows needed (m,).
 
@@ -138,8 +138,10 @@ class StepTerms:
             posture: of the person (32,) [rad].
             previous: twist of the last period (6,).
             observed: (32,) 0 for joints that the sensors do not see.
+            unimproved: for how long nothing had improved before the step [s].
         """
         given = {"posture": posture, "observed": observed, "pose": step.pose, "previous": previous, "dt": self._dt}
+        given["stalled"] = unimproved
         given |= {"locked": step.account("locked"), "final": 0.0}
         terms = self._terms(given)
         if not step.locked and not terms["cap"].any():

@@ -172,6 +172,7 @@ class WholeBody:
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
         self.stepper.sent_instead(done)
+        unimproved = self.stepper.stalled
         object_step = self.stepper.step(posture, seen, age=age, enable=enable, observed=observed)
         usable = object_step.status != "invalid"
         sees = np.ones(len(JOINTS)) if observed is None or not usable else np.asarray(observed, dtype=float)
@@ -179,7 +180,7 @@ class WholeBody:
             self._posture = np.where(sees > 0.5, np.asarray(posture, dtype=float), self._person.comfort)
         self._place(positions)
         close, least = self._near()
-        moment = self._moment(object_step, positions, speeds, jacobian, done, close, sees)
+        moment = self._moment(object_step, positions, speeds, jacobian, done, close, sees, unimproved)
         velocities, status, why = self._solve(object_step, moment, done)
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
@@ -243,9 +244,10 @@ class WholeBody:
         done: np.ndarray,
         close: Closeness | None,
         sees: np.ndarray,
+        unimproved: float,
     ) -> Moment:
         robot = self.robot
-        terms, slack = self._terms(object_step, self._posture, done, sees)
+        terms, slack = self._terms(object_step, self._posture, done, sees, unimproved)
         self._formulation.rows.slack = slack
         ranges = (robot.lower, robot.upper)
         low, high = joint_bounds(positions, speeds, ranges, robot.velocity, robot.acceleration, self.dt, self._pace)

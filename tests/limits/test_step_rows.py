@@ -167,6 +167,17 @@ def test_where_an_axis_is_nearest_to_its_cone_it_is_not_asked_to_turn_any_faster
         assert ahead[0] >= pose[0, 0] - 1e-9
 
 
+def test_a_row_that_the_object_hardly_moves_is_left_to_the_certificate() -> None:
+    """A row of 1e-6 between ends 1e-12 apart was a QP that the solver gave up."""
+    cone, dt, off = AxisCone((1.0, 0.0, 0.0), 20.0), 0.01, np.radians(60.0)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1] = (np.cos(off), np.sin(off), -1e-5), (-np.sin(off), np.cos(off), 0.0)
+    pose[:3, 2] = np.cross(pose[:3, 0], pose[:3, 1])
+    found = bounds_of(cone, TwistLimit(axes=("ry",)), pose, np.zeros(6), dt)
+    assert found["cap"][0] == 0
+    assert -found["lower"][0] > 1e6 < found["upper"][0]
+
+
 def test_no_row_asks_to_come_back_faster_than_its_own_rate() -> None:
     joint = INDEX["right_elbow_flexion"]
     posture, sensitivity = np.zeros(32), np.zeros((32, 6))

@@ -155,7 +155,7 @@ def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     problem = ergoqp.load_problem("screwing")
     rng, posture = np.random.default_rng(0), problem.response.comfort + 0.1
     given = {"posture": posture, "observed": np.ones(32), "pose": np.eye(4), "previous": 0.1 * rng.normal(size=6)}
-    terms = Evaluator(terms_function(problem))(given | {"dt": 0.01, "locked": np.zeros(32), "final": 0.0})
+    terms = Evaluator(terms_function(problem))(given | {"dt": 0.01, "stalled": 0.0, "locked": np.zeros(32), "final": 0.0})
     H, g = own_objective(terms)
     effort = np.repeat([problem.control.effort_linear, problem.control.effort_angular], 3)
     smoothing, E = problem.control.smoothing / 0.01, terms["E"]
