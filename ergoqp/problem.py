@@ -48,7 +48,8 @@ class Control:
         move_above: predicted gain above which it moves again [points].
         move_after: for how long it must be that high [s].
         stall_gain: improvement of the cost that counts as one [points].
-        stall_after: without an improvement for this long the object comes to rest all the same [s].
+        stall_after: without an improvement for this long the object comes to rest all the same [s]; it goes slower from a
+            quarter of that on.
         rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
         max_age: oldest posture that still counts [s].
         average: W, what is sent is the mean of the planned twist over the last W seconds, so that its jerk is at most

@@ -101,7 +101,8 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
         (H, g) of the QP.
     """
     control, pattern = problem.control, sensitivity_pattern(problem)
-    hesitates = ca.fmin(known["stalled"], HUNTING * control.stall_after) / (_HESITATES * control.stall_after)
+    slow_after = max(_HESITATES * control.stall_after, 1e-6)
+    hesitates = ca.fmin(known["stalled"], HUNTING * control.stall_after) / slow_after
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
     smoothing = control.smoothing / known["dt"]
     ahead = control.look_ahead

@@ -142,9 +142,12 @@ class AxisCone:
         along += _mixed(situation, turn)
         lead, most, raised = situation.lead, situation.most, situation.raised
         if lead is not None and most is not None and raised is not None:
-            slopes = -sine, cosine * ca.sin(end) - sine * ca.cos(end)
-            angles = ca.norm_2(lead[3:]), ca.norm_2(most[3:]), raised
-            here, there = _risen(*angles, slopes, (constant + cosine, at_end))
+            # The rows and how fast the angle grows, at the start of the turn and at its end.
+            turned_axis = axis * ca.cos(end) + ca.cross(u, axis) * ca.sin(end) + u * ca.dot(u, axis) * (1 - ca.cos(end))
+            rows, sines, _ = zip(*(self._slope(place) for place in (axis, turned_axis)), strict=True)
+            rates = [ca.fmin(ca.fmax(row[0, 3:] @ u, 0), 1) for row in rows]
+            reach = ca.fmax(*(ca.fabs(row) @ most for row in rows))
+            here, there = _risen(ca.norm_2(lead[3:]), ca.fmax(*rates), reach, ca.norm_2(most[3:]), raised, sines)
             start, along = start + here, along + there
         lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
@@ -188,24 +191,20 @@ def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca
     return ca.norm_2(ca.cross(ahead, turn)) + situation.stray * (ca.norm_2(turn) + change) + ca.norm_2(ahead) * change
 
 
-def _risen(
-    led: ca.SX, most: ca.SX, raised: ca.SX, slopes: tuple[ca.SX, ca.SX], cosines: tuple[ca.SX, ca.SX]
-) -> tuple[ca.SX, ca.SX]:
-    """What a mean that rises can cost at most: (at the start of a turn, along it) [rad].
+def _risen(led: ca.SX, rate: ca.SX, reach: ca.SX, most: ca.SX, raised: ca.SX, sines: tuple[ca.SX, ...]) -> tuple[ca.SX, ca.SX]:
+    """What a mean that rises can cost a cone at most: (at the start of a turn, along it) [rad].
 
     It leads along the slope, where that is known, and bends by its own square.
 
     Args:
         led: what it adds with this twist, at any acceleration [rad].
-        most: and at any twist [rad].
-        raised: and what it adds without it [rad].
-        slopes: how fast minus the cosine of the angle grows with the turn, at its start and at its end.
-        cosines: of the angle there.
+        rate: by how much of that the angle grows at most.
+        reach: by how much it grows at most at any twist [rad].
+        most: what the mean adds at any twist [rad].
+        raised: and what it adds without this one [rad].
+        sines: of the angle at the start and at the end of the turn.
     """
-    sines = [ca.sqrt(ca.fmax(1 - cosine**2, 1e-12)) for cosine in cosines]
-    rates = [ca.fmin(ca.fmax(slope / sine, 0), 1) for slope, sine in zip(slopes, sines, strict=True)]
-    extra = ca.fmin(led, most)
-    along = ca.fmin(ca.fmax(*rates) * led, extra) + _beyond(raised + extra, ca.fmin(*sines))
+    along = ca.fmin(rate * led, reach) + _beyond(raised + ca.fmin(led, most), ca.fmin(*sines))
     return _beyond(raised, sines[0]), along
 
 

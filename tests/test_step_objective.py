@@ -1,0 +1,42 @@
+"""What the objective makes of an object that moves and improves nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
+
+from ergoqp.step_data import qp_data
+
+
+def curvature(name: str, stalled: float) -> np.ndarray:
+    problem = problem_of(name)
+    posture = near_comfort(name, np.random.default_rng(1), 20)
+    given = {"posture": posture, "observed": np.ones(32), "pose": held_pose(name), "previous": np.zeros(6), "dt": 0.01}
+    return np.array(qp_data(problem)(**given, locked=np.zeros(32), final=0.0, stalled=stalled)["H"])
+
+
+def test_the_longer_nothing_improves_the_dearer_it_is_to_move() -> None:
+    """The object swung about the edge of a step of the cost: for 27 s where 8 s had been enough."""
+    control, still = problem_of("overhead").control, curvature("overhead", 0.0)
+    effort = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
+    assert curvature("overhead", control.stall_after / 4) - still == pytest.approx(effort, abs=1e-9)
+    assert curvature("overhead", control.stall_after / 2) - still == pytest.approx(4 * effort, abs=1e-9)
+    # Whoever still moves after twice that time is kept going by a limit.
+    assert np.array_equal(curvature("overhead", 2 * control.stall_after), curvature("overhead", 100.0))
+
+
+def test_a_stepper_counts_for_how_long_nothing_improved() -> None:
+    problem = bold_of("screwing")
+    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 15)
+    loop = Held(stepper, held_pose("screwing"))
+    assert stepper.stalled == 0
+    for number in range(30):
+        loop.step(q)
+        assert stepper.stalled == pytest.approx(0.01 * number)
+    # A better posture, as soon as the filter believes it.
+    for _ in range(60):
+        loop.step(np.asarray(problem.response.comfort))  # type: ignore[attr-defined]
+    assert stepper.stalled < 0.25
+    stepper.reset()
+    assert stepper.stalled == 0
