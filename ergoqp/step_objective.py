@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 _CAUTION_EPS: Final = 0.1
 
 _HESITATES: Final = 0.25
-"""After this many times `Control.stall_after` without an improvement moving is twice as dear. A cost with steps, a person who
-follows late, and an object that can go no slower than it decides would swing about the edge of a step for ever."""
+"""From this many times `Control.stall_after` without an improvement moving gets dearer, and after as long again it is twice as
+dear. A cost with steps, a person who follows late, and an object that always goes as fast would swing about the edge of a step."""
 
 _LOOKS: Final = (0.1, 1.0)
 """Seconds at full speed after which the improvement is looked up; every look is as dear as the cost itself. The near one sees
@@ -101,8 +101,8 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
         (H, g) of the QP.
     """
     control, pattern = problem.control, sensitivity_pattern(problem)
-    slow_after = max(_HESITATES * control.stall_after, 1e-6)
-    hesitates = ca.fmin(known["stalled"], HUNTING * control.stall_after) / slow_after
+    waits = max(_HESITATES * control.stall_after, 1e-6)
+    hesitates = ca.fmax(ca.fmin(known["stalled"], HUNTING * control.stall_after) / waits - 1, 0)
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
     smoothing = control.smoothing / known["dt"]
     ahead = control.look_ahead
