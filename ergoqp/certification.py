@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.limits.limit import Expression
 from ergoqp.linear import dense, largest, smallest
@@ -17,7 +18,7 @@ from ergoqp.step_guide import TRIAL, trial_update
 from ergoqp.step_margins import StepRows, situations_of, smallest_margins
 from ergoqp.step_objective import with_pattern
 from ergoqp.step_readings import readings_size, situation_of
-from ergoqp.step_rows import MOVES, limit_values, patience
+from ergoqp.step_rows import MOVES, bends, limit_values, patience
 from ergoqp.step_stop import Stop, on_surface
 
 if TYPE_CHECKING:
@@ -27,6 +28,12 @@ if TYPE_CHECKING:
 
 HELD: Final = 1e-12
 """Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
+
+_INHERITS: Final = 1e-5
+"""How much may be inherited of what braking might do to a row that bends, inside of it, by a long mean [rad]."""
+
+_LONG: Final = 0.1
+"""A mean over more seconds than this turns so far that what is not known of a row that bends adds up."""
 
 GIVES_WAY: Final = 1e-3
 """How much more than braking a posture row may give way that braking breaks already [rad]."""
@@ -222,7 +229,8 @@ def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> 
     """Margins that an accepted twist must keep through its stop, given those of now and of braking.
 
     Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking does, except where
-    margins are lower bounds: braking may be better than its bound says, and no other twist inherits that. Rows through S:
+    margins are lower bounds: braking may be better than its bound says, and no other twist inherits that; inside a
+    row that bends it inherits hardly anything of a long mean. Rows through S:
     what held holds, to the accuracy of the QP; where braking itself breaks it, it gives way by about as much; what does not
     hold is left to the QP, which never lets it further out.
     """
@@ -230,7 +238,11 @@ def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> 
     braked = now if at_braking is None else at_braking
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
-    hard_floor = ca.fmin(now, 0) + (1 - proven) * ca.fmin(braked - ca.fmin(now, 0), 0) - HELD
+    held = ca.fmin(now, 0)
+    capped = (bends(problem.row_limits) > 0) & (problem.average > _LONG)
+    inherits = ca.DM(np.where(capped, _INHERITS + 3 * float(np.linalg.norm(problem.robot.noise[3:])), FREE))
+    hard_floor = held + (1 - proven) * ca.fmin(braked - held, 0)
+    hard_floor = ca.fmax(hard_floor, ca.if_else(now < -inherits, -FREE, -inherits)) - HELD
     return ca.if_else(hard, hard_floor, soft_floor)
 
 

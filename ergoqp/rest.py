@@ -18,8 +18,8 @@ HUNTING: Final = 2.0
 
 
 def stalled(rest: Any) -> Any:
-    """Return for how long the cost has not improved [s], see `STATES`."""
-    return rest[5]
+    """Return for how long the object has moved and improved nothing [s], see `STATES`; at rest it is 0."""
+    return rest[5] * (rest[0] < 0.5)
 
 
 def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_move: ca.SX, dt: ca.SX, counts: ca.SX) -> ca.SX:
@@ -44,7 +44,7 @@ def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_m
     cost = rest[3] + share * (value - rest[3])
     better = ca.logic_or(ca.logic_not(begun), cost < rest[4] - control.stall_gain)
     lowest = ca.if_else(better, cost, rest[4])
-    unimproved = ca.if_else(better, 0, stalled(rest) + dt)
+    unimproved = ca.if_else(better, 0, rest[5] + dt)
 
     asks = ca.if_else(still, filtered > control.move_above, filtered < control.rest_below)
     asks = ca.if_else(must_move, still, asks)

@@ -113,7 +113,7 @@ class Stepper:
 
     @property
     def stalled(self) -> float:
-        """For how long nothing has improved since the object moves [s]: the next step moves the more slowly."""
+        """For how long the object has moved and improved nothing [s]: the next step moves the more slowly. At rest it is 0."""
         return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
 
     def guide(self, guide: Any) -> None:

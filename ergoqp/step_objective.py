@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 _CAUTION_EPS: Final = 0.1
 
 _HESITATES: Final = 0.25
-"""From this many times `Control.stall_after` without an improvement moving gets dearer, and after as long again it is twice as
-dear. A cost with steps, a person who follows late, and an object that always goes as fast would swing about the edge of a step."""
+"""After so many times `Control.stall_after` without an improvement moving gets dearer, after as long again it is twice as dear.
+A cost with steps, a person who follows late, and an object that always goes as fast would swing about the edge of a step."""
 
 _LOOKS: Final = (0.1, 1.0)
 """Seconds at full speed after which the improvement is looked up; every look is as dear as the cost itself. The near one sees

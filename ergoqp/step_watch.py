@@ -301,12 +301,15 @@ def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
 
 
 def _rotation(before: ca.SX, after: ca.SX) -> ca.SX:
-    """Turn (3,) that leads from one orientation to another, as long as its sine."""
+    """Turn (3,) [rad] that leads from one orientation to another."""
     columns = [(before[:3, i], after[:3, i]) for i in range(3)]
     sines = sum((ca.cross(*pair) for pair in columns), ca.SX(3, 1)) / 2
+    trace = sum((ca.dot(*pair) for pair in columns), ca.SX(0))
+    sine = ca.sqrt(ca.sumsqr(sines) + 1e-30)
+    turn = sines * (ca.atan2(sine, (trace - 1) / 2) / sine)
     # Half a turn has no sine; it is large all the same.
-    over = ca.if_else(sum((ca.dot(*pair) for pair in columns), ca.SX(0)) < 1, 1.0, 0.0)
-    return ca.vertcat(sines[0] + ca.if_else(sines[0] < 0, -over, over), sines[1:])
+    over = ca.if_else(trace < 1, 1.0, 0.0)
+    return ca.vertcat(turn[0] + ca.if_else(turn[0] < 0, -over, over), turn[1:])
 
 
 def _size(excess: ca.SX) -> ca.SX:

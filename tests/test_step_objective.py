@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
@@ -41,3 +43,19 @@ def test_a_stepper_counts_for_how_long_nothing_improved() -> None:
     assert stepper.stalled < 0.25
     stepper.reset()
     assert stepper.stalled == 0
+
+
+def test_at_rest_nothing_is_dearer_so_that_what_a_move_would_gain_is_judged_as_ever() -> None:
+    problem = problem_of("screwing")
+    stepper = problem.stepper()
+    loop, comfort = Held(stepper, held_pose("screwing")), np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    statuses = [loop.step(comfort).status for _ in range(500)]
+    assert statuses[-1] == "settled"
+    assert stepper.stalled == 0
+
+
+def test_without_a_time_to_stall_the_object_moves_as_ever() -> None:
+    problem = problem_of("screwing")
+    problem = problem.replace(control=replace(problem.control, stall_after=0.0))
+    loop, q = Held(problem.stepper(), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
+    assert {loop.step(q).status for _ in range(5)} <= {"optimal", "settled"}
