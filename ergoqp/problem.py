@@ -54,7 +54,7 @@ class Control:
         max_age: oldest posture that still counts [s].
         average: W, what is sent is the mean of the planned twist over the last W seconds, so that its jerk is at most
             2 acceleration / W and a stop takes up to W longer [s]. None: 0.05 for an object that is held, and 0 where the
-            twist is that of points, which nothing else moves.
+            twist is that of points, which nothing else moves. Above 0.1 the step often brakes close to the edge of a cone.
         guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
         guide_gain: how much better than where descent comes to rest the given place must promise to be, and how much worse
             than promised it may be to be kept [points].

@@ -180,10 +180,10 @@ def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca
 
 
 def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca.SX:
-    """What it can cost at most that a turn of about `turn` (3,) is done with what is under way, and not after it [rad].
+    """What it can cost that a turn of about `turn` (3,) is done with what is under way, and not after it [rad].
 
     Turns do not commute: those that are done together differ by the area between their ways from the same done one after the
-    other.
+    other, and by terms of the third order in the turns, which are not counted.
     """
     if situation.stray is None:
         return ca.SX(0)
