@@ -57,8 +57,20 @@ def test_box_margins_are_the_least_on_the_way(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose, displacement = pose_of(rng), rng.normal(size=6) * 0.3
     line = pose[:3, 3] + np.linspace(0, 1, 101)[:, None] * displacement[:3]
-    brute = np.minimum(line - BOX.lower, BOX.upper - line).min(axis=0)
+    # Whoever is outside one end is so much further out beyond the other.
+    below, above = line - BOX.lower, BOX.upper - line
+    brute = np.minimum(below + np.minimum(above[0], 0), above + np.minimum(below[0], 0)).min(axis=0)
     np.testing.assert_allclose(ask(BOX, pose=pose, displacement=displacement)[4], brute, atol=1e-12)
+
+
+def test_a_way_through_a_box_counts_as_further_out_than_where_it_began() -> None:
+    pose = np.eye(4)
+    pose[:3, 3] = np.asarray(BOX.upper) + [0.01, 0, 0]
+    through = np.zeros(6)
+    through[0] = BOX.lower[0] - BOX.upper[0] - 0.015
+    began, ended = (ask(BOX, pose=pose, displacement=way)[4][0] for way in (np.zeros(6), through))
+    assert began == pytest.approx(-0.01)
+    assert ended == pytest.approx(-0.015)
 
 
 # --- the cone ------------------------------------------------------------------------------------------------------------
