@@ -65,7 +65,7 @@ def test_box_margins_are_the_least_on_the_way(seed: int) -> None:
 
 def test_a_way_through_a_box_counts_as_further_out_than_where_it_began() -> None:
     pose = np.eye(4)
-    pose[:3, 3] = np.asarray(BOX.upper) + [0.01, 0, 0]
+    pose[:3, 3] = np.add(BOX.upper, (0.01, 0, 0))
     through = np.zeros(6)
     through[0] = BOX.lower[0] - BOX.upper[0] - 0.015
     began, ended = (ask(BOX, pose=pose, displacement=way)[4][0] for way in (np.zeros(6), through))
