@@ -63,11 +63,11 @@ def test_box_margins_are_the_least_on_the_way(seed: int) -> None:
     np.testing.assert_allclose(ask(BOX, pose=pose, displacement=displacement)[4], brute, atol=1e-12)
 
 
-def test_a_way_through_a_box_counts_as_further_out_than_where_it_began() -> None:
-    pose = np.eye(4)
-    pose[:3, 3] = np.add(BOX.upper, (0.01, 0, 0))
-    through = np.zeros(6)
-    through[0] = BOX.lower[0] - BOX.upper[0] - 0.015
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_a_way_through_a_box_counts_as_further_out_than_where_it_began(end: str) -> None:
+    pose, through, sign = np.eye(4), np.zeros(6), 1 if end == "upper" else -1
+    pose[:3, 3] = np.add(getattr(BOX, end), (0.01 * sign, 0, 0))
+    through[0] = -sign * (BOX.upper[0] - BOX.lower[0] + 0.015)
     began, ended = (ask(BOX, pose=pose, displacement=way)[4][0] for way in (np.zeros(6), through))
     assert began == pytest.approx(-0.01)
     assert ended == pytest.approx(-0.015)
