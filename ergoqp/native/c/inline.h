@@ -1,11 +1,24 @@
-/* fmin and fmax as two instructions instead of a call. Like those of the C library they drop a NaN. */
+/* fmin and fmax as one or two instructions instead of a call. Like those of the C library they drop a NaN; a constant is none. */
 #ifndef ERGOQP_INLINE_H
 #define ERGOQP_INLINE_H
 
 #include <math.h>
 
-static inline double ergoqp_fmin(double x, double y) { return (x < y || y != y) ? x : y; }
-static inline double ergoqp_fmax(double x, double y) { return (x > y || y != y) ? x : y; }
+#if defined(__GNUC__)
+#define ERGOQP_CONSTANT(x) __builtin_constant_p(x)
+#else
+#define ERGOQP_CONSTANT(x) 0
+#endif
+
+static inline double ergoqp_fmin(double x, double y) {
+  if (ERGOQP_CONSTANT(x)) return y < x ? y : x;
+  return (x < y || y != y) ? x : y;
+}
+
+static inline double ergoqp_fmax(double x, double y) {
+  if (ERGOQP_CONSTANT(x)) return y > x ? y : x;
+  return (x > y || y != y) ? x : y;
+}
 
 #define fmin ergoqp_fmin
 #define fmax ergoqp_fmax
