@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from ergoqp.native.compiler import compiler, shared_library
+from ergoqp.native.compiler import CompilerError, compiler, shared_library
 from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, sizes_source
 from ergoqp.step_function import build_step
 
@@ -35,7 +35,14 @@ def compiled_step(problem: Problem, guided: bool = False) -> ca.Function:
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
     library = shared_library("step", sources, [daqp_archive()], [daqp_include()])
-    return ca.external(function.name(), str(library))
+    try:
+        return ca.external(function.name(), str(library))
+    except RuntimeError as error:
+        raise CompilerError(f"compiled step: the library {str(library)!r} cannot be loaded: {_last_line(error)}") from None
+
+
+def _last_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[-1]
 
 
 def generated(function: ca.Function, name: str) -> dict[str, str]:

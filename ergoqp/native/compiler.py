@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shlex
 import shutil
 import subprocess
@@ -60,28 +61,49 @@ def shared_library(name: str, sources: dict[str, str], archives: Sequence[Path],
         CompilerError: if there is no compiler, or it fails; with its first error.
     """
     command = compiler()
-    parts = [*command, _version(command), *FLAGS, *(text for pair in sorted(sources.items()) for text in pair)]
+    parts = [*command, _version(command), platform.machine(), *FLAGS]
+    parts += [text for pair in sorted(sources.items()) for text in pair]
     key = hashlib.sha256("\0".join(parts).encode())
     for archive in archives:
         key.update(archive.read_bytes())
-    path = cache_folder() / "compiled" / key.hexdigest()[:32] / f"{name}.so"
-    if path.is_file():
-        return path
-    cache = path.parent.parent
+    cache = cache_folder() / "compiled"
+    folder = cache / key.hexdigest()[:32]
     try:
+        if (kept := _whole(folder, name)) is not None:
+            return kept
         cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cache) as scratch:
+            for file, text in sources.items():
+                (Path(scratch) / file).write_text(text, encoding="utf-8")
+            units = [file for file in sources if file.endswith(".c")]
+            folders = [f"-I{each}" for each in (scratch, *includes)]
+            _run([*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"], scratch)
+            made = Path(scratch) / "out.so"
+            if not made.is_file() or not made.stat().st_size:
+                raise CompilerError(f"C compiler: got {shlex.join(command)!r}, which wrote no library, allowed a C compiler")
+            path = folder / f"{name}-{_digest(made)}.so"
+            folder.mkdir(exist_ok=True)
+            # Renaming is atomic: another process finds the whole library or none.
+            made.replace(path)
     except OSError as error:
-        raise CompilerError(f"compiled step: cannot write to the cache {str(cache)!r}: {error.strerror}") from None
-    with tempfile.TemporaryDirectory(dir=cache) as scratch:
-        for file, text in sources.items():
-            (Path(scratch) / file).write_text(text, encoding="utf-8")
-        units = [file for file in sources if file.endswith(".c")]
-        folders = [f"-I{folder}" for folder in (scratch, *includes)]
-        _run([*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"], scratch)
-        # Renaming is atomic: another process finds the whole library or none.
-        path.parent.mkdir(exist_ok=True)
-        (Path(scratch) / "out.so").replace(path)
+        raise CompilerError(
+            f"compiled step: got {error.strerror or error} in the cache {str(cache)!r}, allowed a folder with room that can be "
+            "written to, below XDG_CACHE_HOME or ~/.cache"
+        ) from None
     return path
+
+
+def _whole(folder: Path, name: str) -> Path | None:
+    """Return the library in a folder whose content is still what was written; loading one that was cut off ends the process."""
+    for path in sorted(folder.glob(f"{name}-*.so")):
+        if path.stem == f"{name}-{_digest(path)}":
+            return path
+        path.unlink()
+    return None
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
 
 
 @lru_cache(maxsize=4)

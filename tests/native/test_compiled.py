@@ -1,6 +1,9 @@
 """The compiled step gives what the interpreted one gives, and says what is missing when it cannot be made."""
 
+import errno
+import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from step_calls import wandering_steps
 
 import ergoqp
 from ergoqp.errors import InputError
+from ergoqp.native import compiled
 from ergoqp.native import compiler as native_compiler
 from ergoqp.native.compiler import CompilerError, shared_library
 from ergoqp.native.daqp import NativeDaqp
@@ -117,3 +121,54 @@ def test_unknowns_that_are_alone_are_left_out_and_answered_with_zero():
         assert not have[0][alone].any()
         for one, other in zip(have, want, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-8)
+
+
+SMALL = {"small.c": "double twice(double x) { return 2 * x; }"}
+
+
+@pytest.mark.parametrize("left", [0, 100, -1])
+def test_a_library_that_was_cut_off_is_compiled_again(left, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    path = shared_library("small", SMALL, [], [])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:left])
+    again = shared_library("small", SMALL, [], [])
+    assert again.read_bytes() == whole
+    assert [each.suffix for each in again.parent.iterdir()] == [".so"]
+
+
+@pytest.mark.parametrize("command", ["true", "echo"])
+def test_a_compiler_that_writes_nothing_is_named(command, tmp_path, monkeypatch):
+    native_compiler.compiler.cache_clear()
+    monkeypatch.setenv("CC", command)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    try:
+        with pytest.raises(CompilerError, match=f"C compiler: got '{command}', which wrote no library, allowed a C compiler"):
+            shared_library("small", SMALL, [], [])
+    finally:
+        native_compiler.compiler.cache_clear()
+
+
+def test_a_cache_that_cannot_be_written_to_is_one_sentence(tmp_path, monkeypatch):
+    (tmp_path / "ergoqp").write_text("a file where a folder belongs")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(CompilerError, match=r"compiled step: got .* in the cache '.*', allowed a folder with room"):
+        shared_library("small", SMALL, [], [])
+
+
+def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch):
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(CompilerError, match="compiled step: got No space left on device in the cache"):
+        shared_library("small", SMALL, [], [])
+
+
+def test_a_library_that_cannot_be_loaded_is_one_sentence(monkeypatch, tmp_path):
+    other = tmp_path / "other.so"
+    other.write_bytes(b"not a library" * 1000)
+    monkeypatch.setattr(compiled, "shared_library", lambda *_: other)
+    with pytest.raises(CompilerError, match=r"compiled step: the library '.*other\.so' cannot be loaded: "):
+        ergoqp.load_problem("forearm").stepper(compiled=True)
