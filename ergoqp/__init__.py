@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ergoqp.recordings import load_recording as load_recording
     from ergoqp.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.step import Stepper as Stepper
-    from ergoqp.step import replay as replay
+    from ergoqp.step_log import replay as replay
     from ergoqp.step_answer import Step as Step
 
 __version__ = "0.1.0"
@@ -58,7 +58,7 @@ _LATER = {
     "load_cost": "ergoqp.costs.learned",
     "load_problem": "ergoqp.problem_file",
     "load_recording": "ergoqp.recordings",
-    "replay": "ergoqp.step",
+    "replay": "ergoqp.step_log",
 }
 
 

@@ -37,12 +37,14 @@ def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age:
         age: as it came in [s].
         notes: what was wrong with inputs before they became numbers, by their name.
     """
+    log = [notes["log"]] if "log" in notes else []
     status, margins = Status[step.status], step.account("margins")
     causes = [cause for cause in Cause if int(step.account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
         causes.remove(Cause.no_frame)
     if status >= Status.braking:
-        return "; ".join(_cause(problem, cause, step, posture, dt, age, notes) for cause in causes)
+        said = [_cause(problem, cause, step, posture, dt, age, notes) for cause in causes]
+        return "; ".join([*said, *log])
     parts = []
     names = problem.row_names
     outside = np.flatnonzero(step.account("outside") > 0.5).tolist()
@@ -70,7 +72,7 @@ def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age:
         else:
             why = "measured beyond its end, where it is held"
         parts.append(f"{_beyond(names[i], margins[i])}, {why}")
-    return "; ".join(parts)
+    return "; ".join([*parts, *log])
 
 
 def _noise(problem: Problem, name: str) -> float:
@@ -88,13 +90,14 @@ def _cause(
         return notes.get("pose", "pose is not finite, far away or not a rigid motion")
     if cause is Cause.twist:
         return notes.get("twist", "twist is not finite or huge")
+    if cause is Cause.disabled:
+        return notes.get("enable", "not enabled")
     if cause is Cause.robot:
         kind, amount = step.account("fault").tolist()
         return fault_sentence(int(kind), amount)
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
-        Cause.disabled: "not enabled",
         Cause.no_frame: "no posture arrived",
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {step.residuals['qp']:.1e}",

@@ -35,8 +35,9 @@ class Stepper:
         solver: name of the QP solver, see `ergoqp.solvers`.
         compiled: take the step through the C compiler: the same answers in a fraction of the time.
         dt: control period [s]; None: the problem's.
-        log: called after every step with a dict of everything that went in (``ergoqp.replay`` gives the same answers again);
-            an exception in it is the logger's and is not passed on, the loop goes on.
+        log: called before every step with a dict of everything that goes in (``ergoqp.replay`` gives the same answers again);
+            an exception in it is not passed on: the loop goes on, the step's reason says that it is not recorded, and the next
+            one is tried again.
         guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum of ``problem.optimise``,
             or a pose (4, 4), see `ergoqp.guide.read_guide`. Limits are what they are without.
 
@@ -61,6 +62,7 @@ class Stepper:
         self.dt = self.problem.dt
         self._state = (len(self.problem.coordinates),)
         self._log = log
+        self._loop = {"dt": self.dt, "solver": solver, "compiled": compiled}
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
         self._begin = initial_state(self.problem, self._guided)
@@ -172,7 +174,7 @@ class Stepper:
                 call ends what was certified, and a period longer than three of the loop's (or than the declared
                 ``longest_hold``) brakes.
             age: how old the posture is [s].
-            enable: False decelerates to rest.
+            enable: False decelerates to rest, and so does what is neither True nor False (1 and 0 are).
             observed: (32,) bool, False for joints that the sensors do not see in this frame; None: all are seen. What an
                 unseen joint's entry in `posture` says is not used.
         """
@@ -197,7 +199,7 @@ class Stepper:
             put(into["executed"], twist, (6,), "twist", notes)
         into["dt"][0] = self.dt if dt is None else number(dt)
         into["age"][0] = number(age)
-        into["enable"][0] = truth(enable)
+        into["enable"][0] = truth(enable, "enable", notes)
         if self._log is not None:
             self._record(notes)
         self._call()
@@ -252,11 +254,12 @@ class Stepper:
         into = self._inputs
         into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = 0.0, 0.0, 0.0, 1.0
         into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, 1.0
+        notes: dict[str, str] = {}
         if self._log is not None:
-            self._record({})
+            self._record(notes)
         self._call()
         into["ask"][0] = 0.0
-        return self._answer({}, start)
+        return self._answer(notes, start)
 
     def _answer(self, notes: Mapping[str, str], start: float) -> Step:
         account, into = self._out.copy(), self._inputs
@@ -265,32 +268,13 @@ class Stepper:
         twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
         return Step(twist, status, self.problem, account, self._slices, seen, notes, start)
 
-    def _record(self, notes: Mapping[str, str]) -> None:
+    def _record(self, notes: dict[str, str]) -> None:
         entry = {name: values.tolist() for name, values in self._inputs.items()}
         try:
             if self._log is not None:
-                self._log({"notes": dict(notes), **entry})
-        except Exception:  # the loop never stops for its log
-            self._log = None
+                self._log({"loop": dict(self._loop), "notes": dict(notes), **entry})
+        except Exception as error:  # the loop never stops for its log
+            notes["log"] = f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
 
 
-def replay(problem: Problem, log: list[dict[str, Any]], solver: str = "daqp") -> list[Step]:
-    """Return the steps that a logged loop took, from its log alone: the same inputs give the same answers, bit for bit.
-
-    Args:
-        problem: the problem of the logged loop.
-        log: the dicts that the log sink received, in order.
-        solver: the solver of the logged loop.
-    """
-    guided = any("guide" in entry for entry in log)
-    stepper = Stepper(problem, solver=solver, guide=Guide(np.eye(4)) if guided else None)
-    steps = []
-    for entry in log:
-        for name, values in stepper._inputs.items():
-            values[:] = entry[name]
-        stepper._call()
-        steps.append(stepper._answer(entry["notes"], time.perf_counter()))
-    return steps
-
-
-__all__ = ["Cause", "Status", "Step", "Stepper", "replay"]
+__all__ = ["Cause", "Status", "Step", "Stepper"]

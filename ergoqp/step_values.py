@@ -15,7 +15,7 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
         target[...] = value
         return
     try:
-        array = value if type(value) is np.ndarray else np.asarray(value)
+        array = value if type(value) is np.ndarray else _unmasked(value)
         if array.shape != shape:
             notes[name] = f"{name} has shape {array.shape}, allowed {shape}"
         elif array.dtype.kind not in "biuf":
@@ -28,6 +28,13 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
     target[...] = np.nan
 
 
+def _unmasked(value: Any) -> np.ndarray:
+    """Return an array; what a mask hides is not a number, nobody knows what is below it."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
+        return np.ma.filled(value.astype(float), np.nan)
+    return np.asarray(value)
+
+
 def number(value: Any) -> float:
     """Return a user's number; NaN where it is none, which the step judges."""
     if isinstance(value, (str, bytes, bytearray)):
@@ -38,9 +45,14 @@ def number(value: Any) -> float:
         return float("nan")
 
 
-def truth(value: Any) -> bool:
-    """Return a user's yes or no."""
+def truth(value: Any, name: str, notes: dict[str, str]) -> bool:
+    """Return a user's yes or no; what is neither is no, and a note: a text that says no, or NaN, enables nothing."""
     try:
-        return bool(value)
-    except Exception:  # an answer that is neither yes nor no does not enable anything
-        return False
+        if isinstance(value, (bool, np.bool_)):
+            return bool(value)
+        if not isinstance(value, (str, bytes, bytearray)) and float(value) in (0.0, 1.0):
+            return float(value) == 1.0
+        notes[name] = f"{name} is {value!r:.40}, allowed True or False"
+    except Exception:  # whatever it does when it is looked at
+        notes[name] = f"{name} cannot be read as True or False"
+    return False

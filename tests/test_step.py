@@ -234,7 +234,11 @@ def test_all_causes_are_named_at_once() -> None:
         ("comfort", {"age": 0.25}, "the posture is 0.250 s old, allowed 0.100 s"),
         ("comfort", {"age": float("inf")}, "old"),
         ("comfort", {"enable": False}, "not enabled"),
-        ("comfort", {"enable": np.array([True, False])}, "not enabled"),
+        ("comfort", {"enable": np.array([True, False])}, "enable cannot be read as True or False"),
+        ("comfort", {"enable": "false"}, "enable is 'false', allowed True or False"),
+        ("comfort", {"enable": float("nan")}, "enable is nan, allowed True or False"),
+        ("comfort", {"enable": object}, "enable cannot be read as True or False"),
+        ("comfort", {"enable": 0}, "not enabled"),
     ],
 )
 def test_braking_says_why_and_comes_to_rest(posture: Any, arguments: dict[str, Any], sentence: str) -> None:
@@ -429,7 +433,7 @@ def test_the_same_inputs_give_the_same_answers() -> None:
 def test_a_log_replays_bit_for_bit() -> None:
     log: list[dict[str, Any]] = []
     steps = walk("dentist", 80, 8, log.append)
-    replayed = ergoqp.step.replay(problem_of("dentist"), log)
+    replayed = ergoqp.replay(problem_of("dentist"), log)
     assert len(replayed) == len(steps) == 84
     assert len({step.status for step in steps}) >= 3
     # What never became numbers is in the log as the sentence about it, or the reasons could not be given again.
@@ -446,7 +450,7 @@ def test_a_log_survives_json() -> None:
 
     log: list[dict[str, Any]] = []
     steps = walk("desk", 20, 9, log.append)
-    replayed = ergoqp.step.replay(problem_of("desk"), json.loads(json.dumps(log)))
+    replayed = ergoqp.replay(problem_of("desk"), json.loads(json.dumps(log)))
     assert [step.twist.tobytes() for step in steps] == [step.twist.tobytes() for step in replayed]
 
 
@@ -457,17 +461,59 @@ def test_a_log_holds_the_periods_that_a_robot_has_ramped_down_by_itself_too() ->
         stepper.step(q)
     steps = [stepper.brake(elapsed=0.044), stepper.step(q)]
     assert steps[0].twist.any()
-    replayed = ergoqp.step.replay(problem_of("desk"), log)[-2:]
+    replayed = ergoqp.replay(problem_of("desk"), log)[-2:]
     assert [step.twist.tobytes() for step in steps] == [step.twist.tobytes() for step in replayed]
     assert [step.reason for step in steps] == [step.reason for step in replayed]
 
 
-def test_a_log_that_raises_does_not_stop_the_loop() -> None:
-    def full(entry: dict[str, Any]) -> None:
-        raise OSError("no space left")
+def test_a_log_that_raises_is_named_and_tried_again() -> None:
+    kept: list[dict[str, Any]] = []
 
-    stepper = problem_of("desk").stepper(log=full)
-    assert stepper.step(comfort_of("desk")).status in ("optimal", "settled", "recovering", "relaxed")
+    def full_for_a_while(entry: dict[str, Any]) -> None:
+        if 3 <= stepped < 6:
+            raise OSError("no space left")
+        kept.append(entry)
+
+    stepper, steps = problem_of("desk").stepper(log=full_for_a_while), []
+    for stepped in range(10):
+        steps.append(stepper.step(comfort_of("desk")) if stepped != 4 else stepper.brake())
+    said = "log: OSError in what was given as log=, this step is not recorded"
+    assert [said in step.reason for step in steps] == [3 <= number < 6 for number in range(10)]
+    assert steps[5].status in ("optimal", "settled", "recovering", "relaxed", "braking")
+    # Every entry holds the whole state, so the others are still what they were.
+    for one, other in zip([*steps[:3], *steps[6:]], ergoqp.replay(problem_of("desk"), kept), strict=True):
+        assert one.twist.tobytes() == other.twist.tobytes()
+
+
+def test_a_log_replays_with_the_period_of_its_loop() -> None:
+    log: list[dict[str, Any]] = []
+    stepper, q = (
+        problem_of("screwing").stepper(dt=0.002, log=log.append),
+        near_comfort("screwing", np.random.default_rng(3), 15),
+    )
+    steps = [stepper.step(q) for _ in range(30)]
+    for one, other in zip(steps, ergoqp.replay(problem_of("screwing"), log), strict=True):
+        assert one._all.tobytes() == other._all.tobytes()
+
+
+@pytest.mark.parametrize("broken", [{}, {"notes": {}}, {"posture": "upright"}, None], ids=["empty", "no loop", "text", "none"])
+def test_an_entry_that_is_none_is_named(broken: Any) -> None:
+    log: list[Any] = []
+    stepper = problem_of("desk").stepper(log=log.append)
+    stepper.step(comfort_of("desk"))
+    second = {**log[0], **broken} if broken and "posture" in broken else broken
+    with pytest.raises(InputError, match="log: entry 1 is not one of a loop of this problem: "):
+        ergoqp.replay(problem_of("desk"), [log[0], second])
+
+
+def test_what_a_mask_hides_is_not_a_number() -> None:
+    q = comfort_of("screwing")
+    hidden, whole = np.ma.masked_array(q, mask=np.arange(32) == 3), np.ma.masked_array(q)
+    step = stepper_of("screwing").step(hidden)
+    assert step.status == "invalid"
+    assert "is nan" in step.reason
+    assert stepper_of("screwing").step(hidden, observed=np.arange(32) != 3).status != "invalid"
+    assert stepper_of("screwing").step(whole).twist.tobytes() == stepper_of("screwing").step(q).twist.tobytes()
 
 
 def test_without_a_pose_it_is_integrated_from_the_last() -> None:

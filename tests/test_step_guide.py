@@ -290,7 +290,7 @@ def test_a_guided_log_replays_bit_for_bit() -> None:
     steps = walk(stepper, "screwing", 3, 60)
     stepper.guide(np.full((4, 4), np.nan))
     steps += walk(stepper, "screwing", 4, 20)
-    replayed = ergoqp.step.replay(problem, json.loads(json.dumps(log)))
+    replayed = ergoqp.replay(problem, json.loads(json.dumps(log)))
     assert any(step.drawn for step in steps)
     for one, other in zip(steps, replayed, strict=True):
         assert one._all.tobytes() == other._all.tobytes()
