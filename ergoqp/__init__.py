@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from ergoqp.recordings import load_recording as load_recording
     from ergoqp.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.step import Stepper as Stepper
-    from ergoqp.step_log import replay as replay
     from ergoqp.step_answer import Step as Step
+    from ergoqp.step_log import replay as replay
 
 __version__ = "0.1.0"
 
