@@ -96,6 +96,10 @@ class Control:
             raise ProblemError(f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}")
 
 
+_NARROWEST: Final = 1e-5
+"""No object is measured or held better than that [m]."""
+
+
 @dataclass(frozen=True)
 class Problem:
     """One task, from Python; `ergoqp.load_problem` makes the same from a file.
@@ -136,6 +140,7 @@ class Problem:
         names = [name for limit in self.row_limits for name in limit.names]
         if doubled := sorted({name for name in names if names.count(name) > 1}):
             raise ProblemError(f"limits: got more than one row named {', '.join(doubled)}, allowed one each")
+        self._check_room()
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -205,6 +210,23 @@ class Problem:
             if isinstance(reads, Coordinates) and reads.state != state:
                 known = "the 32 joints" if state == JOINTS else ", ".join(state)
                 raise ProblemError(f"{what}: got a model of {', '.join(reads.names[:3])} ..., allowed one of {known}")
+
+    def _check_room(self) -> None:
+        """Check that the workspace leaves room to move and to stop along the axes that the object can move along."""
+        from ergoqp.step_stop import Stop
+
+        box = self.limit_of(WorkspaceBox)
+        if box is None:
+            return
+        rises = np.array(Stop.of(self).most(self.dt))[:3, 0] if self.average else np.zeros(3)
+        for axis, rise in enumerate(rises.tolist()):
+            width, least = box.upper[axis] - box.lower[axis], max(_NARROWEST, rise) + 2 * self.robot.pose_noise
+            if self.twist_limit.speed[axis] > 0 and width < least:
+                name = "xyz"[axis]
+                raise ProblemError(
+                    f"workspace {name}: got {1e3 * width:.3g} mm from end to end, allowed at least {1e3 * least:.3g} mm where the "
+                    f"object can move along {name}, or a twist limit whose axes leave {name} out"
+                )
 
     def limit_of(self, kind: type) -> Any:
         """Return the limit of a kind, or None."""

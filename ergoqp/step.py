@@ -43,6 +43,7 @@ class Stepper:
 
     Raises:
         InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
+        ProblemError: if the workspace is too narrow for such a period.
         CompilerError: if there is no C compiler for ``compiled=True``.
     """
 

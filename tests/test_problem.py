@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from step_samples import NAMES, comfort_of, problem_of
+from step_samples import NAMES, Held, comfort_of, held_pose, problem_of
 
 from ergoqp import reba
 from ergoqp.errors import ProblemError
@@ -99,3 +99,30 @@ def test_control_changes_the_answer() -> None:
     bold, shy = (problem_of("screwing").replace(control=Control(effort_linear=e, effort_angular=e)) for e in (0.1, 50.0))
     speeds = [np.linalg.norm([p.stepper().step(q).twist for _ in range(1)]) for p in (bold, shy)]
     assert speeds[0] > 2 * speeds[1]
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-4, 2.4e-4])
+def test_a_workspace_without_room_along_a_free_axis_is_refused(width: float) -> None:
+    """With both ends in one place the object came back for ever and never rested; 0.2475 mm is what its mean may rise by."""
+    problem = problem_of("screwing")
+    box = problem.limit_of(WorkspaceBox)
+    flat = WorkspaceBox((0.4 - width / 2, *box.lower[1:]), (0.4 + width / 2, *box.upper[1:]))
+    limits = [flat if limit is box else limit for limit in problem.limits]
+    with pytest.raises(ProblemError, match=r"workspace x: got .* mm from end to end, allowed at least 0.247 mm where"):
+        problem.replace(limits=limits)
+    along = [TwistLimit(axes=("y", "z")) if isinstance(limit, TwistLimit) else limit for limit in limits]
+    assert problem.replace(limits=along).limit_of(WorkspaceBox) is flat
+
+
+@pytest.mark.parametrize(("above", "off"), [(True, 3e-3), (False, 3e-3), (True, 2e-5)])
+def test_the_narrowest_workspace_is_come_back_to_and_rested_in(above: bool, off: float) -> None:
+    problem, pose = problem_of("screwing"), held_pose("screwing")
+    box, x = problem.limit_of(WorkspaceBox), float(pose[0, 3])
+    middle = x - off if above else x + off
+    narrow = WorkspaceBox((middle - 1.24e-4, *box.lower[1:]), (middle + 1.24e-4, *box.upper[1:]))
+    problem = problem.replace(limits=[narrow if limit is box else limit for limit in problem.limits])
+    q, loop = comfort_of("screwing"), Held(problem.stepper(), pose)
+    statuses = [loop.step(q).status for _ in range(300)]
+    assert ("recovering" in statuses) == (off > 1.24e-4)
+    assert statuses[-1] == "settled"
+    assert abs(loop.pose[0, 3] - middle) < 1.26e-4

@@ -383,8 +383,7 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
     from ergoqp.limits import AxisCone, JointLimit
 
     problem, pose = problem_of("screwing"), held_pose("screwing")
-    point = tuple(pose[:3, 3])
-    flat = WorkspaceBox(point, point)  # type: ignore[arg-type]
+    flat = WorkspaceBox(tuple(pose[:3, 3] - 5e-4), tuple(pose[:3, 3] + 5e-4))  # type: ignore[arg-type]
     opposite = AxisCone(tuple(-pose[:3, 0]), 5.0)  # type: ignore[arg-type]
     narrow = JointLimit(ranges_deg={"right_elbow_flexion": (10, 10.2), "trunk_flexion": (60, 60.1)})
     for limits in ([flat], [opposite], [flat, opposite], [flat, opposite, narrow]):
