@@ -224,8 +224,8 @@ class Problem:
             if self.twist_limit.speed[axis] > 0 and width < least:
                 name = "xyz"[axis]
                 raise ProblemError(
-                    f"workspace {name}: got {1e3 * width:.3g} mm from end to end, allowed at least {1e3 * least:.3g} mm where the "
-                    f"object can move along {name}, or a twist limit whose axes leave {name} out"
+                    f"workspace {name}: got {1e3 * width:.3g} mm from end to end, allowed at least {1e3 * least:.3g} mm where "
+                    f"the object can move along {name}, or a twist limit whose axes leave {name} out"
                 )
 
     def limit_of(self, kind: type) -> Any:
