@@ -21,8 +21,9 @@ def problem_of(number: int, rng: Rng) -> Problem:
     """Return the problem of a chunk: in turns the package's own and random ones, every other time with a declared robot."""
     kinds = 2 * (len(TASKS) + 5)
     slot, declared = number % kinds // 2, number % 2
-    problem = load_problem(TASKS[slot]) if slot < len(TASKS) else random_problem(rng)
-    return problem.replace(robot=random_robot(rng), name=f"{problem.name} with a robot") if declared else problem
+    robot = random_robot(rng) if declared else DeclaredRobot()
+    problem = load_problem(TASKS[slot]) if slot < len(TASKS) else random_problem(rng, robot)
+    return problem.replace(robot=robot, name=f"{problem.name} with a robot") if declared else problem
 
 
 def random_robot(rng: Rng) -> DeclaredRobot:
@@ -35,16 +36,16 @@ def random_robot(rng: Rng) -> DeclaredRobot:
             return DeclaredRobot(**given)
 
 
-def random_problem(rng: Rng) -> Problem:
+def random_problem(rng: Rng, robot: DeclaredRobot) -> Problem:
     """Return one of the problems with another person, other limits and another response, possibly contradictory."""
     while True:
         try:
-            return _mutated(load_problem(str(rng.choice(TASKS))), rng)
+            return _mutated(load_problem(str(rng.choice(TASKS))), rng, robot)
         except ErgoqpError:
             continue
 
 
-def _mutated(problem: Problem, rng: Rng) -> Problem:
+def _mutated(problem: Problem, rng: Rng, robot: DeclaredRobot) -> Problem:
     response: Any = problem.response
     hands = (("right",), ("left",), ("right", "left"))[rng.integers(3)]
     response = replace(
@@ -57,9 +58,14 @@ def _mutated(problem: Problem, rng: Rng) -> Problem:
     )
     middle = np.array(response.contact()(response.comfort)[0])
     axes = tuple(axis for axis in AXES if rng.random() < 0.7) or AXES
-    limits: list[Any] = [TwistLimit(*(float(10**x) for x in rng.uniform([-2, -1.5, -1, -0.5], [0, 0.3, 0.7, 1])), axes=axes)]
-    # A box without an inside along some axes, or one that does not hold the start at all.
+    twist = TwistLimit(*(float(10**x) for x in rng.uniform([-2, -1.5, -1, -0.5], [0, 0.3, 0.7, 1])), axes=axes)
+    limits: list[Any] = [twist]
+    dt = float(rng.choice([0.004, 0.01, 0.02, 0.05], p=[0.1, 0.6, 0.2, 0.1]))
+    average = (None, 0.0, 0.02, 0.2)[rng.choice(4, p=[0.5, 0.2, 0.15, 0.15])]
+    # A box without an inside along some axes (no wider than is allowed along those that move), or without the start.
     size = rng.choice([0.0, 1e-9, 1e-4, 0.02, 0.3], 3, p=[0.1, 0.05, 0.1, 0.25, 0.5])
+    rise = (1 + robot.gain_error) * twist.linear_acceleration * (3 + 9 / 8) * dt**2 * (average != 0.0)
+    size = np.where(twist.speed[:3] > 0, np.maximum(size, 1.001 * max(rise, 1e-5) + 2 * robot.pose_noise), size)
     centre = middle[:3, 3] + rng.choice([0.0, 0.02, 0.3], p=[0.5, 0.3, 0.2]) * rng.normal(size=3)
     if rng.random() < 0.9:
         limits.append(WorkspaceBox(tuple(centre - size / 2), tuple(centre + size / 2)))
@@ -68,9 +74,8 @@ def _mutated(problem: Problem, rng: Rng) -> Problem:
         limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
     recover = bool(rng.random() < 0.2)
     limits.append(JointLimit(ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5)), recover=recover))
-    dt = float(rng.choice([0.004, 0.01, 0.02, 0.05], p=[0.1, 0.6, 0.2, 0.1]))
-    average = (None, 0.0, 0.02, 0.2)[rng.choice(4, p=[0.5, 0.2, 0.15, 0.15])]
     terms: dict[str, Any] = {"response": response, "limits": limits, "dt": dt, "control": Control(average=average)}
+    terms |= {"robot": robot}
     return problem.replace(**terms, name=f"random of {problem.name}")
 
 
