@@ -19,8 +19,8 @@ from ergoqp.sheets import reba as reba
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
+    from ergoqp.control import Control as Control
     from ergoqp.costs.learned import load_cost as load_cost
-    from ergoqp.problem import Control as Control
     from ergoqp.problem import Problem as Problem
     from ergoqp.problem_file import load_problem as load_problem
     from ergoqp.recordings import load_recording as load_recording
@@ -49,7 +49,7 @@ __all__ = [
 ]
 
 _LATER = {
-    "Control": "ergoqp.problem",
+    "Control": "ergoqp.control",
     "DeclaredRobot": "ergoqp.robot",
     "Problem": "ergoqp.problem",
     "Step": "ergoqp.step",

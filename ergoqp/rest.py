@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import casadi as ca
 
 if TYPE_CHECKING:
-    from ergoqp.problem import Control
+    from ergoqp.control import Control
 
 STATES: Final = 6
 """At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost; lowest filtered cost

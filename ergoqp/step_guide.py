@@ -23,8 +23,8 @@ from ergoqp.rest import stalled
 from ergoqp.rigid import is_rigid
 
 if TYPE_CHECKING:
-    from ergoqp.problem import Control, Problem
-
+    from ergoqp.control import Control
+from ergoqp.problem import Problem
 
 GUIDE_INPUTS: Final = ("guide", "guided", "promise")
 """The given place (4, 4), whether there is one (0 or 1), and the cost that it promises [points]."""

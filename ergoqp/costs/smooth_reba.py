@@ -80,7 +80,7 @@ class SmoothReba:
         self.taus_deg, self.weights = _mixture(taus_deg, weights)
         self.method = read_method(method)
         sheet = sheet_of(self.method)
-        self._task = TaskOptions(
+        self.task = TaskOptions(
             load_kg=load_kg,
             shock=shock,
             coupling=coupling,
@@ -91,7 +91,7 @@ class SmoothReba:
             shoulder_raised=shoulder_raised,
         )
         q = ca.SX.sym("q", len(JOINTS))
-        self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, **self._task))
+        self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, **self.task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
         self._q, self._value = q, sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0))
         self.minimum = reading.lowest()
@@ -99,7 +99,7 @@ class SmoothReba:
 
     def __reduce__(self) -> tuple:
         """Go to another process as the arguments: expressions cannot be sent, and are built again there."""
-        return partial(SmoothReba, self.taus_deg, self.weights, self.method, **self._task), ()
+        return partial(SmoothReba, self.taus_deg, self.weights, self.method, **self.task), ()
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:

@@ -91,9 +91,9 @@ class AxisCone:
     def __post_init__(self) -> None:
         """Check the numbers and make the direction a unit vector."""
         direction = np.asarray(_three("tool axis direction", self.direction))
-        length = float(np.linalg.norm(direction))
-        if not length > 1e-9:
-            raise InputError(f"tool axis direction: got {self.direction}, allowed any vector but zero")
+        length = float(np.linalg.norm(direction)) if np.abs(direction).max() <= 1e9 else np.inf
+        if not 1e-9 < length < np.inf:
+            raise InputError(f"tool axis direction: got {self.direction}, allowed any vector from 1e-9 to 1e9 long")
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
         if not 0 < self.half_angle_deg <= 170:
             raise InputError(f"half_angle_deg: got {self.half_angle_deg!r}, allowed above 0 to 170 deg")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ergoqp.control import Control
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.problem import Control, Problem
+from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.simulation.check import Checker
 

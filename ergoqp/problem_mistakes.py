@@ -1,0 +1,123 @@
+"""What is wrong in a problem file, in words: each mistake by its key, with what was found and what is allowed."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from typing import Any, Final, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+_USUAL: Final[dict[str, tuple[float, float, str]]] = {
+    "limits.twist.linear_speed": (0.005, 1.0, "m/s"),
+    "limits.twist.angular_speed": (0.02, 4.0, "rad/s"),
+    "limits.twist.linear_acceleration": (0.02, 5.0, "m/s^2"),
+    "limits.twist.angular_acceleration": (0.05, 20.0, "rad/s^2"),
+    "limits.point_speed.speed": (0.005, 1.0, "m/s"),
+    "limits.point_speed.acceleration": (0.02, 5.0, "m/s^2"),
+    "limits.workspace.lower": (-3.0, 3.0, "m"),
+    "limits.workspace.upper": (-3.0, 3.0, "m"),
+    "limits.arm_length.length": (0.1, 0.5, "m"),
+    "limits.tool_axis.half_angle_deg": (3.2, 170.0, "deg"),
+    "limits.joints.rate_deg": (6.3, 720.0, "deg/s"),
+    "cost.smooth_reba.taus_deg": (0.1, 45.0, "deg"),
+    "task.load_kg": (0.0, 50.0, "kg"),
+}
+"""What is usual beside a person: beyond it a unit was mistaken, as a rule."""
+
+_ANGLES: Final = ("response.ik.comfort_deg", "limits.joints.ranges_deg")
+"""Tables of angles, of which at least one is usually more than half a turn in radians."""
+
+
+def listed(name: str, found: Sequence[str]) -> str:
+    """Return the mistakes of a file as one text."""
+    head = f"{name}: " if len(found) == 1 else f"{name}: {len(found)} mistakes:\n  "
+    return head + "\n  ".join(found)
+
+
+def mistakes(table: type[BaseModel], error: ValidationError) -> list[str]:
+    """Return a sentence for each mistake that was found in a table.
+
+    Args:
+        table: what the file was read as.
+        error: what was found.
+    """
+    return [_sentence(table, dict(item)) for item in error.errors(include_url=False)]
+
+
+def _sentence(table: type[BaseModel], item: dict[str, Any]) -> str:
+    *above, last = item["loc"] or ("",)
+    key = ".".join(str(part) for part in item["loc"])
+    got, message = f"got {item['input']!r:.80}", item["msg"]
+    if item["type"] == "extra_forbidden":
+        keys = _keys(table, above)
+        return f"{key}: got a key that is not known, allowed {', '.join(nearest_first(str(last), keys))}"
+    if item["type"] == "missing":
+        return f"{key}: got nothing, required"
+    if message.startswith("Input should be "):
+        return f"{key}: {got}, allowed {message.removeprefix('Input should be ')}"
+    return f"{key}: {message[0].lower()}{message[1:]}, {got}".removeprefix(": ")
+
+
+def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
+    """Return the keys of the table at a path."""
+    for part in path:
+        annotation = table.model_fields[str(part)].annotation
+        union = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+        table = next(each for each in union if isinstance(each, type) and issubclass(each, BaseModel))
+    return list(table.model_fields)
+
+
+def nearest_first(got: str, allowed: Sequence[str]) -> list[str]:
+    """Return what is allowed, the one that was probably meant first and marked."""
+    near = get_close_matches(got, allowed, 1, 0.6)
+    return [*(f"{each} (the nearest)" for each in near), *(each for each in allowed if each not in near)]
+
+
+def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
+    """Return a sentence for each number that is out of all proportion beside a person, and is not named as meant.
+
+    Args:
+        raw: the tables of a file without mistakes.
+        meant: keys whose values are meant, however unusual.
+    """
+    known = {*_USUAL, *_ANGLES}
+    found = [
+        f"unusual: got {key!r}, allowed {', '.join(nearest_first(key, sorted(known)))}" for key in meant if key not in known
+    ]
+    for key, (low, high, unit) in _USUAL.items():
+        value = _value(raw, key)
+        strange = [each for each in np.ravel([] if value is None else value).tolist() if not low <= each <= high]
+        if strange and key not in meant:
+            found.append(f"{key}: got {strange[0]:g}, usual are {low:g} to {high:g} {unit}{_if_meant(key)}")
+    for key in _ANGLES:
+        angles = list(_numbers(_value(raw, key)))
+        if any(angles) and max(map(abs, angles)) <= np.pi and key not in meant:
+            found.append(
+                f"{key}: got no angle beyond {max(map(abs, angles)):g}, usual are degrees, not radians{_if_meant(key)}"
+            )
+    return found
+
+
+def _if_meant(key: str) -> str:
+    return f'; if it is meant, name it in the first lines: unusual = ["{key}"]'
+
+
+def _value(raw: dict[str, Any], key: str) -> Any:
+    value: Any = raw
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """All numbers in tables and lists."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, (list, tuple)):
+        for each in value:
+            yield from _numbers(each)
+    elif value is not None:
+        yield float(value)
