@@ -103,7 +103,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     sx = _symbols(problem, names)
     limits, dt, stop = problem.row_limits, sx["dt"], Stop.of(problem)
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
-    brake = on_surface(stop.braking(sx["previous"], dt), situation)
+    brake = on_surface(stop.braking(sx["previous"], dt), situation, sx["usable"])
     solved = sx["residual"] < TOLERANCE
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(problem.control, sx["rest"], sx["gain"], sx["value"], sx["must_move"], dt, counts)
@@ -116,7 +116,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
     in_time = patience(limits, situation, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
-    wanted, slowest = (_kept(problem, situation, twist, dt) for twist in (wanted, brake.twist))
+    wanted, slowest = (_kept(problem, situation, twist, dt, sx["usable"]) for twist in (wanted, brake.twist))
     outputs = [wanted, slowest, stop.ways(wanted, dt), solved, rest, *trial]
     return ca.Function(
         "decide",
@@ -183,7 +183,8 @@ def _close_function(problem: Problem) -> ca.Function:
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
     planned = sx["brake"] + ca.if_else(accepted, sx["share"], 0) * (sx["wanted"] - sx["brake"])
     if problem.surface is not None:
-        planned = problem.surface.retract(sx["posture"], planned, sx["dt"], ca.DM(problem.twist_limit.acceleration))
+        mending = ca.DM(problem.twist_limit.acceleration) * sx["usable"]
+        planned = problem.surface.retract(sx["posture"], planned, sx["dt"], mending)
     sent = planned
     if problem.average:
         # A mean keeps the acceleration by itself, as long as the history holds all of its seconds.
@@ -211,11 +212,11 @@ def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
     return ca.vertcat(values, 0)[places] if count else ca.MX(0, 1)
 
 
-def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX) -> ca.SX:
-    """The twist that leads to the surface which the state has to stay on; without one, the twist itself."""
+def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX, known: ca.SX | float = 1.0) -> ca.SX:
+    """The twist that leads to the surface which the state has to stay on, see `on_surface`; without one, the twist itself."""
     if problem.surface is None:
         return twist
-    return problem.surface.retract(situation.posture, twist, dt, ca.DM(problem.twist_limit.acceleration))
+    return problem.surface.retract(situation.posture, twist, dt, ca.DM(problem.twist_limit.acceleration) * known)
 
 
 def _margins(problem: Problem, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:

@@ -17,6 +17,7 @@ from ergoqp.step_guide import TRIAL
 from ergoqp.step_history import SHORTEST_DT, history_sizes
 from ergoqp.step_parts import count
 from ergoqp.step_state import initial_state, state_sizes
+from ergoqp.step_stop import longest_stop
 from ergoqp.step_values import number, put, truth
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ class Stepper:
         self.dt = self.problem.dt
         self._state = (len(self.problem.coordinates),)
         self._log = log
+        self._longest_stop = longest_stop(self.problem)
         self._loop = {"dt": self.dt, "solver": solver, "compiled": compiled}
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
@@ -214,13 +216,15 @@ class Stepper:
 
         Args:
             dt: for how long the twist will be executed [s]; None: the loop's period.
-            elapsed: seconds for which the robot has already ramped down by itself before this call [s].
+            elapsed: seconds for which the robot has already ramped down by itself before this call [s]. Its ramp is taken to be
+                that stop; it is not judged, and the object comes to rest before it moves again. A robot that stops otherwise is
+                waited for until it stands, and then `reset`.
         """
-        late = number(elapsed)
+        late = min(number(elapsed), self._longest_stop)
         while late >= SHORTEST_DT:
             period = min(late, 3 * self.dt)
             late -= period
-            if not self._brake(period).twist.any():
+            if not self._brake(period, 0.0).twist.any():
                 break
         return self._brake(self.dt if dt is None else number(dt))
 
@@ -250,11 +254,11 @@ class Stepper:
             raise InputError(f"twist: got {said}, allowed 6 finite numbers")
         return numbers
 
-    def _brake(self, dt: float) -> Step:
+    def _brake(self, dt: float, enable: float = 1.0) -> Step:
         start = time.perf_counter()
         into = self._inputs
         into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = 0.0, 0.0, 0.0, 1.0
-        into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, 1.0
+        into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, enable
         notes: dict[str, str] = {}
         if self._log is not None:
             self._record(notes)

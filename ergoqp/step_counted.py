@@ -112,7 +112,9 @@ def _by_limit(problem: Problem, below: Any, above: Any) -> dict[str, tuple[Any, 
     return found
 
 
-def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vectors) -> tuple[ca.MX, ca.MX]:
+def way_of(
+    problem: Problem, found: UnderWay, pose: ca.MX, unsure: ca.MX | None = None, shape: Shape = vectors
+) -> tuple[ca.MX, ca.MX]:
     """Return (where the object lands (4, 4), what is under way as numbers, see `split_way`).
 
     A robot is declared by its upper ends: any share of each piece may be done already. So a piece that leads away from an
@@ -122,11 +124,14 @@ def way_of(problem: Problem, found: UnderWay, pose: ca.MX, shape: Shape = vector
         problem: the task.
         found: what is under way.
         pose: as measured, or as far as it is known (4, 4).
+        unsure: how far the object may be behind that, along each axis and against it (6, 2) [m, rad]; None: not at all.
         shape: how functions are written, see `ergoqp.linear`.
     """
     if not _counts(problem):
         return pose, found.total
     given = {name: part for name, part in vars(found).items() if name in _PARTS and part is not None}
+    if unsure is not None:
+        given["unsure"] = unsure
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
     function = ca.Function("way", [at, *symbols.values()], _counted(problem, at, symbols))
@@ -169,6 +174,10 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         turns = found["twists"][3:, :n]
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
         raised = law.stretch * law.longest * (rises @ found["weights"])
+    if "unsure" in found:
+        # The object may be so much less far along each axis than it is reckoned.
+        back = _along(rows, found["unsure"])
+        below, above = below + back[:many], above + back[many:]
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
@@ -177,6 +186,8 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     parts = [found["total"], below, above]
     # A turn that is measured with an error is one that may have been done, or not.
     turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
+    if "unsure" in found:
+        turn += ca.norm_2(ca.fmax(found["unsure"][3:, 0], found["unsure"][3:, 1]))
     if _turns(problem):
         parts.append(turn)
     if _strays(problem):

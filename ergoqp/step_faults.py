@@ -16,9 +16,10 @@ class Fault(IntEnum):
     factor = 2
     another_axis = 3
     late = 4
-    pose_jumps = 5
-    pose_turns = 6
-    speed_jumps = 7
+    unasked = 5
+    pose_jumps = 6
+    pose_turns = 7
+    speed_jumps = 8
 
 
 def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
@@ -34,7 +35,8 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
     is_late = ca.logic_and(late > 0, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
     other = ca.if_else(gain < 0.15, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain))
     other = ca.if_else(is_late, ca.vertcat(int(Fault.late), late), other)
-    return ca.if_else(aside, ca.vertcat(int(Fault.another_axis), 0), other)
+    other = ca.if_else(aside, ca.vertcat(int(Fault.another_axis), 0), other)
+    return ca.if_else(ca.dot(y, y) >= YY / 1e-6, ca.vertcat(int(Fault.unasked), 0), other)
 
 
 def fault_sentence(kind: int, amount: float) -> str:
@@ -43,6 +45,7 @@ def fault_sentence(kind: int, amount: float) -> str:
         Fault.stands_still: "robot: stands still",
         Fault.factor: f"robot: moves {amount:.2g} times what was sent",
         Fault.another_axis: "robot: moves along another axis",
+        Fault.unasked: "robot: moves although nothing was sent",
         Fault.late: f"robot: late by {1e3 * amount:.0f} ms",
         Fault.pose_jumps: f"robot: pose jumps by {1e3 * amount:.3g} mm",
         Fault.pose_turns: f"robot: pose jumps by {np.degrees(amount):.3g} deg",

@@ -13,6 +13,7 @@ from ergoqp.linear import Shape, dense
 from ergoqp.rigid import exp_rotation, is_rigid
 from ergoqp.step_causes import Cause
 from ergoqp.step_counted import way_of
+from ergoqp.step_history import owes
 from ergoqp.step_parts import count
 from ergoqp.step_state import state_sizes
 from ergoqp.step_watch import TOLD_SO_FAR, missed, watch, watch_blocks
@@ -70,7 +71,7 @@ class Known:
         under_way: the same, in its parts.
         causes: why the step can only brake, by `Cause`; 0 if it can do more.
         started: 1 once a pose is known.
-        watched: the blocks of `ergoqp.step_watch.watch_blocks`.
+        watched: the blocks of `ergoqp.step_watch.watch_blocks`, and how unsure the pose is.
     """
 
     posture: ca.MX
@@ -108,7 +109,13 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
     pose = _pose(problem, measured, raw["pose"], state["started"], state["stored"], moved, posture)
     given |= {"pose": pose, "measured": measured, "told": told, "stop": stop}
     watched, causes = watch(problem, given | {"causes": causes}, shape)
-    landed, way = way_of(problem, found, pose, shape)
+    unsure = None
+    if owes(problem):
+        # Of what was under way when the object was seen last, any share may have been done already: it is integrated as if none
+        # had.
+        unsure = ca.if_else(measured, 0, state["unsure"])
+        watched["unsure"] = ca.if_else(measured, ca.horzcat(found.up, found.down), state["unsure"])
+    landed, way = way_of(problem, found, pose, unsure, shape)
     return Known(posture, pose, landed, found.previous, found.dt, way, found, causes, started, watched)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ergoqp.rest import STATES
 from ergoqp.step_guide import TRIAL
-from ergoqp.step_history import history_sizes, initial_history
+from ergoqp.step_history import history_sizes, initial_history, owes
 from ergoqp.step_parts import count
 from ergoqp.step_watch import taken_over, watch_blocks
 
@@ -20,6 +20,9 @@ def state_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, 
     """Return the shape of every part of the state, in order."""
     sizes = {"history": (count(history_sizes(problem)), 1), "stored": (4, 4), "started": (1, 1), "rest": (STATES, 1)}
     sizes |= {name: (count(block), 1) for name, block in watch_blocks(problem).items()}
+    if owes(problem):
+        # How far the object may be from where it is reckoned, along each axis and against it, since it was measured.
+        sizes["unsure"] = (6, 2)
     if asks_back(problem):
         sizes["asked"] = (2, 1)
     return sizes | ({"trial": (TRIAL, 1)} if guided else {})

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.limits import Situation, TwistLimit
 from ergoqp.limits.limit import Expression
@@ -174,9 +175,22 @@ class Braking:
         return steep + ca.fmin(left - knee, 0) / (self.reach + held)
 
 
-def on_surface(brake: Braking, situation: Situation) -> Braking:
-    """Return the same braking along the surface that the state has to stay on; without one, as it is."""
+def longest_stop(problem: Problem) -> float:
+    """Return the seconds after which nothing is sent any more, whatever was sent before."""
+    limit = problem.twist_limit
+    moves = limit.speed > 0
+    return float(np.max(limit.speed[moves] / limit.acceleration[moves], initial=0.0)) + problem.average + 3 * problem.dt
+
+
+def on_surface(brake: Braking, situation: Situation, known: Expression = 1) -> Braking:
+    """Return the same braking along the surface that the state has to stay on; without one, as it is.
+
+    Args:
+        brake: along a straight line.
+        situation: where things are.
+        known: 0 if the state was not measured: its distance from the surface is not mended then, or it would never rest.
+    """
     if situation.surface is None:
         return brake
-    twist = situation.surface.tangent(situation.posture, brake.twist, brake.dt, brake.acceleration)
+    twist = situation.surface.tangent(situation.posture, brake.twist, brake.dt, brake.acceleration * known)
     return replace(brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist))

@@ -1,12 +1,13 @@
 """Whether the robot does what it was sent: measured motion against declared motion, and a name for what does not fit.
 
-Measured and sent motion are compared since the object last stood still. What a declared robot may differ by is no fault:
-what it has not done yet, its gain error, the noise of its pose. Each measured pose says between which ends the constant
+Measured and sent motion are compared since the object last came to stand still. What a declared robot may differ by is no
+fault: what it has not done yet, its gain error, the noise of its pose. Each measured pose says between which ends the constant
 difference of the two must lie, axis by axis; when the ends of two moments leave no room, by more than `UNIT`, something was
 done that was not declared. A reported twist is compared by its integral; what scatters from sample to sample, up to half
 the speed limit, is noise.
 
-After a fault, and after the object was not allowed to move, it comes to rest and starts again from rest only.
+After a fault, and after the object was not allowed to move, it comes to rest and starts again from rest only. While it is not
+enabled, whatever moves it is no fault.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ _MEMORY: Final = 0.3
 _WIDE: Final = 1e3
 """Further apart than anything [m, rad]."""
 
+_FORGETS: Final = 0.5
+"""Standing still, a reported twist is summed over so long: what a sensor reads at rest adds up to nothing [s]."""
+
 _CERTAIN: Final = 6.0
 """Noise of a reported twist counts as none up to so many standard deviations of its sum."""
 
@@ -47,9 +51,9 @@ _COMPARED: Final = {
     "apart": (6, 1),  # measured motion less sent motion, by the pose
     "least": (6, 1),  # ends of their constant difference
     "most": (6, 1),
-    "calm": (1, 1),  # for how long the object has stood still
+    "calm": (1, 1),  # for how long the object has stood still, as far as is seen
     "halted": (1, 1),  # 1 until it has come to rest
-    "rests": (1, 1),  # periods of standing still
+    "rests": (1, 1),  # how often the comparison was begun
 }
 _REPORTED: Final = {
     "drift": (6, 1),  # measured motion less sent motion, by the reported twist
@@ -75,6 +79,7 @@ _SIZES: Final = (
     {**_COMPARED, **_STORY, **_SAID}
     | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "went"), (6, 1))
     | dict.fromkeys(("pose", "stored"), (4, 4))
+    | {"unsure": (6, 2)}
 )
 
 
@@ -86,7 +91,9 @@ def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
     # Turns do not commute: differences of neighbouring noisy poses would add up to a random walk. How the object was turned by
     # what was sent since it stood still.
     turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
-    return {"compared": _COMPARED | held | turn, "story": _STORY, "said": _SAID}
+    # For the same reason: by which angle the object was turned by what was sent since it was measured, if not by that.
+    blind = {"blind": (1, 1)} if owes(problem) and not turn else {}
+    return {"compared": _COMPARED | held | turn | blind, "story": _STORY, "said": _SAID}
 
 
 def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX]:
@@ -99,7 +106,8 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
         given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``, ``measured``, ``told`` (0 or 1),
             ``executed``, ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists of a robot that does no more
             than it was sent, ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop``
-            (1: the object may not move now), ``period`` [s], ``causes`` so far.
+            (1: the object may not move now), ``enable`` (0 or 1), ``period`` [s], ``causes`` so far, and where the robot may be
+            late ``unsure`` (6, 2): how far the object may be from where it is reckoned.
         shape: how functions are written, see `ergoqp.linear`.
     """
     compare, explain = shape(_compared(problem)), _explained(problem)
@@ -160,13 +168,13 @@ def _compared(problem: Problem) -> ca.Function:
     """
     robot, stretch = problem.robot, 1 + problem.robot.gain_error
     names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
-    given = _symbols(problem, *names, "period", "compared", "said", "causes")
+    given = _symbols(problem, *names, "enable", "period", "compared", "said", "causes", *(["unsure"] if owes(problem) else []))
     sizes = watch_blocks(problem)["compared"]
     now = given | split(sizes, given["compared"]) | split(_SAID, given["said"])
-    parked, noise = now["parked"], ca.DM(robot.noise)
+    parked, enabled, noise = now["parked"], now["enable"] > 0.5, ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
-    apart = now["apart"] + went - done
+    apart, least, most = now["apart"] + went - done, now["least"], now["most"]
     block, gone = {}, ca.SX(6, 1)
     if robot.longest_hold and not owes(problem):
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
@@ -175,40 +183,52 @@ def _compared(problem: Problem) -> ca.Function:
         apart -= gone
         # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
         noise *= 3
+    if "blind" in sizes:
+        # Two ways with the same end, of which one is as far behind as that, differ by the area between them.
+        turn = now["blind"] + ca.norm_2(done[3:])
+        block["blind"] = ca.if_else(now["measured"], 0, turn)
+        area = now["measured"] * (now["blind"] > 0) * turn * ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
+        least, most = least - ca.vertcat(0, 0, 0, area, area, area), most + ca.vertcat(0, 0, 0, area, area, area)
+    # Where the comparison begins, the pose is as far off as it may be; how it was turned since then is known but for noise.
+    at_begin = noise
     if "turned" in sizes:
         sent_to = ca.if_else(now["started"], turned(done[3:] + gone[3:], now["turned"]), now["pose"][:3, :3])
         apart[3:] = _rotation(sent_to, now["pose"][:3, :3])
-        block["turned"] = ca.if_else(parked, now["pose"][:3, :3], sent_to)
-        # The error of the pose at rest turns with the object, so it may lie along any axis.
-        noise[3:] = (1 + np.sqrt(3)) * noise[3:]
-    low, high = apart - noise, apart + noise
+        at_begin = ca.vertcat(noise[:3], 0, 0, 0)
+        # The error of the pose at the begin turns with the object, so it may lie along any axis.
+        noise = ca.vertcat(noise[:3], (1 + np.sqrt(3)) * noise[3:])
+    below = above = ca.SX(6, 1)
     if owes(problem):
-        low, high = low - stretch * now["down"], high + stretch * now["up"]
+        below, above = below + stretch * now["down"], above + stretch * now["up"]
     if robot.longest_hold and owes(problem):
-        sent = ca.horzcat(now["sent"], -now["sent"])
-        # What it held on to before it came to rest still counts in this comparison, and no more in the next one.
-        hold = stretch * robot.longest_hold * ca.fmax(now["held"], sent)
-        block["held"] = ca.fmax(now["held"] * (1 - parked), sent)
-        low, high = low - hold[:, 0], high + hold[:, 1]
-    least, most = now["least"], now["most"]
+        hold = stretch * robot.longest_hold * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        below, above = below + hold[:, 0], above + hold[:, 1]
     if robot.gain_error:
-        spread = robot.gain_error * ca.vertcat(*[ca.norm_2(done[:3])] * 3, *[ca.norm_2(done[3:])] * 3)
+        # A shift is along what was sent; what is left of a turn turns with the object.
+        spread = robot.gain_error * ca.vertcat(ca.fabs(done[:3]), *[ca.norm_2(done[3:])] * 3)
         least, most = least - spread, most + spread
     unseen = _WIDE * (1 - now["measured"])
-    low, high = low - unseen, high + unseen
+    low, high = apart - noise - below - unseen, apart + noise + above + unseen
     beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high), 0) * ca.DM(1 / UNIT)
-    by_pose = ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1
+    by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
-    # Standing still the difference counts anew.
-    anew, shift = _WIDE * parked, parked * apart
-    least, most = ca.fmax(least - anew, low) - shift, ca.fmin(most + anew, high) - shift
+    # The difference counts anew from where the object comes to stand still, and from where it was seen to move there.
+    comes_to_rest = ca.logic_and(parked, ca.logic_or(now["calm"] <= 0, found))
+    anew = ca.logic_or(comes_to_rest, ca.logic_not(enabled))
+    least = ca.if_else(anew, -(at_begin + below + unseen), ca.fmax(least, low))
+    most = ca.if_else(anew, at_begin + above + unseen, ca.fmin(most, high))
+    if "turned" in sizes:
+        block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
+    if robot.longest_hold and owes(problem):
+        # What it held on to before it came to rest still counts in this comparison, and no more in the next one.
+        block["held"] = ca.fmax(now["held"] * (1 - comes_to_rest), ca.horzcat(now["sent"], -now["sent"]))
 
-    calm = parked * (now["calm"] + now["period"])
+    calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
     faulty = ca.logic_or(found, ca.logic_and(now["fault"][0] > 0.5, ca.logic_not(over)))
     halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
-    rests = now["rests"] + parked
-    block |= dict(zip(_COMPARED, (apart - shift, least, most, calm, halted, rests), strict=True))
+    rests = now["rests"] + anew
+    block |= dict(zip(_COMPARED, (apart * (1 - anew), least, most, calm, halted, rests), strict=True))
     resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
@@ -239,7 +259,8 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     """Compare the integral of the reported twist with what was sent: what to keep of it, and the signs of a fault."""
     gain, unit = problem.robot.gain_error, ca.DM(UNIT)
     sent, lasted = now["sent"], now["lasted"] * now["started"]
-    fresh = ca.logic_or(now["parked"] > 0.5, now["now_rests"] > now["rested"])
+    fresh = now["now_rests"] > now["rested"]
+    keeps = ca.if_else(now["parked"] > 0.5, ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
     surprise = now["executed"] - sent
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
@@ -247,7 +268,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
     summed = {"drift": surprise * lasted, "blur": scatter**2 / 2, "path": gone}
     # Standing still everything counts anew, but what a late robot still owes then.
-    drift, blur, path = (ca.if_else(fresh, 0, now[name] + part) for name, part in summed.items())
+    drift, blur, path = (ca.if_else(fresh, 0, keeps * now[name] + part) for name, part in summed.items())
     due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
     # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
     # a period.

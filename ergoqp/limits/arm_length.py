@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import Rows, Situation
+from ergoqp.limits.limit import Expression, Rows, Situation
 from ergoqp.limits.twist import TwistLimit
 
 RETURN: Final = 0.05
 """Share of the acceleration with which a wrong length is mended."""
+
+_ROUNDING: Final = 1e-12
+"""A length is right if it is that near [m]."""
 
 
 @dataclass(frozen=True)
@@ -83,13 +86,13 @@ class ArmLength:
             )
         return needed
 
-    def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+    def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
         """Return the twist (6,) without its part across the surface, but for the pace at which a wrong length is mended."""
         along = _direction(posture)
         normal = ca.vertcat(-along, along)
         return twist + normal * (self._mended(posture, dt, acceleration) / dt - ca.dot(normal, twist)) / 2
 
-    def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+    def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
         """Return the twist (6,) that leads from the state to the projection of ``state + twist dt``."""
         target = posture + twist * dt
         wanted = _distance(posture) + self._mended(posture, dt, acceleration)
@@ -107,10 +110,10 @@ class ArmLength:
         pull = ca.vertcat(along, -along) * apart**2 / (4 * self.length)
         return pull, np.sqrt(2) / 12 * apart**3 / self.length**2
 
-    def _mended(self, posture: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
-        """By how much the length changes in this period [m]."""
-        most = RETURN * ca.mmin(acceleration) * dt**2
-        return ca.fmax(-most, ca.fmin(most, self.length - _distance(posture)))
+    def _mended(self, posture: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
+        """By how much the length changes in this period [m]; what is rounding stays, or the points would never rest."""
+        most, wrong = RETURN * ca.mmin(acceleration) * dt**2, self.length - _distance(posture)
+        return ca.if_else(ca.fabs(wrong) > _ROUNDING, ca.fmax(-most, ca.fmin(most, wrong)), 0)
 
     def project(self, points: ArrayLike) -> np.ndarray:
         """Return states (n, 6) moved to the length: each point by half of what is missing, along their line."""

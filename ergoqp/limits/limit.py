@@ -77,11 +77,11 @@ class Situation:
 class Surface(Protocol):
     """A limit that is an equality: the state stays on it by projection, whatever the twist. See `ergoqp.limits.ArmLength`."""
 
-    def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
-        """Return a twist (6,) without its part across the surface."""
+    def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
+        """Return a twist (6,) without its part across the surface; what is wrong is mended as far as `acceleration` allows."""
         ...
 
-    def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: ca.DM) -> ca.SX:
+    def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
         """Return the twist (6,) that leads to the projection of ``posture + twist dt``."""
         ...
 

@@ -12,6 +12,7 @@ from ergoqp.step_faults import Fault
 from ergoqp.step_history import SHORTEST_DT, History
 from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes
 from ergoqp.step_state import initial_state
+from ergoqp.step_stop import longest_stop
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -192,7 +193,8 @@ def memory_header(problem: Problem, core: str) -> str:
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]
     lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
-    lines += [f"#define ERGOQP_LONGEST_PERIOD {problem.longest_period!r}", f"#define ERGOQP_INITIAL_STATE {initial}", ""]
+    lines += [f"#define ERGOQP_LONGEST_CUT {3 * problem.dt!r}", f"#define ERGOQP_LONGEST_STOP {longest_stop(problem)!r}"]
+    lines += [f"#define ERGOQP_INITIAL_STATE {initial}", ""]
     for word, names, count in (("INPUT", INPUTS, sizes), ("OUTPUT", OUTPUTS, outputs)):
         starts = [sum(count.get(before, 1) for before in names[:number]) for number in range(len(names) + 1)]
         lines += [f"#define ERGOQP_{word}_AT_{name} {start}" for name, start in zip(names, starts[:-1], strict=True)]

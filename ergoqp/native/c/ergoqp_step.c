@@ -106,13 +106,16 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, e
     int axis;
     ergoqp_input_defaults(&nothing);
     nothing.frame = 0;
+    nothing.enable = 0; /* what the robot does by itself is not judged, and the object rests before it moves again */
+    if (elapsed > ERGOQP_LONGEST_STOP) elapsed = ERGOQP_LONGEST_STOP;
     while (elapsed >= ERGOQP_SHORTEST_PERIOD) {
-        nothing.dt = elapsed < ERGOQP_LONGEST_PERIOD ? elapsed : ERGOQP_LONGEST_PERIOD;
+        nothing.dt = elapsed < ERGOQP_LONGEST_CUT ? elapsed : ERGOQP_LONGEST_CUT;
         elapsed -= nothing.dt;
         (void)answer(stepper, &nothing, 1.0, output);
         for (axis = 0; axis < 6 && output->twist[axis] == 0.0; ++axis) continue;
         if (axis == 6) break; /* it has stopped */
     }
     nothing.dt = dt;
+    nothing.enable = 1;
     return answer(stepper, &nothing, 1.0, output);
 }
