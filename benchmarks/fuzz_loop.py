@@ -83,9 +83,6 @@ class Loop:
     def _begin(self, twist: np.ndarray, place: np.ndarray | None) -> None:
         """Begin with an object that moves at a twist (6,), at a place (4, 4), or where the first posture says."""
         declared = self._problem.robot
-        if self._measures != "measured" and (self._measures == "now and then" or self.lying or twist.any()):
-            # Where a moving object is not measured again, nobody can know by how much its robot is less late than declared.
-            self._kind = replace(self._kind, delay=declared.delay, lag=declared.lag, pose_delay=declared.pose_delay)
         self._stepper.reset(twist if twist.any() else None)
         speed = self._problem.twist_limit.speed
         start = np.clip(twist, -speed, speed)
@@ -175,7 +172,7 @@ class Loop:
         while left >= 1e-5 and (self._sent.twist.any() or self._law.planned.any()):
             period = min(left, 3 * self._problem.dt)
             left -= period
-            self._go(self._stepper.brake(period), period, "asked to brake", self._problem.robot.needs_pose, where)
+            self._go(self._stepper._brake(period, 0.0), period, "asked to brake", True, where)
         then = self._state.copy()
         expected = self._stepper.brake(dt).twist
         self._state[:] = state
@@ -200,7 +197,7 @@ class Loop:
         self._place(call, step, posture, seen, measured, told, short, where)
         self._object.settle(state, self._sent, dt)
         lied = bool(call.lies) or self._disobeys > 0
-        self._robot.look(self._before, step.pose, measured, told, lied, dt)
+        self._robot.look(self._before, step.pose, measured, told, lied, dt, given.get("enable") is not False)
         if not (call.causes or posture is None or short or unmeasured or self._robot.may):
             self._certify(step, posture, seen, dt, where)
         self._reasons.judge(call, step, self._robot, posture, seen, short, unmeasured, where)

@@ -1,7 +1,7 @@
 """What the step has to say of the robot, reckoned by the fuzzer from the calls alone: `RobotReckoning`.
 
-Measured motion is compared with what was sent since the object last stood still. Beyond 1 mm and 0.2 deg, and what is declared,
-it is a fault. Near the threshold, and where a declared robot leaves room, saying so and not saying so are both right.
+Measured motion is compared with what was sent since the object last came to stand still. Beyond 1 mm and 0.2 deg, and what is
+declared, it is a fault. Near the threshold, and where a declared robot leaves room, saying so and not saying so are both right.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ class RobotReckoning:
         self._sent, self._lasted = np.array(twist), problem.dt
         self._most = np.abs(self._sent)
         self._surprise, self._heard, self._heard_perhaps = np.zeros(6), 0.0, 0.0
+        self._parked = False
         self._stand_still(False, False)
 
     def _stand_still(self, measured: bool, lied: bool) -> None:
@@ -80,7 +81,14 @@ class RobotReckoning:
         return max(self._average, self._robot.delay + self._robot.pose_delay)
 
     def look(
-        self, before: np.ndarray | None, pose: np.ndarray, measured: bool, told: np.ndarray | None, lied: bool, dt: float
+        self,
+        before: np.ndarray | None,
+        pose: np.ndarray,
+        measured: bool,
+        told: np.ndarray | None,
+        lied: bool,
+        dt: float,
+        enabled: bool = True,
     ) -> None:
         """Reckon with one call, before its answer is judged.
 
@@ -91,6 +99,7 @@ class RobotReckoning:
             told: reported twist, if a usable one was given (6,).
             lied: whether pose or twist are made up.
             dt: period [s].
+            enabled: whether what moves the object is judged at all.
         """
         parked = self._still >= max(self._pause, 1e-9)
         self._lied |= lied
@@ -99,15 +108,16 @@ class RobotReckoning:
             self._compare(turned(before, pose), self._sent * self._lasted, measured, surely, perhaps)
         elif measured:
             self._low = self._high = self._apart
-        if parked:
+        if (parked and (not self._parked or self._blamed or max(surely) > _MANY)) or not enabled:
             self._stand_still(measured, lied)
+        self._parked = parked
         # What a reported twist shows may be said a step later.
         surely.append(self._heard)
         perhaps.append(self._heard_perhaps)
         self._heard = self._heard_perhaps = 0.0
         if told is not None and before is not None:
             self._listen(told, perhaps)
-        fault = not self._honest and max(surely) > _MANY
+        fault = enabled and not self._honest and max(surely) > _MANY
         possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
         limit = self._pause + (0.0 if self._phase == "halted" else _CALM) + self._robot.delay + self._robot.pose_delay
         limit += 3 * self._robot.lag + 4 * max(self._lasted, self._dt)

@@ -1,9 +1,9 @@
 """Robots that do not do what they are sent: what is sent, where the object really is, and what is said of it.
 
 Run ``python -m benchmarks.tracking [--quick | --full] [--json FILE]``. Every robot of `benchmarks.tracking_robots` on every
-problem, with pose, twist, both or nothing reported. The object is driven by a posture that jumps about and follows nobody,
-in a box of 6 cm and a cone of 6 degrees, so that it is led into every wall again and again; the robot is simulated apart
-from the step, exactly, and judged inside the periods too.
+problem, with pose, twist, both, a pose that is lost for two thirds of the time, or nothing reported. The object is driven by a
+posture that jumps about and follows nobody, in a box of 6 cm and a cone of 6 degrees, so that it is led into every wall again
+and again; the robot is simulated apart from the step, exactly, and judged inside the periods too.
 
 Sent against limits, all robots, relative to the limit, at most:
 
@@ -50,7 +50,7 @@ from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start
 
-REPORTS = ("pose", "twist", "both", "nothing")
+REPORTS = ("pose", "twist", "both", "lost", "nothing")
 
 OWN = "own workspace"
 """Beside the ways of reporting: with the pose, in the workspace of the problem."""

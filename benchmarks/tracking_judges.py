@@ -82,8 +82,9 @@ class Faults:
         if self._since > 0.2 and not self._said:
             self._found.unnamed += 1
             self._said = True
-        self._rest = 0.0 if np.any(twist) else self._rest + dt
-        if self._rest > 0.1:
+        rested, self._rest = self._rest, 0.0 if np.any(twist) else self._rest + dt
+        # From where the object came to stand still, and from where it was said to have moved then.
+        if self._rest > 0.1 and (rested <= 0.1 or self._said):
             self._expected, self._drift, self._since, self._said = None, np.zeros(6), 0.0, False
         self._sent = (twist, dt)
 

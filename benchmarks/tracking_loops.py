@@ -71,7 +71,7 @@ def drive(
         if time >= until:
             posture, until = np.clip(comfort + 0.6 * rng.normal(size=32), LOWER, UPPER), until + JUMP
         meant, late = period(case, dt, rng)
-        given = told(case, robot, reports) | first
+        given = told(case, robot, reports, len(found.twists)) | first
         answer = step(posture, **given, dt=meant, enable=enable)
         first = {}
         _send(problem, found, robot, sent, answer.twist, meant, 0.0 if case.periods == "watched" else late)
@@ -82,7 +82,7 @@ def drive(
             for _ in range(round(late / dt)):
                 answer = brake(dt)
                 _send(problem, found, robot, sent, answer.twist, dt, 0.0)
-                faults.judge(told(case, robot, reports), answer.reason, answer.twist, dt, 0.0)
+                faults.judge(told(case, robot, reports, len(found.twists)), answer.reason, answer.twist, dt, 0.0)
     return found
 
 

@@ -16,6 +16,9 @@ PERFECT = RobotKind()
 HICCUP = 0.3
 """How long a hiccup is [s]."""
 
+LOST = 37
+"""Where the pose is lost now and then, it is there for so many calls, and away for twice as many."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -113,10 +116,17 @@ def period(case: Case, dt: float, rng: np.random.Generator) -> tuple[float, floa
     return dt, HICCUP - dt if late else 0.0
 
 
-def told(case: Case, robot: SimulatedRobot, reports: str) -> dict[str, Any]:
-    """Return what the loop hears of the robot; `reports` is ``pose``, ``twist``, ``both`` or ``nothing``."""
+def told(case: Case, robot: SimulatedRobot, reports: str, number: int) -> dict[str, Any]:
+    """Return what the loop hears of the robot in a call.
+
+    Args:
+        case: the robot.
+        robot: the same, simulated.
+        reports: ``pose``, ``twist``, ``both``, ``lost`` (the pose is, for two thirds of the time) or ``nothing``.
+        number: of the call.
+    """
     given: dict[str, Any] = {}
-    if reports in ("pose", "both"):
+    if reports in ("pose", "both") or (reports == "lost" and number // LOST % 3 == 0):
         given["pose"] = robot.measured_pose()
     if reports in ("twist", "both"):
         given["twist"] = robot.reported_twist()

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Final
 
 import casadi as ca
 import numpy as np
+
+
+_SAME: Final = 0.005
+"""A factor so near to 1 is none."""
 
 
 class Fault(IntEnum):
@@ -41,9 +46,11 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
 
 def fault_sentence(kind: int, amount: float) -> str:
     """Return what is said of a fault."""
+    if kind == Fault.factor and abs(amount - 1) < _SAME:
+        return "robot: drifts from what was sent"
     return {
         Fault.stands_still: "robot: stands still",
-        Fault.factor: f"robot: moves {amount:.2g} times what was sent",
+        Fault.factor: f"robot: moves {amount:.3g} times what was sent",
         Fault.another_axis: "robot: moves along another axis",
         Fault.unasked: "robot: moves although nothing was sent",
         Fault.late: f"robot: late by {1e3 * amount:.0f} ms",

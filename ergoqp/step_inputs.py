@@ -114,7 +114,8 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
         # Of what was under way when the object was seen last, any share may have been done already: it is integrated as if none
         # had.
         unsure = ca.if_else(measured, 0, state["unsure"])
-        watched["unsure"] = ca.if_else(measured, ca.horzcat(found.up, found.down), state["unsure"])
+        seen_now = ca.logic_or(measured, state["started"] < 0.5)
+        watched["unsure"] = ca.if_else(seen_now, ca.horzcat(found.up, found.down), state["unsure"])
     landed, way = way_of(problem, found, pose, unsure, shape)
     return Known(posture, pose, landed, found.previous, found.dt, way, found, causes, started, watched)
 
@@ -145,7 +146,7 @@ def _read_function(problem: Problem) -> ca.Function:
     moved = ca.if_else(doubted, executed * raw["lasted"], declared) + doubted * short
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
-    disabled = raw["enable"] < 0.5
+    disabled = ca.logic_not(raw["enable"] > 0.5)
     bad = {
         Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),
         Cause.pose: ca.logic_and(has_pose, ca.logic_not(pose_ok)),

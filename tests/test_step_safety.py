@@ -243,7 +243,7 @@ def test_a_robot_that_is_faster_than_sent_stays_within_its_speed_and_is_named() 
             assert loop.outside() <= 1e-3
         assert braked > 30
         assert loop.faults()
-        assert all(re.fullmatch(r"robot: moves 1(\.\d)? times what was sent", fault) for fault in loop.faults()), loop.faults()
+        assert all(re.fullmatch(r"robot: moves 1(\.\d+)? times what was sent", fault) for fault in loop.faults()), loop.faults()
 
 
 def test_a_robot_that_lags_comes_no_further_out_with_its_twist_reported_than_without() -> None:
