@@ -8,7 +8,6 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-
 _SAME: Final = 0.005
 """A factor so near to 1 is none."""
 

@@ -16,7 +16,8 @@ from ergoqp.step_counted import way_of
 from ergoqp.step_history import owes
 from ergoqp.step_parts import count
 from ergoqp.step_state import state_sizes
-from ergoqp.step_watch import TOLD_SO_FAR, missed, watch, watch_blocks
+from ergoqp.step_story import TOLD_SO_FAR, watch_blocks
+from ergoqp.step_watch import missed, watch
 from ergoqp.step_way import UnderWay, under_way
 
 if TYPE_CHECKING:

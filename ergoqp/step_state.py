@@ -10,7 +10,8 @@ from ergoqp.rest import STATES
 from ergoqp.step_guide import TRIAL
 from ergoqp.step_history import history_sizes, initial_history, owes
 from ergoqp.step_parts import count
-from ergoqp.step_watch import taken_over, watch_blocks
+from ergoqp.step_story import watch_blocks
+from ergoqp.step_watch import taken_over
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
