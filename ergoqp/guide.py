@@ -10,6 +10,7 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.rigid import read_pose
 from ergoqp.step_guide import UNKNOWN
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     if tuple(problem.coordinates) != JOINTS:
         raise InputError(f"guide: problem {problem.name} moves {', '.join(problem.coordinates)}, allowed problems of a person")
     _check_origin(problem, guide)
-    pose = _pose(getattr(guide, "pose", guide))
+    pose = read_pose("guide", getattr(guide, "pose", guide))
     _check_place(problem, pose)
     posture = getattr(guide, "posture", None)
     if posture is None:
@@ -87,22 +88,6 @@ def _check_place(problem: Problem, pose: np.ndarray) -> None:
         if angle > cone.half_angle_deg + np.degrees(_ROUNDING):
             allowed = f"at most {cone.half_angle_deg:g} deg"
             raise InputError(f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed {allowed}")
-
-
-def _pose(value: Any) -> np.ndarray:
-    try:
-        pose = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"guide: got {type(value).__name__}, allowed a pose (4, 4) or something with one as .pose") from None
-    if pose.shape != (4, 4):
-        raise InputError(f"guide: got shape {pose.shape}, allowed a pose (4, 4) or something with one as .pose")
-    rotation = pose[:3, :3]
-    rigid = np.isfinite(pose).all() and np.abs(rotation.T @ rotation - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0
-    if not (rigid and np.allclose(pose[3], [0, 0, 0, 1], atol=1e-6)):
-        raise InputError(
-            "guide: got a pose that is not finite or not a rigid motion, allowed a rotation and a position in metres"
-        )
-    return pose
 
 
 def _short(point: Any) -> str:

@@ -1,16 +1,20 @@
-"""Rigid motion as expressions: turning by a rotation vector, and how far a matrix is from a rotation."""
+"""Rigid motion as expressions: turning by a rotation vector, and the one reader of poses that come from outside."""
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import casadi as ca
+import numpy as np
+
+from ergoqp.errors import InputError
 
 
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
     """Return `pose` (4, 4) moved by a world-aligned displacement (6,), for any number of times: it stays orthonormal."""
     moved = shifted(pose, displacement)
-    rotation = moved[:3, :3]
-    # One Newton step.
-    moved[:3, :3] = 1.5 * rotation - 0.5 * rotation @ (rotation.T @ rotation)
+    moved[:3, :3] = _straightened(moved[:3, :3])
     return moved
 
 
@@ -42,3 +46,55 @@ def is_rigid(pose: ca.SX) -> ca.SX:
     """Return whether a matrix (4, 4) is a rigid motion, finite and within 100 m."""
     bottom = ca.sumsqr(pose[3, :] - ca.DM([[0, 0, 0, 1]])) < 1e-6
     return ca.logic_and(ca.logic_and(rotation_error(pose[:3, :3]) < 1e-3, bottom), ca.sumsqr(pose[:3, 3]) < 1e4)
+
+
+def normalised(pose: ca.SX) -> ca.SX:
+    """Return the rigid motion (4, 4) that is nearest to one which `is_rigid`, to rounding."""
+    bottom = ca.SX([[0, 0, 0, 1]])
+    # From 1e-3 to 4e-7 to 1e-13.
+    return ca.vertcat(ca.horzcat(_straightened(_straightened(pose[:3, :3])), pose[:3, 3]), bottom)
+
+
+def read_pose(what: str, value: Any) -> np.ndarray:
+    """Return a pose (4, 4) that a user gives, as the control step reads it: see `is_rigid`, `normalised`.
+
+    Args:
+        what: it is, for the message.
+        value: anything.
+
+    Raises:
+        InputError: if it is not a rigid motion within 100 m.
+    """
+    try:
+        pose = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: got {type(value).__name__}, allowed a pose (4, 4)") from None
+    if pose.shape != (4, 4):
+        raise InputError(f"{what}: got shape {pose.shape}, allowed a pose (4, 4)")
+    read, rigid = _read_pose()(pose)
+    if not rigid:
+        raise InputError(f"{what}: got a pose that is {_what_is_wrong(pose)}, allowed a rotation and a position within 100 m")
+    return np.array(read)
+
+
+@cache
+def _read_pose() -> ca.Function:
+    pose = ca.SX.sym("pose", 4, 4)
+    return ca.Function("read_pose", [pose], [ca.densify(normalised(pose)), is_rigid(pose)])
+
+
+def _what_is_wrong(pose: np.ndarray) -> str:
+    if not np.isfinite(pose).all():
+        return "not finite"
+    if not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-3):
+        return f"not a rigid motion: its last row is {pose[3].tolist()}"
+    if np.linalg.det(pose[:3, :3]) < 0:
+        return "a mirror"
+    if np.linalg.norm(pose[:3, 3]) >= 100:
+        return "far away"
+    return "not a rigid motion"
+
+
+def _straightened(rotation: ca.SX) -> ca.SX:
+    """One Newton step toward the nearest rotation."""
+    return 1.5 * rotation - 0.5 * rotation @ (rotation.T @ rotation)

@@ -24,9 +24,9 @@ _LARGEST: Final = {
 class DeclaredRobot:
     """What is known of the robot between the twist that is sent and the pose that is measured. All values are upper ends.
 
-    The robot's own twist w follows what is sent, s, as w' = ((1 + g) s(t - delay) - w) / lag with |g| <= `gain_error`; delay, lag
-    and g may be less than declared, but do not change while it moves. Workspace and tool axis hold for every such robot; what is
-    measured beyond it is a fault, named, and the object stops.
+    The robot's own twist w follows what is sent, s, as w' = ((1 + g) s(t - delay) - w) / lag with |g| <= `gain_error`; delay,
+    lag and g may be less than declared, but do not change while it moves. Workspace and tool axis hold for every such robot;
+    what is measured beyond it is a fault, named, and the object stops.
 
     Attributes:
         delay: from sending a twist until the robot begins to follow it [s].

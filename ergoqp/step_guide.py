@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.rest import stalled
-from ergoqp.rigid import is_rigid
+from ergoqp.rigid import is_rigid, normalised
 
 if TYPE_CHECKING:
     from ergoqp.control import Control
@@ -88,7 +88,7 @@ def pull_function(problem: Problem) -> ca.Function:
     trial = ca.SX.sym("trial", TRIAL)
     on = ca.logic_and(guided > 0.5, is_rigid(guide))
     # What cannot be used goes no further, or NaN would pass through a product with zero.
-    goal = ca.if_else(on, ca.vertcat(guide[:3, 3], guide[:3, 0]), place_of(pose))
+    goal = ca.if_else(on, place_of(normalised(guide)), place_of(pose))
     goal = ca.if_else(trial[0] == BACK, trial[7:], goal)
     free = (limit.speed > 0).astype(float)
     speed, gentle = ca.DM(np.where(free > 0, limit.speed, 1.0)), ca.DM(_GENTLE * limit.acceleration)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.linear import Shape, dense
-from ergoqp.rigid import exp_rotation, is_rigid
+from ergoqp.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.step_causes import Cause
 from ergoqp.step_counted import way_of
 from ergoqp.step_history import owes
@@ -177,7 +177,8 @@ def _pose(problem: Problem, measured: ca.MX, pose: ca.MX, started: ca.MX, stored
     followed = ca.Function("followed", inputs, [ca.densify(on(inputs[2], inputs[3]))])
     integrated = ca.Function.if_else("integrated", followed, by_posture)(inputs[1], *inputs)
     unmeasured = ca.Function("unmeasured", inputs, [integrated])
-    as_measured = ca.Function("as_measured", inputs, [inputs[0]])
+    exact = ca.Function("exact", [sx[0]], [ca.densify(normalised(sx[0]))])
+    as_measured = ca.Function("as_measured", inputs, [exact(inputs[0])])
     return ca.Function.if_else("pose_known", as_measured, unmeasured)(measured, pose, started, stored, moved, posture)
 
 

@@ -217,8 +217,8 @@ def wrong_places() -> list[tuple[Any, str]]:
     return [
         (away, r"guide: got the place \(3, .*\) m, allowed the workspace \(.*\) to \(.*\) m"),
         (tilted, r"guide: got a tool axis 57.3 deg from the middle of its cone, allowed at most 35 deg"),
-        (nan, "guide: got a pose that is not finite or not a rigid motion"),
-        (2 * np.eye(4), "guide: got a pose that is not finite or not a rigid motion"),
+        (nan, "guide: got a pose that is not finite"),
+        (2 * np.eye(4), "guide: got a pose that is not a rigid motion: its last row is"),
         (np.zeros(6), r"guide: got shape \(6,\), allowed a pose \(4, 4\)"),
         ("home", "guide: got str, allowed a pose"),
         (SimpleNamespace(pose=held_pose("screwing"), posture=np.full(32, np.nan)), "guide: got a posture"),

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.errors import InputError
 from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.optimise.optimum import Trial
 from ergoqp.optimise.program import Program, Solution, smooth_cost
 from ergoqp.problem import Problem
+from ergoqp.rigid import read_pose
 from ergoqp.simulation.loop import Start
 from ergoqp.simulation.person import REACHED, REACHED_ANGLE, Follower
 
@@ -191,11 +191,6 @@ def begin_from(person: Follower, posture: np.ndarray, pose: ArrayLike | None) ->
     grips = person.grasp(posture)
     if pose is None:
         return Start(posture, contact, grips, person.stand(posture))
-    try:
-        pose = np.array(pose, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"pose: got {pose!r:.60}, allowed a (4, 4) pose of the object's contact frame") from None
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
-        raise InputError(f"pose: got {pose.tolist()!r:.60}, allowed a (4, 4) pose of the object's contact frame")
+    pose = read_pose("pose", pose)
     held = np.stack([np.linalg.solve(pose, contact @ grip) for grip in grips])
     return Start(posture, pose, held, person.stand(posture))

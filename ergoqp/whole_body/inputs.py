@@ -76,21 +76,6 @@ def start_of(start: Any, robot: Robot) -> np.ndarray:
     return joints
 
 
-def rigid(what: str, value: Any) -> np.ndarray:
-    """Return a rigid motion (4, 4).
-
-    Raises:
-        InputError: if it is not one.
-    """
-    try:
-        pose = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what}: got {type(value).__name__}, allowed a rigid motion (4, 4)") from None
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > 1e-6:
-        raise InputError(f"{what}: got an array of shape {pose.shape}, allowed a rigid motion (4, 4)")
-    return pose
-
-
 def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
     """Return which joint is measured faster than it can be, in words; None if none is.
 

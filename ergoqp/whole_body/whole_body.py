@@ -12,11 +12,12 @@ import numpy as np
 
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
+from ergoqp.rigid import read_pose
 from ergoqp.step_answer import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
-from ergoqp.whole_body.inputs import check_length, implausible_speed, numbers, posture_of, rigid, robot_of, size_of, start_of
+from ergoqp.whole_body.inputs import check_length, implausible_speed, numbers, posture_of, robot_of, size_of, start_of
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.placing import default_base, pose_error
 from ergoqp.whole_body.robot import Robot
@@ -111,8 +112,8 @@ class WholeBody:
         check_length("distance", distance if distance is not None else 0.0, 0.0, 0.5)
         check_length("reserve", reserve, 0.0, 0.2)
         self.distance, self.reserve = distance, reserve
-        placed = default_base(problem, 0.20) if base is None else rigid("base", base)
-        held = rigid("tool_frame", tool_frame) if tool_frame is not None else None
+        placed = default_base(problem, 0.20) if base is None else read_pose("base", base)
+        held = read_pose("tool_frame", tool_frame) if tool_frame is not None else None
         begin = self._person.comfort if posture is None else posture_of(posture)
         apart = None if distance is None else distance + reserve
         if start is None:
