@@ -88,6 +88,8 @@ def _check_place(problem: Problem, pose: np.ndarray) -> None:
         if angle > cone.half_angle_deg + np.degrees(_ROUNDING):
             allowed = f"at most {cone.half_angle_deg:g} deg"
             raise InputError(f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed {allowed}")
+    if name := problem.own_limits.broken(pose):
+        raise InputError(f"guide: got the place {_short(place)} m, which is outside {name}, allowed within all limits")
 
 
 def _short(point: Any) -> str:

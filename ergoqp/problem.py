@@ -18,6 +18,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
+from ergoqp.own_limits import OwnLimits
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.robot import DeclaredRobot
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -102,6 +103,11 @@ class Problem:
     def row_limits(self) -> tuple[Limit, ...]:
         """The limits that are rows."""
         return tuple(limit for limit in self.limits if not isinstance(limit, TwistLimit))
+
+    @cached_property
+    def own_limits(self) -> OwnLimits:
+        """The limits that the package does not know, for those who look at places: see `ergoqp.own_limits`."""
+        return OwnLimits(self)
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:

@@ -68,7 +68,7 @@ def read_pose(what: str, value: Any) -> np.ndarray:
     try:
         pose = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what}: got {type(value).__name__}, allowed a pose (4, 4)") from None
+        raise InputError(f"{what}: got {value!r:.60}, allowed a pose (4, 4)") from None
     if pose.shape != (4, 4):
         raise InputError(f"{what}: got shape {pose.shape}, allowed a pose (4, 4)")
     read, rigid = _read_pose()(pose)

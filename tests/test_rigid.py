@@ -40,7 +40,7 @@ BAD = [
     (np.full((4, 4), np.nan), "not finite"),
     (np.diag([1.0, 1, 1, 1]) + np.outer([200, 0, 0, 0], [0, 0, 0, 1]), "far away"),
     (np.eye(3), "shape"),
-    ("here", "str"),
+    ("here", "got 'here', allowed a pose"),
 ]
 
 

@@ -46,25 +46,19 @@ class Place:
         """Return the place of a problem.
 
         Raises:
-            InputError: if the problem has no workspace or no tool axis, or leaves nothing to choose.
+            InputError: if the problem has no workspace or no tool axis.
         """
         box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
         if box is None or cone is None:
             missing = "workspace" if box is None else "tool_axis"
             raise InputError(f"problem {problem.name}: has no limits.{missing}, so nothing says where the object may be")
         axes, half = problem.twist_limit.axes, np.radians(cone.half_angle_deg)
-        bounds = {
-            i: (box.lower[i], box.upper[i]) for i, name in enumerate("xyz") if name in axes and box.lower[i] < box.upper[i]
-        }
+        bounds = {i: (box.lower[i], box.upper[i]) for i, name in enumerate("xyz") if name in axes}
         turns = [i for i, name in enumerate(("rx", "ry", "rz")) if name in axes]
         if len(turns) == 1:
             bounds[5] = (-np.pi, np.pi)
         elif turns:
             bounds |= {3: (-half, half), 4: (-min(half, _STEEPEST), min(half, _STEEPEST))}
-        if not bounds:
-            raise InputError(
-                f"problem {problem.name}: its object cannot move within the workspace, so there is nothing to choose"
-            )
         lower, upper = np.array(list(bounds.values()), dtype=float).T
         axis = turns[0] if len(turns) == 1 else -1
         return cls(tuple(bounds), lower, upper, axis, np.asarray(cone.direction), float(np.cos(half)))

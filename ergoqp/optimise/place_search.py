@@ -248,6 +248,9 @@ class PlaceSearch:
         return float(merit(stay.costs[:, None], self.objective)[0])
 
     def _stay(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> Stay:
+        pose, own = self.placing.pose(point), self.problem.own_limits
+        # Where a limit of the user's own forbids it, nobody is.
+        reached = reached & np.array([not own.broken(pose, posture) for posture in postures])
         scores = np.where(reached, self.problem.assess(postures).final, 0)
         return Stay(point, scores, np.where(reached, self.problem.cost(postures), np.inf), postures)
 

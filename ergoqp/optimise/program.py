@@ -86,20 +86,27 @@ class Program:
         self._narrow = self._narrowed()
         rows = ca.vertcat(self._rows, cosine, q[self._narrow])
         self._count = x.numel()
+        pose = ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
+        own_ends = problem.own_limits.ends
+        self._own = 0 if own_ends is None else own_ends.numel_out(0)
         boundary = problem.limit_of(OneClassBoundary)
         self._boundary = boundary is not None
         self._symbols = [x, given]
         self._nlp: dict[str, Any] = {"x": x, "p": given, "g": rows}
-        if isinstance(cost, SmoothReba) and boundary is None:
+        if isinstance(cost, SmoothReba) and boundary is None and (own_ends is None or own_ends.is_a("SXFunction")):
             self._nlp["f"] = cost.at_scale(q, tau) + ease
+            if own_ends is not None:
+                self._nlp["g"] = ca.vertcat(rows, own_ends(q, pose))
         else:
             # What is not made of scalars stays as it is, around the person who is.
-            model: Any = ca.Function("model", [x, given], [q, ease, rows, tau])
+            model: Any = ca.Function("model", [x, given], [q, ease, rows, tau, ca.densify(pose)])
             x, given = ca.MX.sym("x", x.numel()), ca.MX.sym("given", given.numel())
-            q, ease, rows, scale = model(x, given)
+            q, ease, rows, scale, at = model(x, given)
             if boundary is not None:
                 margin, _ = boundary.model.margin_and_slope(boundary.model.coordinates.pick(q))
                 rows = ca.vertcat(rows, margin)
+            if own_ends is not None:
+                rows = ca.vertcat(rows, own_ends(q, at))
             value = cost.at_scale(q, scale) if isinstance(cost, SmoothReba) else cost.expression(q)
             self._nlp = {"x": x, "p": given, "g": rows, "f": value + ease}
         self.posture: Any = ca.Function("posture", [self._nlp["x"], self._nlp["p"]], [q])
@@ -261,6 +268,6 @@ class Program:
         ranges = limit.range if limit is not None else (LOWER, UPPER)
         cosines = (self.place.least_cosine, np.inf)
         ends = [np.concatenate([equal, [end], side[self._narrow]]) for end, side in zip(cosines, ranges, strict=True)]
-        if self._boundary:
-            ends = [np.append(ends[0], 0.0), np.append(ends[1], np.inf)]
+        more = self._boundary + self._own
+        ends = [np.append(ends[0], np.zeros(more)), np.append(ends[1], np.full(more, np.inf))]
         return (low, high), (ends[0], ends[1])

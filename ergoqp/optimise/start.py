@@ -174,7 +174,8 @@ class Solver:
         boundary = problem.limit_of(OneClassBoundary)
         if boundary is not None and float(np.ravel(np.array(boundary.measure()(posture)))[0]) < -(boundary.tolerance + _SLACK):
             return "outside the learned boundary"
-        return ""
+        name = problem.own_limits.broken(pose, posture)
+        return f"outside {name}" if name else ""
 
 
 def _since(begin: float) -> float:

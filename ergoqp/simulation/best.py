@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
     if cache and path.is_file():
         try:
             with np.load(path, allow_pickle=False) as data:
-                return Map(data["poses"], data["postures"], data["scores"])
+                return _allowed(problem, Map(data["poses"], data["postures"], data["scores"]))
         except (OSError, ValueError, KeyError):
             path.unlink(missing_ok=True)
     result = _compute(problem, person, spacing)
@@ -61,7 +61,16 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
         scratch = path.with_suffix(f".{os.getpid()}.npz")
         np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
         scratch.replace(path)
-    return result
+    return _allowed(problem, result)
+
+
+def _allowed(problem: Problem, found: Map) -> Map:
+    """Return a map without the places that limits of the user's own forbid: nobody reaches them."""
+    if not problem.own_limits.limits:
+        return found
+    places = zip(found.poses, found.postures, strict=True)
+    broken = np.array([bool(problem.own_limits.broken(pose, posture)) for pose, posture in places])
+    return replace(found, scores=np.where(broken, 0, found.scores))
 
 
 def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
@@ -160,7 +169,7 @@ def draw_starts(problem: Problem, person: Follower, count: int, seed: int, at_le
         pose = found.poses[chosen].copy()
         pose[:3, 3] = np.clip(pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING, box.lower, box.upper)
         posture, reached = person.settle(found.postures[chosen], pose, grasp, soles)
-        if reached and problem.assess(posture).final[0] >= at_least:
+        if reached and not problem.own_limits.broken(pose, posture) and problem.assess(posture).final[0] >= at_least:
             # The hand has turned about a free tool: the person holds the object as they hold it now.
             starts.append(Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles))
             if len(starts) == count:

@@ -2,7 +2,8 @@
 
 It shares no code with the step. What it checks: every twist against speed, acceleration and axes; the object's pose after
 each period against workspace and cone; the model person's predicted posture against joint ranges and rates and against the
-boundary of the data; elbow and wrist against the forearm's length. What was outside
+boundary of the data; elbow and wrist against the forearm's length; and limits of the user's own by the distances that they
+declare, which is all that anybody knows of them. What was outside
 may only come in, and what is in stays in: the object's pose is never further out than it ever was.
 """
 
@@ -57,6 +58,7 @@ class Checker:
         units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
         units |= {"boundary": "log"} if self._boundary else {}
         units |= {"arm length": "m"} if self._length else {}
+        units |= {name: limit.unit for limit in self.problem.own_limits.limits for name in limit.names}
         self._least_out: dict[str, np.ndarray] = {}
         self._last: tuple[np.ndarray, float] = (np.zeros(6), self.problem.dt)
         self.units = units
@@ -117,6 +119,7 @@ class Checker:
         if self._length and posture is not None:
             before, behind = (abs(_apart(points) - self._length.length) for points in (posture, posture + rate * dt))
             excess["arm length"] = behind - before
+        excess |= self._own_excess(pose, after, posture, rate * dt, stops, gave_way)
         if not np.isfinite(twist).all():
             excess = {name: np.inf for name in excess}
         broken = [name for name, value in excess.items() if value > _ALLOWED]
@@ -140,6 +143,33 @@ class Checker:
         least = np.minimum(self._least_out.get(name, np.inf), np.maximum(before, 0.0))
         self._least_out[name] = np.minimum(least, np.maximum(after, 0.0))
         return float(np.max(after - least))
+
+    def _own_excess(
+        self,
+        pose: np.ndarray,
+        after: np.ndarray,
+        posture: np.ndarray | None,
+        moved: np.ndarray,
+        stops: bool,
+        gave_way: Collection[str],
+    ) -> dict[str, float]:
+        """How much further outside each row of the user's own limits is, by what they say themselves."""
+        found, own = {}, self.problem.own_limits
+        for limit in own.limits:
+            if limit.hard:
+                nowhere = np.zeros(len(self.problem.coordinates))
+                before, behind = (-own.margins(limit, nowhere, frame) for frame in (pose, after))
+                further = [
+                    self._further_out(name, *ends)
+                    for name, *ends in zip(limit.names, before[:, None], behind[:, None], strict=True)
+                ]
+            elif posture is None or stops:
+                continue
+            else:
+                before, behind = (own.margins(limit, angles, pose) for angles in (posture, posture + moved))
+                further = (np.minimum(before, 0) - behind).tolist()
+            found |= {name: far for name, far in zip(limit.names, further, strict=True) if limit.hard or name not in gave_way}
+        return found
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
         """How much further outside than it was; 0 inside."""

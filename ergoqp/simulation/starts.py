@@ -47,7 +47,7 @@ def awkward_start(problem: Problem, person: Follower, seed: int, places: int = P
         pose[:3, 3] = rng.uniform(lower + inset, upper - inset)
         pose[:3, :3] = rotations[rng.integers(len(rotations))]
         posture, reached = person.settle(comfort, pose, grasp, soles)
-        if reached:
+        if reached and not problem.own_limits.broken(pose, posture):
             postures.append(posture)
     if not postures:
         raise OutOfReachError(

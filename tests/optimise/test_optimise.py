@@ -148,11 +148,6 @@ class TestMistakes:
         with pytest.raises(InputError, match=r"no limits\.workspace"):
             problem.replace(limits=limits).optimise()
 
-    def test_nothing_to_choose(self, problem):
-        point = with_limit(with_limit(problem, WorkspaceBox((0.4, 0, 1), (0.4, 0, 1))), TwistLimit(axes=("x", "z")))
-        with pytest.raises(InputError, match="nothing to choose"):
-            point.optimise()
-
     def test_object_where_it_may_not_be(self, problem, best):
         lift = with_limit(with_limit(problem, TwistLimit(axes=("z",))), WorkspaceBox((0.9, -0.2, 0.6), (1.0, 0.2, 1.2)))
         with pytest.raises(InputError, match="where it cannot move"):

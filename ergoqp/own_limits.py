@@ -1,0 +1,107 @@
+"""Limits of the user's own, for those who look at places and not at twists: what each says of a place and a posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, OneClassBoundary, Situation, WorkspaceBox
+
+if TYPE_CHECKING:
+    from ergoqp.problem import Problem
+
+_KNOWN = (JointLimit, WorkspaceBox, AxisCone, OneClassBoundary, ArmLength)
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class OwnLimits:
+    """The limits of a problem that are not the first of a kind that comes with the package.
+
+    They hold by their `rows` alone: distances to both ends where things are.
+
+    Attributes:
+        problem: whose limits they are.
+    """
+
+    problem: Problem
+
+    def __reduce__(self) -> tuple:
+        """Go to another process as the problem: functions are built again there."""
+        return OwnLimits, (self.problem,)
+
+    @cached_property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits."""
+        known = [self.problem.limit_of(kind) for kind in _KNOWN]
+        return tuple(limit for limit in self.problem.row_limits if not any(limit is each for each in known))
+
+    @cached_property
+    def hard(self) -> tuple[Limit, ...]:
+        """Those on the object side, which do not depend on the posture."""
+        return tuple(limit for limit in self.limits if limit.hard)
+
+    def margins(self, limit: Limit, posture: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the distance of each row (m,) to its nearer end, negative outside.
+
+        Args:
+            limit: one of them.
+            posture: of the person (n,) [rad].
+            pose: of the object (4, 4) [m].
+        """
+        below, above = (np.array(part).ravel() for part in self._functions[limit.names[0]](posture, pose))
+        return np.minimum(below, above)
+
+    def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
+        """Return the name of the first row that a place does not keep, or an empty text.
+
+        Args:
+            pose: of the object (4, 4) [m].
+            posture: of the person there (n,) [rad]; None: only limits on the object side are looked at.
+        """
+        stands_in = np.zeros(len(self.problem.coordinates)) if posture is None else posture
+        for limit in self.limits if posture is not None else self.hard:
+            for name, margin in zip(limit.names, self.margins(limit, stands_in, pose), strict=True):
+                if margin < -(limit.tolerance + _ROUNDING):
+                    return name
+        return ""
+
+    @cached_property
+    def ends(self) -> ca.Function | None:
+        """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite, at least 0 where all holds; or None."""
+        if not self.limits:
+            return None
+        scalar = all(limit.measure() is None for limit in self.limits)
+        kind: Any = ca.SX if scalar else ca.MX
+        posture, pose = kind.sym("posture", len(self.problem.coordinates)), kind.sym("pose", 4, 4)
+        found = [part for limit in self.limits for part in self._functions[limit.names[0]](posture, pose)]
+        ends = ca.vertcat(*found)
+        # Where there is no end, a row is infinite wherever things are.
+        rng = np.random.default_rng(0)
+        values = ca.Function("ends", [posture, pose], [ends])
+        sample = np.array(values(rng.uniform(-0.1, 0.1, posture.numel()), np.eye(4))).ravel()
+        return ca.Function("ends", [posture, pose], [ends[np.flatnonzero(np.isfinite(sample)).tolist()]])
+
+    @cached_property
+    def _functions(self) -> dict[str, ca.Function]:
+        return {limit.names[0]: self._ends_of(limit) for limit in self.limits}
+
+    def _ends_of(self, limit: Limit) -> ca.Function:
+        """``(posture, pose) -> (below, above)`` of one limit."""
+        n, measure = len(self.problem.coordinates), limit.measure()
+        posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
+        still = ca.SX(6, 1)
+        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.problem.surface)
+        place = replace(place, shift=ca.SX(n, 1))
+        if measure is None:
+            rows = limit.rows(place)
+            return ca.Function("ends", [posture, pose], [ca.densify(rows.below), ca.densify(rows.above)])
+        readings = ca.SX.sym("readings", measure.numel_out(0))
+        rows = limit.rows(replace(place, readings={limit.names[0]: readings}))
+        inner = ca.Function("inner", [posture, pose, readings], [ca.densify(rows.below), ca.densify(rows.above)])
+        at, where = ca.MX.sym("posture", n), ca.MX.sym("pose", 4, 4)
+        return ca.Function("ends", [at, where], list(inner.call([at, where, measure(at)])))
