@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -15,16 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import ModelError
+from ergoqp.npz_file import read_npz
 
 FORMAT: Final = "ergoqp-model-1"
 """Name of the format, in every header."""
 
 _HEADER: Final = "header"
-
-_UNREADABLE: Final = (
-    *(ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error),
-    RuntimeError,  # a zip that says it is encrypted, or packed in a way that Python does not know
-)
 
 
 def save_model(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -56,25 +50,22 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     """Read a model and return its header and its arrays.
 
     Raises:
-        ModelError: if the file is not there, not a model, cut or changed.
+        ModelError: if the file is not there, not a model, cut, changed, or holds what is not a number.
     """
     path = Path(path)
+    arrays = read_npz(path, [_HEADER])
     try:
-        # numpy leaves a file open that it was given by name and finds to be no zip.
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
         header = json.loads(arrays.pop(_HEADER).tobytes())
         claimed = header.pop("checksum")
         if header.pop("format") != FORMAT:
             raise ModelError(f"{path.name}: is a model of another format, allowed {FORMAT}")
-    except FileNotFoundError:
-        raise ModelError(f"{path.name}: is not there, allowed a model file (.npz)") from None
-    except OSError as error:
-        raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    except _UNREADABLE as error:
-        raise ModelError(f"{path.name}: is not a model file, or was cut ({type(error).__name__})") from None
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
+        raise ModelError(f"{path.name}: is not a model file ({type(error).__name__}), allowed one of {FORMAT}") from None
     if claimed != _checksum(header, arrays):
         raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")
+    for name, values in arrays.items():
+        if values.dtype.kind == "f" and np.isnan(values).any():
+            raise ModelError(f"{path.name}: got NaN in {name!r}, allowed numbers")
     return header, arrays
 
 

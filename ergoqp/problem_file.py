@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,7 @@ from pydantic import ValidationError
 from ergoqp.control import Control
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import ErgoqpError, ProblemError
+from ergoqp.errors import ErgoqpError, InputError, ProblemError
 from ergoqp.human import Body
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
 from ergoqp.paths import data_folder
@@ -31,6 +30,7 @@ from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.robot import DeclaredRobot
 from ergoqp.sheets.reba import Method
 from ergoqp.sheets.task import TaskOptions
+from ergoqp.text_file import read_toml
 
 
 def _point_speed(speed: float, acceleration: float) -> TwistLimit:
@@ -50,8 +50,6 @@ _LIMITS: Final[dict[str, Callable[..., Any]]] = {
 }
 
 
-_LARGEST: Final = 1_000_000
-
 TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")
 """The problems of a person and the sheet itself: what all figures of closed loops are about."""
 
@@ -69,18 +67,9 @@ def load_problem(name: str | Path) -> Problem:
     """
     path = _find(name)
     try:
-        with path.open("rb") as file:
-            text = file.read(_LARGEST + 1)
-        if len(text) > _LARGEST:
-            raise ProblemError(f"{path.name}: got a file of more than {_LARGEST} bytes, allowed a problem")
-        raw = tomllib.loads(text.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, ProblemError):
-            raise
-        why = "tables within tables without end" if isinstance(error, RecursionError) else str(error)
-        raise ProblemError(f"{path.name}: not a TOML file: {why}") from None
-    except OSError as error:
-        raise ProblemError(f"{path.name}: cannot be read: {error.strerror}") from None
+        raw = read_toml(path, "problem")
+    except InputError as error:
+        raise ProblemError(str(error)) from None
     return problem_from_dict(raw, path.stem, path.parent)
 
 

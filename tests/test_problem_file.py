@@ -206,10 +206,10 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     deep.write_text("a = " + "[" * 20000 + "]" * 20000, encoding="utf-8")
     long.write_text("dt = " + "1" * 5000, encoding="utf-8")
     for path in (broken, binary, deep, long):
-        with pytest.raises(ProblemError, match=f"{path.name}: not a TOML file"):
+        with pytest.raises(ProblemError, match=f"problem: {path.name}: not (a TOML file|text)"):
             load_problem(path)
     large.write_text("#" * 1_000_001, encoding="utf-8")
-    with pytest.raises(ProblemError, match=r"large.toml: got a file of more than 1000000 bytes"):
+    with pytest.raises(ProblemError, match=r"large.toml: got 1000001 bytes, allowed 1000000"):
         load_problem(large)
     marked = tmp_path / "marked.toml"
     marked.write_bytes(b"\xef\xbb\xbf[response.ik]\n")

@@ -6,15 +6,14 @@ import contextlib
 import hashlib
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ergoqp.costs.data import DataSet
-from ergoqp.errors import ModelError
+from ergoqp.errors import ErgoqpError
+from ergoqp.npz_file import read_npz
 from ergoqp.paths import cache_folder
 
 
@@ -31,20 +30,9 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
     text = json.dumps(asked, sort_keys=True, default=lambda value: np.asarray(value).tolist())
     path = cache_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
     try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            return DataSet(file["points"], file["labels"], tuple(file["coordinates"].tolist()), str(file["source"]))
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        EOFError,
-        TypeError,
-        AttributeError,
-        NotImplementedError,
-        zipfile.BadZipFile,
-        zlib.error,
-        ModelError,
-    ):
+        kept = read_npz(path, ("points", "labels", "coordinates", "source"))
+        return DataSet(kept["points"], kept["labels"], tuple(kept["coordinates"].tolist()), str(kept["source"]))
+    except (ErgoqpError, ValueError, TypeError):
         data = make()
     scratch = path.with_suffix(f".{os.getpid()}.part")
     try:

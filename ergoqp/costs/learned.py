@@ -150,6 +150,16 @@ def load_cost(path: Path | str) -> LearnedCost:
     module, name = KINDS[kind].split(":")
     try:
         make = getattr(import_module(module), name).from_parts
-        return make(header["settings"], arrays, header["coordinates"], header["minimum"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelError(f"{Path(path).name}: does not hold what a model of kind {kind!r} needs ({error})") from None
+        cost = make(header["settings"], arrays, header["coordinates"], header["minimum"])
+        # Arrays that do not fit to each other show when they are used.
+        if not np.isfinite(cost(np.zeros((1, len(cost.coordinates.state))))).all() or not np.isfinite(cost.minimum):
+            raise ValueError("its value is not a number")
+        return cost
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RuntimeError, OverflowError) as error:
+        raise ModelError(
+            f"{Path(path).name}: does not hold what a model of kind {kind!r} needs ({_last_line(error)})"
+        ) from None
+
+
+def _last_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[-1]

@@ -16,6 +16,9 @@ from ergoqp.limits import OneClassBoundary, TwistLimit
 from ergoqp.optimise.optimum import Trial
 from ergoqp.optimise.start import Task
 from ergoqp.optimise.who import response_as_dict
+from ergoqp.problem import Problem
+from ergoqp.simulation.robot import moved
+from ergoqp.text_file import json_of
 
 FILE = "optimum_starts.jsonl"
 """Name of the file in a folder of results."""
@@ -46,11 +49,11 @@ class Ledger:
         self._before = "" if not text or text.endswith("\n") else "\n"
         for line in text.splitlines():
             try:
-                entry = json.loads(line)
+                entry = json_of(line, FILE)
                 if entry["key"] == key:
                     trial = Trial.from_dict(entry["trial"])
                     self.trials[trial.number] = trial
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
                 continue
 
     def add(self, trial: Trial) -> None:
@@ -79,7 +82,7 @@ def key_of(task: Task) -> str:
         "version": VERSION,
         "cost": [problem.cost.name, np.asarray(problem.cost(postures)).tolist()],
         "task": [dict(problem.task), asdict(problem.method)],
-        "limits": [_content(limit, postures) for limit in problem.limits],
+        "limits": [_content(problem, limit, postures) for limit in problem.limits],
         "person": response_as_dict(task.person.response),
         "begin": [part.tolist() for part in (begin.posture, begin.pose, begin.grasp, begin.soles)],
         "options": [task.mode, task.solver, task.seed, task.tau_deg],
@@ -87,8 +90,11 @@ def key_of(task: Task) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def _content(limit: Any, postures: np.ndarray) -> list[Any]:
-    name = type(limit).__name__
+def _content(problem: Problem, limit: Any, postures: np.ndarray) -> list[Any]:
+    name, own = type(limit).__name__, problem.own_limits
+    if any(limit is each for each in own.limits):
+        poses = [moved(begin, np.array([0.1, -0.2, 0.3, 0.1, 0.2, -0.1])) for begin in (np.eye(4), np.diag([1.0, -1, -1, 1]))]
+        return [name, [own.margins(limit, posture, pose).tolist() for posture in postures for pose in poses]]
     if isinstance(limit, OneClassBoundary):
         measure = limit.measure()
         return [name, limit.tolerance, [float(np.ravel(np.array(measure(posture)))[0]) for posture in postures]]

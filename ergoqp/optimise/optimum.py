@@ -15,10 +15,13 @@ from ergoqp.joints import JOINTS
 from ergoqp.optimise.poses import pose_as_dict, pose_from_dict
 from ergoqp.optimise.who import response_as_dict, response_from_dict
 from ergoqp.responses.ik import IkResponse
+from ergoqp.text_file import read_json
 
 FILE = "optimum.json"
 """Name of the file in a folder of results."""
 
+_KINDS = dict.fromkeys(("number", "reba"), (int,)) | {"note": (str,)}
+_KINDS |= dict.fromkeys(("cost", "kkt_residual", "apart", "seconds"), (int, float))
 _ARRAYS = {"pose": (4, 4), "posture": (len(JOINTS),)}
 
 
@@ -59,7 +62,12 @@ class Trial:
         Raises:
             KeyError, TypeError, ValueError: if it is not one.
         """
-        return cls(**_with_arrays({name: values[name] for name in cls.__dataclass_fields__}))
+        found = _with_arrays({name: values[name] for name in cls.__dataclass_fields__})
+        for name, kinds in _KINDS.items():
+            value = found[name]
+            if isinstance(value, bool) or not isinstance(value, kinds) or value != value:
+                raise ValueError(name)
+        return cls(**found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +163,7 @@ class Optimum:
         path = Path(path)
         path = path / FILE if path.is_dir() else path
         try:
-            values = json.loads(path.read_text(encoding="utf-8"))
+            values = read_json(path, "optimum")
             values = {name: values[name] for name in cls.__dataclass_fields__}
             values["response"] = response_from_dict(values["response"])
             for entry in (values, *values["trials"]):
@@ -163,9 +171,9 @@ class Optimum:
             values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
             values["assumptions"] = tuple(values["assumptions"])
             return cls(**_with_arrays(values))
-        except OSError as error:
-            raise InputError(f"optimum: {str(path)!r} cannot be read: {error.strerror}") from None
-        except (KeyError, TypeError, ValueError, AttributeError):
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            if isinstance(error, InputError) and str(error).startswith("optimum: "):
+                raise
             raise InputError(f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote") from None
 
 
@@ -182,6 +190,6 @@ def _with_arrays(values: dict[str, Any]) -> dict[str, Any]:
         for key in (name, f"{name}_before"):
             if key in values:
                 values[key] = np.array(values[key], dtype=float)
-                if values[key].shape != shape:
+                if values[key].shape != shape or not np.isfinite(values[key]).all():
                     raise ValueError(key)
     return values

@@ -14,7 +14,7 @@ import numpy as np
 
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.toml_file import read_toml
+from ergoqp.text_file import read_toml
 
 CENTRES: Final[tuple[str, ...]] = (
     *("pelvis", "neck", "head", "head_top", "nose"),

@@ -23,7 +23,7 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.human import FRACTIONS, Body
-from ergoqp.recordings.toml_file import read_toml
+from ergoqp.text_file import read_toml
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
 """Segments that tell the stature: those that a person stands up with; only without them the arms, which rigs often shorten."""

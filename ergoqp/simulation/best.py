@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -9,7 +10,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from ergoqp.errors import ErgoqpError
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.npz_file import read_npz
 from ergoqp.paths import cache_folder
 from ergoqp.problem import Problem
 from ergoqp.simulation.loop import Start, start_at
@@ -49,18 +52,20 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
     """
     key = _key(problem, person, spacing)
     path = cache_folder() / "maps" / f"{key}.npz"
-    if cache and path.is_file():
+    if cache:
         try:
-            with np.load(path, allow_pickle=False) as data:
-                return _allowed(problem, Map(data["poses"], data["postures"], data["scores"]))
-        except (OSError, ValueError, KeyError):
-            path.unlink(missing_ok=True)
+            kept = read_npz(path, ("poses", "postures", "scores"))
+            return _allowed(problem, Map(kept["poses"], kept["postures"], kept["scores"]))
+        except (ErgoqpError, ValueError):  # it is not there, or was cut: it is made anew
+            pass
     result = _compute(problem, person, spacing)
     if cache:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = path.with_suffix(f".{os.getpid()}.npz")
-        np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
-        scratch.replace(path)
+        # A folder that cannot be written to only means no cache.
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            scratch = path.with_suffix(f".{os.getpid()}.npz")
+            np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
+            scratch.replace(path)
     return _allowed(problem, result)
 
 

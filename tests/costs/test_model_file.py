@@ -42,7 +42,7 @@ def test_a_cut_file_is_refused_wherever_it_was_cut(path):
     whole = path.read_bytes()
     for length in (0, 1, 30, len(whole) // 2, len(whole) - 30, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(ModelError, match=r"not a model file|cannot be read") as error:
+        with pytest.raises(ModelError, match=r"no \.npz file|not a model file|cannot be read") as error:
             load_model(path)
         one_sentence(error)
 
@@ -98,30 +98,30 @@ def test_other_files_are_refused(path):
         load_model(path)
     for content in (b"some text\n", b"\x93NUMPY\x01\x00"):
         path.write_bytes(content)
-        with pytest.raises(ModelError, match="not a model file"):
+        with pytest.raises(ModelError, match=r"no \.npz file|allowed only with header"):
             load_model(path)
     np.savez(path, slopes=np.zeros(3))
-    with pytest.raises(ModelError, match="not a model file"):
+    with pytest.raises(ModelError, match=r"no \.npz file|allowed only with header"):
         load_model(path)
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("readme.txt", "hello")
-    with pytest.raises(ModelError, match="not a model file"):
+    with pytest.raises(ModelError, match=r"no \.npz file|allowed only with header"):
         load_model(path)
 
 
 def test_pickled_objects_are_not_read(path):
     np.savez(path, header=np.array([{"format": FORMAT}], dtype=object))
-    with pytest.raises(ModelError, match="not a model file"):
+    with pytest.raises(ModelError, match=r"no \.npz file|allowed only with header"):
         load_model(path)
 
 
 def test_a_missing_file_and_a_folder_are_named(path, tmp_path):
     path.unlink()
-    with pytest.raises(ModelError, match="is not there, allowed a model file") as error:
+    with pytest.raises(ModelError, match=r"is not there, allowed a \.npz file") as error:
         load_model(path)
     one_sentence(error)
     path.mkdir()
-    with pytest.raises(ModelError, match="cannot be read"):
+    with pytest.raises(ModelError, match="got no file"):
         load_model(path)
 
 

@@ -197,7 +197,7 @@ def test_the_person_may_be_stated(demo: Path, tmp_path: Path):
         ("mass = 70", "needs a stature"),
         ("lengths = 3", "needs a stature"),
         ("[lengths]\nwing = 0.3", "wing"),
-        ("stature 1.7", "is not TOML"),
+        ("stature 1.7", "not a TOML file"),
     ],
 )
 def test_a_wrong_person_file_is_told(content: str, said: str, demo: Path, tmp_path: Path):

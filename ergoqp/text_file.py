@@ -1,0 +1,88 @@
+"""Text files that anybody may have written: TOML and JSON, read with every way of being none in one sentence."""
+
+from __future__ import annotations
+
+import json
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any, Final
+
+from ergoqp.errors import InputError
+
+LARGEST_TOML: Final = 1_000_000
+"""No file that a person writes is larger [bytes]."""
+
+LARGEST_JSON: Final = 100_000_000
+"""Nor one that the package writes [bytes]."""
+
+
+def read_toml(path: Path, what: str) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Args:
+        path: of the file.
+        what: it is, for the message.
+
+    Raises:
+        InputError: if it is not there, not a file, too large, or not TOML.
+    """
+    text = _text(path, what, LARGEST_TOML)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        why = "tables within tables without end"
+    except ValueError as error:  # TOML that is none, and numbers of thousands of digits
+        why = str(error)
+    raise InputError(f"{what}: {path.name}: not a TOML file: {why}")
+
+
+def read_json(path: Path, what: str) -> Any:
+    """Return what a JSON file holds, without NaN.
+
+    Args:
+        path: of the file.
+        what: it is, for the message.
+
+    Raises:
+        InputError: if it is not there, not a file, too large, or not JSON.
+    """
+    return json_of(_text(path, what, LARGEST_JSON), f"{what}: {path.name}")
+
+
+def json_of(text: str, what: str) -> Any:
+    """Return what a JSON text holds, without NaN.
+
+    Raises:
+        InputError: if it is none.
+    """
+    try:
+        return json.loads(text, parse_constant=_constant)
+    except RecursionError:
+        why = "lists within lists without end"
+    except ValueError as error:
+        why = str(error)
+    raise InputError(f"{what}: not JSON: {why}")
+
+
+def _constant(name: str) -> float:
+    if name == "NaN":
+        raise ValueError("NaN is no number")
+    return float(name)
+
+
+def _text(path: Path, what: str, largest: int) -> str:
+    try:
+        found = path.stat()
+        # Opening a pipe or a device would wait for someone to write.
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{what}: {path.name}: is {'a directory' if path.is_dir() else 'no file'}, allowed a file")
+        if found.st_size > largest:
+            raise InputError(f"{what}: {path.name}: got {found.st_size} bytes, allowed {largest}")
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{what}: {path.name}: not text: byte {error.start} is not UTF-8") from None
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{what}: {path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
