@@ -164,7 +164,7 @@ def narrow_of(name: str, seeds: range) -> tuple[int, int, int]:
     for seed in seeds:
         rng, person = np.random.default_rng([seed, 10]), sample_person(problem, seed)
         start = start_at(person, awkward_start(problem, person, seed, 10))
-        chosen = rng.choice([joint for joint in problem.joints], 16, replace=False)
+        chosen = rng.choice([joint for joint in problem.joints], min(16, len(problem.joints)), replace=False)
         ranges = {}
         for joint in chosen:
             i = INDEX[joint]

@@ -65,10 +65,12 @@ class Faults:
         """Compare motion since the object last stood still; `late`: how much longer than `dt` the twist will last."""
         before, lasted = self._sent
         apart: list[np.ndarray] = []
+        if self._expected is not None:
+            self._expected = moved(self._expected, before * lasted)
         if "pose" in given:
-            expected = given["pose"] if self._expected is None else moved(self._expected, before * lasted)
-            apart.append(_between(expected, given["pose"]))
-            self._expected = expected
+            if self._expected is None:
+                self._expected = given["pose"]
+            apart.append(_between(self._expected, given["pose"]))
         if "twist" in given:
             self._drift += (given["twist"] - before) * lasted
             # An integral of samples is off by half a period.

@@ -27,6 +27,13 @@ _CERTAIN: Final = 6.0
 """Noise of a reported twist counts as none up to so many standard deviations of its sum."""
 
 
+_EARLY: Final = 0.75
+"""A difference is one from this share of `UNIT` on, beyond what is noise: so that noise does not hide it up to `UNIT`."""
+
+_AT_LEAST: Final = 0.125
+"""Of the change of a reported twist from sample to sample, at least so much is noise: a few samples do not tell."""
+
+
 def explained_function(problem: Problem) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
@@ -54,27 +61,30 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     fresh = now["now_rests"] > now["rested"]
     keeps = ca.if_else(now["parked"] > 0.5, ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
     surprise = now["executed"] - sent
-    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise.
+    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise, and
+    # of that mostly what comes back with the next sample. A robot that is late changes steadily.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
-    scatter = ca.fmin(ca.fabs(surprise - now["surprise"]), credible) * lasted
+    change = ca.fmax(-credible, ca.fmin(credible, surprise - now["surprise"][:, 0]))
+    back = -change * now["surprise"][:, 1]
     gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
-    summed = {"drift": surprise * lasted, "blur": scatter**2 / 2, "path": gone}
+    blurs = ca.horzcat(back, change**2 / 2) * lasted**2
+    summed = {"drift": surprise * lasted, "blur": blurs, "path": gone}
     # Where the comparison begins everything counts anew, but what a late robot still owes then.
     drift, blur, path = (ca.if_else(fresh, 0, keeps * now[name] + part) for name, part in summed.items())
     due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
     # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
     # a period.
-    slack = _CERTAIN * ca.sqrt(blur) + problem.dt / 2 * ca.fabs(sent)
+    slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], _AT_LEAST * blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
     late = ca.fmax(drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1]))
-    by_twist = length((late - slack) / unit)
+    by_twist = length((late - slack) / (_EARLY * unit))
     if owes(problem):
         # What it is sent does not say yet how fast it is, only how fast it can be.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    kept = {"drift": drift, "path": path, "blur": blur, "surprise": now["executed"] - sent, "due": due}
+    kept = {"drift": drift, "path": path, "blur": blur, "surprise": ca.horzcat(now["executed"] - sent, change), "due": due}
     return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
 
 

@@ -23,13 +23,14 @@ COMPARED: Final = {
     "most": (6, 1),
     "calm": (1, 1),  # for how long the object has stood still, as far as is seen
     "halted": (1, 1),  # 1 until it has come to rest
-    "rests": (1, 1),  # how often the comparison was begun
+    "rests": (1, 1),  # how often it has come to rest, or was not enabled
+    "begun": (1, 1),  # 1 while it stands still, once the poses are compared from there
 }
 REPORTED: Final = {
     "drift": (6, 1),  # measured motion less sent motion, by the reported twist
     "path": (2, 1),  # how far it went, and turned, since it stood still
-    "blur": (6, 1),  # variance of the drift, and the last sample
-    "surprise": (6, 1),
+    "blur": (6, 2),  # variance of the drift: by how samples scatter about their neighbours, and by how they change at all
+    "surprise": (6, 2),  # the last sample, and the last change of one
     "due": (6, 2),  # what a declared robot still owed when this was begun, along each axis and against it
     "rested": (1, 1),  # what ``rests`` was then
 }

@@ -149,23 +149,26 @@ def _compared(problem: Problem) -> ca.Function:
     beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high), 0) * ca.DM(1 / UNIT)
     by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
-    # The difference counts anew from where the object comes to stand still, and from where it was seen to move there.
+    # The difference counts anew from where the object is seen to stand still, and from where it was seen to move there. Where
+    # it is not seen to stand, what it was before is still to be compared.
     comes_to_rest = ca.logic_and(parked, ca.logic_or(now["calm"] <= 0, found))
-    anew = ca.logic_or(comes_to_rest, ca.logic_not(enabled))
+    begins = ca.logic_and(ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found))
+    anew = ca.logic_or(begins, ca.logic_not(enabled))
     least = ca.if_else(anew, -(at_begin + below + unseen), ca.fmax(least, low))
     most = ca.if_else(anew, at_begin + above + unseen, ca.fmin(most, high))
     if "turned" in sizes:
         block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
     if robot.longest_hold and owes(problem):
         # What it held on to before it came to rest still counts in this comparison, and no more in the next one.
-        block["held"] = ca.fmax(now["held"] * (1 - comes_to_rest), ca.horzcat(now["sent"], -now["sent"]))
+        block["held"] = ca.fmax(now["held"] * (1 - begins), ca.horzcat(now["sent"], -now["sent"]))
 
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
     faulty = ca.logic_or(found, ca.logic_and(now["fault"][0] > 0.5, ca.logic_not(over)))
     halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
-    rests = now["rests"] + anew
-    block |= dict(zip(COMPARED, (apart * (1 - anew), least, most, calm, halted, rests), strict=True))
+    rests = now["rests"] + ca.logic_or(comes_to_rest, ca.logic_not(enabled))
+    begun = ca.logic_and(parked, ca.logic_or(now["begun"], begins))
+    block |= dict(zip(COMPARED, (apart * (1 - anew), least, most, calm, halted, rests, begun), strict=True))
     resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
