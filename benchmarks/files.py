@@ -84,6 +84,8 @@ def _incomplete(message: str, path: Path) -> str:
 
 def _control(path: Path) -> bool:
     """Whether the plain reader of the format raises."""
+    if not path.is_file():
+        return True
     try:
         if path.suffix == ".toml":
             tomllib.loads(path.read_text(encoding="utf-8"))

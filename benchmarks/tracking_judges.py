@@ -65,12 +65,10 @@ class Faults:
         """Compare motion since the object last stood still; `late`: how much longer than `dt` the twist will last."""
         before, lasted = self._sent
         apart: list[np.ndarray] = []
-        if self._expected is not None:
-            self._expected = moved(self._expected, before * lasted)
-        if "pose" in given:
-            if self._expected is None:
-                self._expected = given["pose"]
-            apart.append(_between(self._expected, given["pose"]))
+        expected = given.get("pose") if self._expected is None else moved(self._expected, before * lasted)
+        if "pose" in given and expected is not None:
+            apart.append(_between(expected, given["pose"]))
+        self._expected = expected
         if "twist" in given:
             self._drift += (given["twist"] - before) * lasted
             # An integral of samples is off by half a period.

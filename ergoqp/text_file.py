@@ -34,7 +34,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         why = "tables within tables without end"
     except ValueError as error:  # TOML that is none, and numbers of thousands of digits
         why = str(error)
-    raise InputError(f"{what}: {path.name}: not a TOML file: {why}")
+    raise InputError(f"{what}: {path.name}: not a TOML file: {why}, allowed TOML")
 
 
 def read_json(path: Path, what: str) -> Any:
@@ -62,7 +62,7 @@ def json_of(text: str, what: str) -> Any:
         why = "lists within lists without end"
     except ValueError as error:
         why = str(error)
-    raise InputError(f"{what}: not JSON: {why}")
+    raise InputError(f"{what}: not JSON: {why}, allowed JSON")
 
 
 def _constant(name: str) -> float:
@@ -81,8 +81,10 @@ def _text(path: Path, what: str, largest: int) -> str:
             raise InputError(f"{what}: {path.name}: got {found.st_size} bytes, allowed {largest}")
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{what}: {path.name}: not text: byte {error.start} is not UTF-8") from None
+        raise InputError(f"{what}: {path.name}: not text: byte {error.start} is not UTF-8, allowed text") from None
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{what}: {path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InputError(
+            f"{what}: {path.name} cannot be read: {getattr(error, 'strerror', None) or error}, allowed a file"
+        ) from None

@@ -75,11 +75,11 @@ def _skeleton(bvhio: ModuleType, path: Path, text: BvhText) -> Any:
             checked.write_text("\n".join((*text.header, "MOTION", "Frames: 0", "Frame Time: 1", "")))
             return bvhio.readAsBvh(str(checked)).Root
         except SyntaxError as error:
-            raise RecordingError(f"{path.name}: {error.msg}, near {str(error.text).strip()!r}") from None
+            raise RecordingError(f"{path.name}: got {str(error.text).strip()!r}, allowed BVH: {error.msg}") from None
         except RecursionError:
-            raise RecordingError(f"{path.name}: the skeleton's joints are nested too deeply to be a person's") from None
+            raise RecordingError(f"{path.name}: got joints nested too deeply, allowed a person's skeleton") from None
         except (IndexError, ValueError) as error:
-            raise RecordingError(f"{path.name}: the skeleton cannot be read ({error})") from None
+            raise RecordingError(f"{path.name}: the skeleton cannot be read ({error}), allowed BVH") from None
 
 
 def _local(joint: Any, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

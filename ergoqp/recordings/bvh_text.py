@@ -54,8 +54,8 @@ class _Cursor:
             if words := self.lines[self.line - 1].split():
                 return words
         if not any(line.strip() for line in self.lines):
-            raise RecordingError(f"{self.path.name}: the file is empty")
-        raise RecordingError(f"{self.path.name}: the file ends in line {self.line}, before {wanted}")
+            raise RecordingError(f"{self.path.name}: got an empty file, allowed a BVH file")
+        raise RecordingError(f"{self.path.name}: the file ends in line {self.line}, required is {wanted}")
 
     def fail(self, problem: str) -> NoReturn:
         raise RecordingError(f"{self.path.name}, line {self.line}: {problem}")
@@ -64,7 +64,7 @@ class _Cursor:
         try:
             value = float(word)
         except ValueError:
-            self.fail(f"{what} is {_short(word)}, not a number")
+            self.fail(f"{what}: got {_short(word)}, allowed a number")
         if not abs(value) <= _LARGEST:  # also false for NaN
             self.fail(f"{what} is {_short(word)}; only finite numbers up to {_LARGEST:g} can be used")
         return value
@@ -111,7 +111,7 @@ def _decoded(path: Path) -> str:
             raise RecordingError(f"{str(path)!r} is not a file; give the recording file itself")
         content = path.read_bytes()
     except FileNotFoundError:
-        raise RecordingError(f"there is no recording {str(path)!r}") from None
+        raise RecordingError(f"{path.name}: got no file {str(path)!r}, allowed a recording") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise RecordingError(f"{_short(str(path))} cannot be read: {reason}") from None
@@ -119,7 +119,7 @@ def _decoded(path: Path) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise RecordingError(f"{path.name}, line {line}: not text (a byte that is not UTF-8); BVH is plain text") from None
+        raise RecordingError(f"{path.name}, line {line}: got a byte that is not UTF-8, allowed plain text") from None
 
 
 def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
@@ -138,7 +138,7 @@ def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
                 _check_name(cursor, header, words, inside=depth > 0)
             case "OFFSET":
                 if len(words) != 4:
-                    cursor.fail(f"OFFSET has {len(words) - 1} numbers instead of 3")
+                    cursor.fail(f"OFFSET: got {len(words) - 1} numbers, allowed 3")
                 for word in words[1:]:
                     cursor.number(word, "OFFSET")
             case "CHANNELS":
@@ -147,11 +147,13 @@ def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
             case "End":
                 pass
             case "MOTION":
-                cursor.fail(f"MOTION comes before the skeleton is closed ({depth} braces are open)")
+                cursor.fail(f"got MOTION with {depth} braces open, allowed after the skeleton is closed")
             case other:
-                cursor.fail(f"{_short(other)} is not part of a BVH skeleton (ROOT, JOINT, OFFSET, CHANNELS, End Site, braces)")
+                cursor.fail(
+                    f"got {_short(other)}, allowed in a skeleton are ROOT, JOINT, OFFSET, CHANNELS, End Site and braces"
+                )
     if depth < 0 or not header.channels:
-        cursor.fail("the skeleton closes before any joint has channels")
+        cursor.fail("got a skeleton without channels, allowed at least one joint with some")
 
 
 def _check_name(cursor: _Cursor, header: _Header, words: list[str], *, inside: bool) -> None:
@@ -166,12 +168,13 @@ def _check_name(cursor: _Cursor, header: _Header, words: list[str], *, inside: b
 
 def _check_channels(cursor: _Cursor, words: list[str]) -> None:
     if not words or words[0] != str(len(words) - 1):
-        cursor.fail(f"CHANNELS states {_short(words[0]) if words else 'no count'} but {max(len(words) - 1, 0)} channels follow")
+        stated = _short(words[0]) if words else "no count"
+        cursor.fail(f"CHANNELS: got {max(len(words) - 1, 0)} channels, allowed as many as it states, {stated}")
     for name in words[1:]:
         if name not in CHANNELS:
             cursor.fail(f"channel {_short(name)} is not supported; allowed are {', '.join(CHANNELS)}")
     if len(set(words[1:])) != len(words) - 1:
-        cursor.fail("a channel is named twice in one joint")
+        cursor.fail("got a channel twice in one joint, allowed once")
 
 
 def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
@@ -193,7 +196,7 @@ def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
     if stated != len(found) or not found:
         what = "the recording is cut or was joined with another" if found else "there is no movement in it"
         raise RecordingError(
-            f"{cursor.path.name}, line {stated_line}: {stated} frames are stated but {len(found)} rows follow; {what}"
+            f"{cursor.path.name}, line {stated_line}: got {len(found)} rows, allowed {stated}, as is stated; {what}"
         )
     rows = np.empty((len(found), channels))
     for frame, i in enumerate(found):
@@ -204,7 +207,7 @@ def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
 
 def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
     if len(words) != channels:
-        cursor.fail(f"the row has {len(words)} numbers but the skeleton has {channels} channels")
+        cursor.fail(f"got a row of {len(words)} numbers, allowed {channels}, one for each channel")
     try:
         values = [float(word) for word in words]
     except ValueError:

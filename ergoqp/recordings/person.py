@@ -63,12 +63,15 @@ def given_person(person: float | str | Path) -> Body:
         raise InputError(f"person file {path.name}: got {sorted(unknown)}, allowed stature, mass and the table lengths")
     lengths = entries.get("lengths", {})
     if not isinstance(lengths, dict) or not (lengths or "stature" in entries):
-        raise InputError(f"person file {path.name}: needs a stature in m, a table lengths in m, or both")
+        raise InputError(f"person file {path.name}: got neither, required are a stature in m, a table lengths in m, or both")
     measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
     mass = _number(path, "mass", entries.get("mass", 0.0))
-    if "stature" not in entries:
-        return Body.of_lengths(measured, mass)
-    return Body(_number(path, "stature", entries["stature"]), measured, mass)
+    try:
+        if "stature" not in entries:
+            return Body.of_lengths(measured, mass)
+        return Body(_number(path, "stature", entries["stature"]), measured, mass)
+    except InputError as error:
+        raise InputError(str(error) if path.name in str(error) else f"person file {path.name}: {error}") from None
 
 
 def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:

@@ -48,7 +48,7 @@ def small_file() -> str:
 ROW = "0 1 0 0 0 0 1 2 3"
 BROKEN = {
     "cut in a row": (lambda t: t[: t.rindex("1 2 3")], "line 21"),
-    "cut between rows": (lambda t: t[: t.rindex(ROW)], "3 frames are stated but 2 rows"),
+    "cut between rows": (lambda t: t[: t.rindex(ROW)], "got 2 rows, allowed 3, as is stated"),
     "cut in the skeleton": (lambda t: t[: t.index("End Site")], "closing brace"),
     "no motion": (lambda t: t[: t.index("MOTION")], "MOTION"),
     "motion and nothing else": (lambda t: t[: t.index("Frames")], "Frames:"),
@@ -56,15 +56,15 @@ BROKEN = {
     "no rows": (lambda t: t[: t.index(ROW)].replace("Frames: 3", "Frames: 0"), "0 rows"),
     "empty": (lambda t: "", "empty"),
     "blank": (lambda t: "\n \n\t\n", "empty"),
-    "huge frame count": (lambda t: t.replace("Frames: 3", "Frames: 100000000"), "100000000 frames"),
+    "huge frame count": (lambda t: t.replace("Frames: 3", "Frames: 100000000"), "allowed 100000000, as is stated"),
     "absurd frame count": (lambda t: t.replace("Frames: 3", "Frames: " + "9" * 5000), "line 17"),
     "negative frame count": (lambda t: t.replace("Frames: 3", "Frames: -3"), "line 17"),
-    "fewer frames stated": (lambda t: t.replace("Frames: 3", "Frames: 2"), "2 frames are stated but 3 rows"),
+    "fewer frames stated": (lambda t: t.replace("Frames: 3", "Frames: 2"), "got 3 rows, allowed 2, as is stated"),
     "NaN": (lambda t: t.replace(ROW, "0 1 nan 0 0 0 1 2 3", 1), "line 19: number 3 of the row is 'nan'"),
     "infinity": (lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2 1e999", 1), "line 19: number 9"),
-    "a word in a row": (lambda t: t.replace(ROW, "0 1 zero 0 0 0 1 2 3", 1), "line 19: number 3 of the row is 'zero'"),
-    "narrow row": (lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2", 1), "8 numbers but the skeleton has 9 channels"),
-    "wide row": (lambda t: t.replace(ROW, ROW + " 4", 1), "10 numbers but the skeleton has 9 channels"),
+    "a word in a row": (lambda t: t.replace(ROW, "0 1 zero 0 0 0 1 2 3", 1), "line 19: number 3 of the row: got 'zero'"),
+    "narrow row": (lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2", 1), "got a row of 8 numbers, allowed 9"),
+    "wide row": (lambda t: t.replace(ROW, ROW + " 4", 1), "got a row of 10 numbers, allowed 9"),
     "frame time zero": (lambda t: t.replace("Time: 0.1", "Time: 0"), "line 18: the frame time is 0 s"),
     "frame time NaN": (lambda t: t.replace("Time: 0.1", "Time: nan"), "line 18: the frame time is 'nan'"),
     "frame rate as time": (lambda t: t.replace("Time: 0.1", "Time: 120"), "at most 10 s"),
@@ -74,12 +74,15 @@ BROKEN = {
     ),
     "name with a space": (lambda t: t.replace("JOINT Arm", "JOINT Left Arm"), "without spaces"),
     "unknown channel": (lambda t: t.replace("3 Zrotation", "3 Wrotation"), "line 9: channel 'Wrotation' is not supported"),
-    "channel twice": (lambda t: t.replace("3 Zrotation", "3 Xrotation"), "named twice"),
-    "channel count": (lambda t: t.replace("CHANNELS 3", "CHANNELS 4"), "line 9: CHANNELS states '4' but 3"),
+    "channel twice": (lambda t: t.replace("3 Zrotation", "3 Xrotation"), "got a channel twice"),
+    "channel count": (
+        lambda t: t.replace("CHANNELS 3", "CHANNELS 4"),
+        "line 9: CHANNELS: got 3 channels, allowed as many as it states, '4'",
+    ),
     "infinite offset": (lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 inf 0", 1), "line 8: OFFSET is 'inf'"),
-    "short offset": (lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1", 1), "line 8: OFFSET has 2 numbers"),
+    "short offset": (lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1", 1), "line 8: OFFSET: got 2 numbers"),
     "lost brace": (lambda t: t.replace("{", "", 1), "line 6"),
-    "brace too few": (lambda t: t.replace("    }\n  }\n", "    }\n"), "MOTION comes before the skeleton is closed"),
+    "brace too few": (lambda t: t.replace("    }\n  }\n", "    }\n"), "got MOTION with 1 braces open"),
     "two roots": (lambda t: t.replace("JOINT Arm", "ROOT Arm"), "line 6: ROOT 'Arm' is out of place"),
     "parts out of order": (lambda t: t.replace("  OFFSET 0 0 0\n", "", 1), "OFFSET"),
     "not a BVH": (lambda t: "solid cube\n" + t, "line 1: a BVH file starts with the line HIERARCHY"),
@@ -117,7 +120,7 @@ def test_bytes_that_are_no_text(content: bytes, tmp_path: Path):
 
 
 def test_places_that_are_no_file(tmp_path: Path):
-    assert "there is no recording" in message(tmp_path / "missing.bvh")
+    assert "got no file" in message(tmp_path / "missing.bvh")
     assert "not a file" in message(tmp_path)
     assert "cannot be read" in message(tmp_path / ("x" * 5000))
 
