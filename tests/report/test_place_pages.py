@@ -116,7 +116,9 @@ def test_tilts_outside_the_cone_are_no_places():
     follower = Follower(dentist.response)
     box = next(limit for limit in dentist.limits if hasattr(limit, "lower"))
     height = replace(box, lower=(0.4, 0.0, 0.8), upper=(0.4, 0.0, 0.8))
-    fixed = dentist.replace(limits=[height if limit is box else limit for limit in dentist.limits])
+    turning = replace(dentist.twist_limit, axes=("rx", "ry", "rz"))
+    kept = [limit for limit in dentist.limits if limit not in (box, dentist.twist_limit)]
+    fixed = dentist.replace(limits=[turning, height, *kept])
     middle = Placing.of(fixed).pose(np.array([0.4, 0.0, 0.8, 0.0, 0.0]))
     (found,) = slices_through(fixed, [follower], middle)
     assert (found.across, found.up) == (3, 4)
