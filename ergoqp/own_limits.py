@@ -84,7 +84,7 @@ class OwnLimits:
         rng = np.random.default_rng(0)
         values = ca.Function("ends", [posture, pose], [ends])
         sample = np.array(values(rng.uniform(-0.1, 0.1, posture.numel()), np.eye(4))).ravel()
-        return ca.Function("ends", [posture, pose], [ends[np.flatnonzero(np.isfinite(sample)).tolist()]])
+        return ca.Function("ends", [posture, pose], [ends[np.flatnonzero(~np.isinf(sample)).tolist()]])
 
     @cached_property
     def _functions(self) -> dict[str, ca.Function]:

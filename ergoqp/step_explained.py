@@ -37,11 +37,12 @@ _AT_LEAST: Final = 0.125
 def explained_function(problem: Problem) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
-    given = symbols_of(problem, *names, "parked", "now_rests", "story", "said")
+    given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said")
     told, faulty = given["told"] > 0.5, given["faulty"] > 0.5
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
     reported, signs = _reported(problem, now)
-    signs = ca.if_else(told, signs, 0)
+    # What moves while it is not enabled is no fault.
+    signs = ca.if_else(ca.logic_and(told, given["enable"] > 0.5), signs, 0)
     kept = {name: now[name] for name in REPORTED}
     if owes(problem):
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}

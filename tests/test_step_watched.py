@@ -92,6 +92,25 @@ def test_what_moves_although_nothing_was_sent_is_named_and_starts_again(
     assert 25 <= sum(named_on) <= 50
 
 
+def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_is_seen_again() -> None:
+    """It had come to rest without a pose, and what it was compared with began there: nowhere."""
+    stepper, q = problem_of("screwing").stepper(), near_comfort("screwing", np.random.default_rng(5), 15)
+    loop, pushed = Held(stepper, held_pose("screwing")), np.array([0.0, 0.005, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(40):
+        step = loop.step(q)
+    assert step.twist.any()
+    for _ in range(120):
+        step = loop.step(None, pose=None)
+    assert not step.twist.any()
+    loop.pose = moved(loop.pose, pushed)
+    assert "robot:" in loop.step(q).reason
+    stepper.reset()
+    loop.pose = held_pose("screwing")
+    for number in range(160):
+        loop.step(*((q,) if number < 40 else (None,)), **({} if number < 40 else {"pose": None}))
+    assert "robot:" not in loop.step(q).reason
+
+
 def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
     stepper, q = problem_of("screwing").stepper(), comfort_of("screwing")
     for _ in range(200):
@@ -105,14 +124,19 @@ def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
     assert any("robot:" in reason for reason in reasons)
 
 
-def test_what_is_not_enabled_may_be_moved_by_hand() -> None:
+@pytest.mark.parametrize("speed", [0.05, 0.3])
+@pytest.mark.parametrize("reported", [False, True])
+def test_what_is_not_enabled_may_be_moved_by_hand(speed: float, reported: bool) -> None:
     stepper, q = problem_of("screwing").stepper(), comfort_of("screwing")
     loop = Held(stepper, held_pose("screwing"))
+    step = loop.step(q)
     for number in range(400):
-        enable = number % 200 < 100
-        if not enable:
-            loop.pose = moved(loop.pose, 0.01 * np.array([0.0, 0.05 if number < 200 else -0.05, 0.0, 0.0, 0.0, 0.1]))
-        step = loop.step(q, enable=enable)
+        enable, twist = number % 200 < 100, np.zeros(6)
+        if not enable and number % 100 > 60:
+            twist[1] = speed if number < 200 else -speed
+            loop.pose = moved(loop.pose, 0.01 * twist)
+        twist += step.twist
+        step = loop.step(q, enable=enable, **({"twist": twist} if reported else {}))
         assert "robot:" not in step.reason, number
         assert enable or step.reason == "not enabled"
 

@@ -15,6 +15,7 @@ from ergoqp.robot import DeclaredRobot
 from ergoqp.step_counted import Way, split_way, way_of
 from ergoqp.step_history import FAR, history_sizes, initial_history, next_history
 from ergoqp.step_parts import count, split
+from ergoqp.step_state import state_sizes
 from ergoqp.step_way import under_way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
@@ -145,10 +146,11 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
 
 
-def lands(problem: Problem, history: np.ndarray) -> Way:
+def lands(problem: Problem, history: np.ndarray, unsure: np.ndarray | None = None) -> Way:
     """What is under way, for limits, of an object at a pose of no consequence."""
     past, dt = ca.MX.sym("history", history.size), ca.MX.sym("dt")
-    counted = way_of(problem, under_way(problem, past, dt), ca.MX(ca.DM.eye(4)))[1]
+    behind = None if unsure is None else ca.MX(ca.DM(unsure))
+    counted = way_of(problem, under_way(problem, past, dt), ca.MX(ca.DM.eye(4)), behind)[1]
     return split_way(problem, np.array(ca.Function("lands", [past, dt], [counted])(history, 0.01)).ravel())
 
 
@@ -183,3 +185,27 @@ def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_nothing_els
     assert float(way.turn[0]) == pytest.approx(np.sqrt(3) * np.radians(0.5))
     still = lands(problem.replace(robot=DeclaredRobot()), history)
     assert float(still.lost["tool axis"][1][0]) == float(still.stray[0]) == float(still.raised[0]) == 0
+
+
+def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer_to() -> None:
+    """Up to 2 mm less far along x than it is reckoned: nearer to the lower end, and no nearer to the upper one."""
+    problem = problem_of("screwing").replace(robot=DeclaredRobot(delay=0.03))
+    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    unsure = np.zeros((6, 2))
+    unsure[0], unsure[1], unsure[4] = (0.002, 0.001), (0.003, 0.0), (0.02, 0.03)
+    known, behind = lands(problem, history), lands(problem, history, unsure)
+    for end, expected in ((0, [0.002, 0.003, 0.0]), (1, [0.001, 0.0, 0.0])):
+        more = np.array(behind.lost["workspace x"][end]) - np.array(known.lost["workspace x"][end])
+        np.testing.assert_allclose(more.ravel(), expected, atol=1e-15)
+    # It may be turned as much less, and how that bends is kept free too.
+    assert float(behind.turn[0] - known.turn[0]) == pytest.approx(0.03)
+
+
+def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on() -> None:
+    problem = problem_of("screwing").replace(robot=DeclaredRobot(delay=0.03))
+    stepper, twist = problem.stepper(), 0.5 * problem.twist_limit.speed * np.array([1, -1, 0, 0, 1, 0])
+    stepper.reset(twist=twist)
+    for _ in range(3):
+        state = split(state_sizes(problem), stepper.step(problem.response.comfort).account("next_state"))
+        unsure = np.array(state["unsure"]).T
+        np.testing.assert_allclose(unsure, 0.03 * np.array([np.maximum(twist, 0), np.maximum(-twist, 0)]), atol=1e-12)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, ModelError
+from ergoqp.npz_file import read_npz
 from ergoqp.solvers.sequence import Qp, QpSequence
 
 _NAMES = ("P", "q", "G", "h", "lb", "ub", "feasible", "follows")
@@ -59,10 +59,10 @@ def load_sequence(path: str | Path) -> QpSequence:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            P, q, G, h, lb, ub, feasible, follows = (arrays[name] for name in _NAMES)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"sequence: got {path.name!r}, which cannot be read as one ({type(error).__name__})") from None
+        arrays = read_npz(path, _NAMES)
+    except ModelError as error:
+        raise InputError(f"sequence: {error}") from None
+    P, q, G, h, lb, ub, feasible, follows = (arrays[name] for name in _NAMES)
     half = h.shape[1] // 2
     data = zip(P, q, G[:, :half], -h[:, half:], h[:, :half], lb, ub, strict=True)
     return QpSequence(path.stem, tuple(Qp(*map(np.ascontiguousarray, parts)) for parts in data), bool(feasible), bool(follows))
