@@ -16,9 +16,6 @@ from ergoqp.limits.twist import TwistLimit
 RETURN: Final = 0.05
 """Share of the acceleration with which a wrong length is mended."""
 
-_ROUNDING: Final = 1e-12
-"""A length is right if it is that near [m]."""
-
 
 @dataclass(frozen=True)
 class ArmLength:
@@ -111,9 +108,9 @@ class ArmLength:
         return pull, np.sqrt(2) / 12 * apart**3 / self.length**2
 
     def _mended(self, posture: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """By how much the length changes in this period [m]; what is rounding stays, or the points would never rest."""
-        most, wrong = RETURN * ca.mmin(acceleration) * dt**2, self.length - _distance(posture)
-        return ca.if_else(ca.fabs(wrong) > _ROUNDING, ca.fmax(-most, ca.fmin(most, wrong)), 0)
+        """By how much the length changes in this period [m]."""
+        most = RETURN * ca.mmin(acceleration) * dt**2
+        return ca.fmax(-most, ca.fmin(most, self.length - _distance(posture)))
 
     def project(self, points: ArrayLike) -> np.ndarray:
         """Return states (n, 6) moved to the length: each point by half of what is missing, along their line."""
