@@ -13,6 +13,10 @@ class OutOfReachError(InputError):
     """The person of a problem can be at rest at none of the places that were tried."""
 
 
+class WorkersError(ErgoqpError):
+    """The processes that were to solve the starts are gone; what they finished is in the ledger, where there is one."""
+
+
 class RecordingError(ErgoqpError):
     """A motion-capture file cannot be read as what it claims to be."""
 

@@ -35,7 +35,7 @@ class IkTable(Table):
 
     stature: Annotated[float, Field(ge=1.2, le=2.3)] = 1.75
     stance: Literal["standing", "seated"] = "standing"
-    seat_height: Annotated[float, Field(ge=0.2, le=1.2)] = 0.5
+    seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
     hands: Annotated[tuple[Side, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=2)] = ("right",)
     tool: Literal["along", "thumb"] = "along"
     free_about_tool: bool = True

@@ -166,13 +166,13 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
 
 
 def _assumptions(response: IkResponse, mode: str) -> list[str]:
-    feet = "the soles stay where they stand" if response.stance == "standing" else "the pelvis stays on its seat"
     chooses = (
         "The person comes to rest by their own comfort, wherever the object is."
         if mode == "stackelberg"
         else "The posture is chosen together with the place, which no person has to follow: an optimistic bound."
     )
     return [
-        f"The person is {response.body.stature:.2f} m tall and holds the object as in the posture at the start; {feet}.",
+        f"The person is {response.body.stature:.2f} m tall and holds the object as in the posture at the start; "
+        f"{response.footing}.",
         chooses,
     ]

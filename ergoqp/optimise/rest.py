@@ -25,7 +25,8 @@ import casadi as ca
 
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.responses.ik import IkResponse, contact_frame
+from ergoqp.responses.contact import contact_frame
+from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
 
 _ROUND = 1e-3
@@ -66,7 +67,7 @@ class Holding:
         """Find hands and soles of the posture."""
         self.response, self.place, self.posture, self.pelvis = response, place, posture, pelvis
         self.standing = response.stance == "standing"
-        self._base = pelvis[:3] if self.standing else ca.SX([0, 0, response.seat_height])
+        self._base = pelvis[:3] if self.standing else ca.SX([0, 0, response.seat])
         self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
         self._hands = [response.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
         self._axis = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)[1][:, 0]

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
+import concurrent.futures
 import pickle
+import time
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Final
 
-from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.errors import InputError, MissingExtraError, WorkersError
 from ergoqp.optimise.optimum import Trial
 from ergoqp.optimise.start import Solver, Task
 
 TIMEOUT: Final = 5.0
 """How long a cluster may take to answer [s]."""
+
+PATIENCE: Final = 60.0
+"""How long a cluster may be without a worker, for example while the first one is being started [s]."""
+
+_KEPT_STARTS: Final = "with `out` the starts that were finished are kept, and the next run goes on with the rest"
 
 _KEPT: Final = 4
 _solvers: OrderedDict[str, Solver] = OrderedDict()
@@ -47,6 +56,7 @@ def trials_of(key: str, task: Task, numbers: Sequence[int], jobs: int, scheduler
     Raises:
         InputError: if nobody answers at the address, or cost or limits cannot be sent to other processes.
         MissingExtraError: if what several processes or a cluster need is not installed.
+        WorkersError: if those who work are gone for good.
     """
     if scheduler is not None:
         yield from _on_cluster(key, task, numbers, scheduler)
@@ -66,24 +76,62 @@ def _in_processes(key: str, task: Task, numbers: Sequence[int], jobs: int) -> It
         raise MissingExtraError("solving starts in several processes", "optimise", "joblib") from None
     options: dict[str, Any] = {"return_as": "generator_unordered", "batch_size": 1}
     run: Any = Parallel(n_jobs=jobs, backend="loky", **options)
-    yield from run(delayed(solve_start)(key, sent, number) for number in numbers)
+    try:
+        yield from run(delayed(solve_start)(key, sent, number) for number in numbers)
+    except BrokenProcessPool:
+        raise WorkersError(
+            f"jobs: one of {jobs} processes that solved starts was ended, often for want of memory, allowed fewer jobs; "
+            f"{_KEPT_STARTS}"
+        ) from None
 
 
 def _on_cluster(key: str, task: Task, numbers: Sequence[int], address: str) -> Iterator[Trial]:
     sent = _packed(task)
     try:
-        from distributed import Client, as_completed
+        from distributed import Client
     except ImportError:
         raise MissingExtraError("solving starts on a cluster", "optimise", "distributed") from None
     try:
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        words = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"scheduler: got {address!r}, allowed the address of a Dask scheduler that answers: {words}") from None
+        raise InputError(
+            f"scheduler: got {address!r}, allowed the address of a Dask scheduler that answers: {_words(error)}"
+        ) from None
     with client:
-        futures: list[Any] = [client.submit(solve_start, key, sent, number, pure=False) for number in numbers]
-        for future in as_completed(futures, loop=client.loop):
-            yield future.result()
+        yield from _collected(client, [client.submit(solve_start, key, sent, number, pure=False) for number in numbers])
+
+
+def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
+    """Yield what a cluster has finished, as long as there is somebody to wait for.
+
+    Dask waits for ever for a worker that never comes back, and drops the futures of a scheduler that is gone without a word.
+    """
+    from distributed import wait
+    from distributed.scheduler import KilledWorker
+
+    where = f"scheduler: {client.scheduler.address}" if client.scheduler else "scheduler: its address"
+    pending, seen = set(futures), time.monotonic()
+    try:
+        while pending:
+            try:
+                with client.as_current():  # and no longer: a user's own client stays theirs between two trials
+                    done, pending = wait(pending, timeout=1.0, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                # Asked of the scheduler itself: what the client remembers of it may be of a cluster that is gone.
+                if client.sync(client.scheduler.nthreads):
+                    seen = time.monotonic()
+                elif time.monotonic() - seen > PATIENCE:
+                    raise WorkersError(
+                        f"{where} has had no worker for {PATIENCE:g} s, allowed a cluster with one; {_KEPT_STARTS}"
+                    ) from None
+                continue
+            for future in done:
+                yield future.result()
+            seen = time.monotonic()
+    except (OSError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
+        raise WorkersError(f"{where} does not answer any more ({_words(error)}); {_KEPT_STARTS}") from None
+    except (KilledWorker, ImportError) as error:
+        raise WorkersError(f"{where} has workers that cannot solve a start ({_words(error)}); {_KEPT_STARTS}") from None
 
 
 def _packed(task: Task) -> bytes:
@@ -101,7 +149,11 @@ def _packed(task: Task) -> bytes:
     try:
         return cloudpickle.dumps(task)
     except Exception as error:
-        words = " ".join(str(error).split())
         raise InputError(
-            f"jobs: the terms of problem {task.problem.name} cannot be sent to other processes ({words}), allowed jobs=1"
+            f"jobs: the terms of problem {task.problem.name} cannot be sent to other processes ({_words(error)}), allowed "
+            "jobs=1"
         ) from None
+
+
+def _words(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

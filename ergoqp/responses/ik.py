@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -15,6 +15,7 @@ from ergoqp.human import Body, Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.linear import spd_inverse
+from ergoqp.responses.contact import TOOL_AXES, about_tool, carried_to, contact_frame, pose_matrix
 from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
 
 DEFAULT_WEIGHTS: Final[dict[str, float]] = {
@@ -43,11 +44,8 @@ DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
 }
 """Comfort of the legs where a problem says nothing. Nobody stands with locked knees, and locked knees cannot follow."""
 
-TOOL_AXES: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
-    "along": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    "thumb": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
-}
-"""Axes of the contact frame in the grip frame; x is the tool's axis: out of the fist along the forearm, or past the thumb."""
+_BESIDE_FLOOR: Final = 0.02
+"""How far from the floor a sole counts as on it [m]: a shoe's worth."""
 
 _LEGS: Final = [INDEX[joint] for side in SIDES for joint in LEG_JOINTS[side]]
 
@@ -64,7 +62,8 @@ class IkResponse:
         body: the person as the controller models it.
         hands: ``("right",)``, ``("left",)`` or both. The contact frame is at the grip, or midway between the two.
         stance: ``"standing"`` or ``"seated"``.
-        seat_height: height of the hip centres above the floor when seated [m].
+        seat_height: height of the hip centres above the floor when seated [m]; None: the seat is set to the person, so that
+            the feet stand on the floor with the legs in comfort, see `seat` and `feet`.
         tool: axis of the tool in the hand, a key of `TOOL_AXES`.
         free_about_tool: whether the hand may turn about the tool's axis.
         weights: cost of moving a joint, by name without its side, or with it; the rest as in `DEFAULT_WEIGHTS`.
@@ -78,7 +77,7 @@ class IkResponse:
     body: Body = field(default_factory=Body)
     hands: tuple[str, ...] = ("right",)
     stance: Literal["standing", "seated"] = "standing"
-    seat_height: float = 0.50
+    seat_height: float | None = None
     tool: str = "along"
     free_about_tool: bool = True
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -99,7 +98,8 @@ class IkResponse:
         for name, low, high in (
             *(("seat_height", 0.2, 1.2), ("balance", 0.0, 1e6), ("relaxation_time", 1e-2, 1e3), ("damping", 1e-6, 1.0)),
         ):
-            if not low <= getattr(self, name) <= high:
+            unset = name == "seat_height" and self.seat_height is None
+            if not unset and not low <= getattr(self, name) <= high:
                 raise InputError(f"{name}: got {getattr(self, name)!r}, allowed {low} to {high}")
         if any(not weight > 0 or not np.isfinite(weight) for weight in self.weights.values()):
             raise InputError(f"weights: got {dict(self.weights)!r}, allowed positive numbers")
@@ -107,6 +107,8 @@ class IkResponse:
         if outside.any():
             raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
         per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
+        if self.stance == "standing" and self.seat_height is not None:
+            raise InputError(f"seat_height: got {self.seat_height!r} of a person who stands, allowed none, or stance 'seated'")
 
     def __getstate__(self) -> dict[str, Any]:
         """Go to another process as the fields: expressions cannot be sent, and are built again there."""
@@ -138,6 +140,44 @@ class IkResponse:
     def kinematics(self) -> Kinematics:
         """Kinematics of the modelled body."""
         return Kinematics(self.body)
+
+    @cached_property
+    def seat(self) -> float:
+        """Height of the hip centres above the floor when seated [m]: the lower foot stands, where no height is given.
+
+        Raises:
+            InputError: if the legs' comfort posture puts a seat that is set to the person at a height that no seat has.
+        """
+        if self.seat_height is not None:
+            return self.seat_height
+        height = -self._sole_below_pelvis
+        if not 0.05 <= height <= 1.2:
+            raise InputError(
+                f"seat_height: got none, and with the feet on the floor comfort_deg puts the seat at {height:.2f} m, allowed "
+                "0.05 to 1.2, or a seat_height"
+            )
+        return height
+
+    @property
+    def feet(self) -> float:
+        """Height of the lower foot's sole above the floor, the legs in comfort and seated [m]: negative, it is below."""
+        return self.seat + self._sole_below_pelvis
+
+    @property
+    def footing(self) -> str:
+        """What carries the person, as a clause for people."""
+        if self.stance == "standing":
+            return "the soles stay where they stand"
+        seated = f"the pelvis stays on its seat, {self.seat:.2f} m high"
+        if self.feet > _BESIDE_FLOOR:
+            return f"{seated}; at that height the feet hang {self.feet:.2f} m above the floor"
+        if self.feet < -_BESIDE_FLOOR:
+            return f"{seated}; the legs need {-self.feet:.2f} m more, and are not modelled folded"
+        return f"{seated}, with the feet on the floor"
+
+    @property
+    def _sole_below_pelvis(self) -> float:
+        return min(float(self.kinematics.at(f"{side}_sole", ca.DM(self.comfort))[0][2]) for side in SIDES)
 
     def expression(self, q: ca.MX) -> ca.MX:
         """Return S (32, 6) at `q` (32,) [rad] with no joint locked; world-aligned twist, linear first."""
@@ -180,8 +220,8 @@ class IkResponse:
         moves, wants, about = [], [], []
         for p, _, jacobian in hands:
             moves.append(ca.horzcat(base_jacobian(p), jacobian[:, arms]))
-            wants.append(_carried(p - position))
-            about.append(_about(axis, self.free_about_tool))
+            wants.append(carried_to(p - position))
+            about.append(about_tool(axis, self.free_about_tool))
         J, G = ca.vertcat(*moves), ca.vertcat(*wants)
         turning = ca.diagcat(*about)
         P = ca.SX.eye(6 * len(hands)) - turning
@@ -202,9 +242,9 @@ class IkResponse:
         own = ca.vertcat(stance.relax, wish[arms])
         relax = in_joints(own - pull @ (inverse_M @ (K @ own)))
 
-        base = _pose(stance.position, stance.yaw)
-        contact = base @ _pose(position, rotation)
-        grips = ca.horzcat(*(base @ _pose(p, r) for p, r, _ in hands))
+        base = pose_matrix(stance.position, stance.yaw)
+        contact = base @ pose_matrix(position, rotation)
+        grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
         error = ca.SX.sym("e", 6 * len(hands))
         in_pelvis = ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error
         reach = in_joints(pull @ (inverse_M @ (P @ in_pelvis)))
@@ -237,25 +277,8 @@ class IkResponse:
 
     def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
         if self.stance == "seated":
-            return seated(self.seat_height)
+            return seated(self.seat)
         return standing(self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time)
-
-
-def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.SX, ca.SX]:
-    """Return position and rotation of the contact frame from those of the grips.
-
-    One hand: the grip, turned so that x is the tool's axis. Two hands: midway, y from the right grip to the left one, x as
-    near to the mean of the two tools' axes as that allows.
-    """
-    turn = ca.DM(np.array(TOOL_AXES[tool], dtype=float).T)
-    if len(grips) == 1:
-        position, rotation = grips[0]
-        return position, rotation @ turn
-    (right, right_rotation), (left, left_rotation) = grips
-    y = _unit(left - right)
-    x = (right_rotation @ turn + left_rotation @ turn)[:, 0]
-    x = _unit(x - y * ca.dot(x, y))
-    return (right + left) / 2, ca.horzcat(x, y, ca.cross(x, y))
 
 
 def per_joint(given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str) -> np.ndarray:
@@ -274,26 +297,3 @@ def per_joint(given: Mapping[str, float], defaults: Mapping[str, float], rest: f
             for target in targets:
                 values[INDEX[target]] = table[name]
     return values
-
-
-def _about(axis: ca.SX, free: bool) -> ca.SX:
-    """Projector on turning about the tool's axis, or nothing when the grasp is rigid."""
-    projector = ca.SX(6, 6)
-    if free:
-        projector[3:, 3:] = axis @ axis.T
-    return projector
-
-
-def _carried(offset: ca.SX) -> ca.SX:
-    """Motion of a point at `offset` from the contact frame that moves with it: (6, 6)."""
-    carried = ca.SX.eye(6)
-    carried[:3, 3:] = -ca.skew(offset)
-    return carried
-
-
-def _pose(position: ca.SX, rotation: ca.SX) -> ca.SX:
-    return ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-
-
-def _unit(vector: ca.SX) -> ca.SX:
-    return vector / ca.sqrt(ca.sumsqr(vector) + 1e-12)

@@ -200,7 +200,7 @@ def _key(problem: Problem, person: Follower, spacing: float) -> str:
         "lengths": dict(response.body.lengths),
         "weights": response.weight_vector.tolist(),
         "comfort": response.comfort.tolist(),
-        "terms": [response.hands, response.stance, response.seat_height, response.tool, response.free_about_tool],
+        "terms": [response.hands, response.stance, response.seat, response.tool, response.free_about_tool],
         "numbers": [response.balance, response.relaxation_time, response.damping],
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]

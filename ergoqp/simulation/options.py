@@ -78,7 +78,7 @@ def _cost(cost: Any) -> str:
 def _response(response: Any) -> str:
     if not isinstance(response, IkResponse):
         return _spaced(type(response).__name__)
-    where = "standing" if response.stance == "standing" else f"seated at {response.seat_height:g} m"
+    where = "standing" if response.stance == "standing" else f"seated at {response.seat:.2g} m"
     hands = " and ".join(response.hands)
     turn = "free to turn about" if response.free_about_tool else "firm on"
     return f"{response.body.stature:.2f} m, {where}, {hands} hand {turn} the tool ({response.tool} the hand)"

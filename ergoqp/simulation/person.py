@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.responses.ik import TOOL_AXES, IkResponse
+from ergoqp.responses.contact import TOOL_AXES
+from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, move_sole, with_bent_knees
 
 N = len(JOINTS)

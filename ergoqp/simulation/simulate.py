@@ -243,8 +243,7 @@ def _assumptions(
         f"measurement noise ({senses.noise_deg:g} deg white, {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the "
         "frames lost) that the controller does not know.",
         f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
-        "The hand holds the object at the start as the posture has it, and keeps hold of it; "
-        + ("the soles stay where they stand." if model.stance == "standing" else "the pelvis stays on its seat."),
+        f"The hand holds the object at the start as the posture has it, and keeps hold of it; {person.response.footing}.",
     ]
     if place is not None:
         x, y, z = place.pose[:3, 3]

@@ -215,7 +215,7 @@ def test_the_world_is_anchored_to_the_soles_or_the_seat(kind: tuple) -> None:
             np.testing.assert_allclose(grip, frame(data, f"{hand}_grip"), atol=1e-12)
         np.testing.assert_allclose(pelvis, frame(data, "pelvis"), atol=1e-12)
         if response.stance == "seated":
-            np.testing.assert_allclose(pelvis[:3, 3], [0, 0, response.seat_height])
+            np.testing.assert_allclose(pelvis[:3, 3], [0, 0, response.seat])
             np.testing.assert_allclose(pelvis[:3, :3], np.eye(3))
         else:
             right, left = frame(data, "right_sole"), frame(data, "left_sole")
@@ -290,6 +290,33 @@ def test_reach_moves_the_grips_by_what_it_was_asked() -> None:
     np.testing.assert_allclose((after - before)[:3, 7], asked[6:9], atol=2e-6)
 
 
+@pytest.mark.parametrize("stature", [1.5, 1.75, 2.0])
+@pytest.mark.parametrize("hip", [70.0, 83.0, 95.0])
+def test_a_seat_is_set_to_the_person_so_that_the_feet_stand(stature: float, hip: float) -> None:
+    response = IkResponse(Body.of_stature(stature), stance="seated", comfort_deg={"hip_flexion": hip, "knee_flexion": 85})
+    data = placed(response, response.comfort)
+    for side in ("right", "left"):
+        assert frame(data, f"{side}_sole")[2, 3] == pytest.approx(0, abs=1e-12)
+    assert frame(data, "pelvis")[2, 3] == response.seat
+    assert response.footing == f"the pelvis stays on its seat, {response.seat:.2f} m high, with the feet on the floor"
+
+
+@pytest.mark.parametrize(
+    ("stature", "footing"),
+    [(1.5, "at that height the feet hang 0.09 m above the floor"), (2.0, "the legs need 0.06 m more, and are not modelled folded")],
+)
+def test_a_seat_that_does_not_fit_is_told(stature: float, footing: str) -> None:
+    response = IkResponse(Body.of_stature(stature), stance="seated", seat_height=0.55)
+    assert response.seat == 0.55
+    assert response.footing == f"the pelvis stays on its seat, 0.55 m high; {footing}"
+
+
+def test_a_seat_that_nobody_could_set_is_refused() -> None:
+    response = IkResponse(stance="seated", comfort_deg={"hip_flexion": 115, "knee_flexion": 0})
+    with pytest.raises(InputError, match=r"seat_height: got none, .* comfort_deg puts the seat at -0\.\d+ m, allowed 0\.05 to"):
+        _ = response.seat
+
+
 def test_a_side_wins_over_both_sides() -> None:
     response = IkResponse(weights={"right_elbow_flexion": 3.0, "elbow_flexion": 0.2}, comfort_deg={"knee_flexion": 18})
     assert response.weight_vector[INDEX["right_elbow_flexion"]] == 3.0
@@ -305,6 +332,7 @@ def test_a_side_wins_over_both_sides() -> None:
         ({"stance": "kneeling"}, "stance: got 'kneeling', allowed 'standing' or 'seated'"),
         ({"tool": "pen"}, "tool: got 'pen', allowed one of along, thumb"),
         ({"seat_height": 55.0}, "seat_height: got 55.0, allowed 0.2 to 1.2"),
+        ({"seat_height": 0.5}, "seat_height: got 0.5 of a person who stands, allowed none, or stance 'seated'"),
         ({"damping": 0.0}, "damping: got 0.0"),
         ({"damping": float("nan")}, "damping: got nan"),
         ({"relaxation_time": -1.0}, "relaxation_time: got -1.0"),

@@ -1,0 +1,64 @@
+"""Workers that die in the middle of the work: one sentence, in finite time, and what was finished is kept."""
+
+import threading
+
+import pytest
+
+import ergoqp
+from ergoqp.errors import WorkersError
+from ergoqp.optimise.ledger import FILE
+
+KEPT = "with `out` the starts that were finished are kept"
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return ergoqp.load_problem("dentist")
+
+
+@pytest.fixture
+def cluster():
+    distributed = pytest.importorskip("distributed")
+    # Workers are not brought back: a nanny would.
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", silence_logs=50
+    ) as cluster:
+        yield cluster
+
+
+def after_first(action):
+    """Return a progress that does something once, when the first start is finished."""
+    once = []
+
+    def progress(share: float) -> None:
+        if not once:
+            once.append(share)
+            action()
+
+    return progress
+
+
+def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
+    monkeypatch.setattr("ergoqp.optimise.workers.PATIENCE", 2.0)
+    retire = after_first(lambda: cluster.scale(0))
+    with pytest.raises(WorkersError, match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}"):
+        problem.optimise(starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=retire)
+    assert (tmp_path / FILE).read_text(encoding="utf-8").count("\n") >= 1
+
+
+def test_the_scheduler_is_gone(problem, cluster, tmp_path):
+    end = after_first(lambda: threading.Thread(target=cluster.close).start())
+    with pytest.raises(WorkersError, match=rf"scheduler: tcp://.* does not answer any more .*; {KEPT}"):
+        problem.optimise(starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=end)
+
+
+def test_a_process_of_this_machine_is_ended(problem, tmp_path):
+    psutil = pytest.importorskip("psutil")
+
+    def end() -> None:
+        workers = [child for child in psutil.Process().children(recursive=True) if "popen_loky" in " ".join(child.cmdline())]
+        workers[0].kill()
+
+    with pytest.raises(WorkersError, match=rf"jobs: one of 2 processes that solved starts was ended, .*; {KEPT}"):
+        problem.optimise(starts=400, out=tmp_path, jobs=2, progress=after_first(end))
+    assert len(problem.optimise(starts=1, out=tmp_path, jobs=2).trials) == 1
