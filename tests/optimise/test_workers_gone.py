@@ -41,7 +41,9 @@ def after_first(action):
 def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr("ergoqp.optimise.workers.PATIENCE", 2.0)
     retire = after_first(lambda: cluster.scale(0))
-    with pytest.raises(WorkersError, match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}"):
+    with pytest.raises(
+        WorkersError, match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}"
+    ):
         problem.optimise(starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=retire)
     assert (tmp_path / FILE).read_text(encoding="utf-8").count("\n") >= 1
 

@@ -303,7 +303,10 @@ def test_a_seat_is_set_to_the_person_so_that_the_feet_stand(stature: float, hip:
 
 @pytest.mark.parametrize(
     ("stature", "footing"),
-    [(1.5, "at that height the feet hang 0.09 m above the floor"), (2.0, "the legs need 0.06 m more, and are not modelled folded")],
+    [
+        (1.5, "at that height the feet hang 0.09 m above the floor"),
+        (2.0, "the legs need 0.06 m more, and are not modelled folded"),
+    ],
 )
 def test_a_seat_that_does_not_fit_is_told(stature: float, footing: str) -> None:
     response = IkResponse(Body.of_stature(stature), stance="seated", seat_height=0.55)
