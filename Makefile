@@ -3,12 +3,13 @@
 #   make test    everything installed, all tests
 #   make check   style, formatting, types
 #   make bench   the benchmarks' quick samples
+#   make mutants whether the tests notice mistakes: about an hour
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
 BIN = $(VENV)/bin
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check bench mutants clean
 
 demo: $(VENV)/.runs
 	@mkdir -p $(OUT)
@@ -32,6 +33,9 @@ bench: $(VENV)/.tests
 		echo "== benchmarks.$$name"; \
 		$(BIN)/python -m benchmarks.$$name --quick || exit 1; \
 	done
+
+mutants: $(VENV)/.tests
+	$(BIN)/python -m benchmarks.mutants --full
 
 clean:
 	rm -rf $(VENV) out

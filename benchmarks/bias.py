@@ -21,7 +21,8 @@ Following: people who are not the model (`ergoqp.simulation.people`), with these
 Narrow ranges: sixteen joints have ranges of a few degrees that the start is outside of, with noise.
 
 - ``stands_still``: share of the starts from which the object does not move, less those from which it does not move without
-  rows.
+  rows; ``stands_still.needless``: of these, the share for which some twist of the problem's axes would take no joint further
+  beyond its range (a linear program on the response at the start). Where none would, only standing still keeps the ranges.
 """
 
 from __future__ import annotations
@@ -32,13 +33,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report, run
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.limits import JointLimit
+from ergoqp.limits import AXES, JointLimit
 from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.simulation.loop import Start, run_loop, start_at
+from ergoqp.simulation.loop import Start, Trace, run_loop, start_at
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.starts import awkward_start
@@ -46,7 +49,10 @@ from ergoqp.step import Stepper
 
 SIZES_DEG = (2.0, 5.0, 10.0)
 MOVED = 0.01
-"""The object has gone somewhere [m]."""
+"""The object has gone somewhere [m], turning counted at `ARM` from the axis."""
+
+ARM = 0.3
+"""Where turning is counted [m]."""
 
 HELD = 12.0
 """How long the posture is held [s]."""
@@ -58,14 +64,14 @@ def without_rows(problem: Problem) -> Problem:
 
 
 def held(problem: Problem, stepper: Stepper, posture: np.ndarray) -> float:
-    """Return how far the object goes while the posture (32,) stays [m], turning counted at 0.3 m from the axis."""
+    """Return how far the object goes while the posture (32,) stays [m], turning counted at `ARM`."""
     stepper.reset()
     way = np.zeros(6)
     longest = 0.0
     for _ in range(round(HELD / problem.dt)):
         step = stepper.step(posture)
         way += step.twist * problem.dt
-        longest = max(longest, float(np.linalg.norm(way[:3])), 0.3 * float(np.linalg.norm(way[3:])))
+        longest = max(longest, float(np.linalg.norm(way[:3])), ARM * float(np.linalg.norm(way[3:])))
         if step.status == "settled" and not step.twist.any():
             break
     return longest
@@ -133,8 +139,30 @@ def follows(
     true = problem.assess(np.array(ends)).final
     read = problem.assess(np.clip(np.array(ends) + bias, LOWER, UPPER)).final
     still = trace.steps[-1].status == "settled" and not trace.steps[-1].twist.any()
-    gone = float(np.linalg.norm(trace.poses[-1][:3, 3] - trace.poses[0][:3, 3]))
-    return bool(read[1] > read[0]), bool(true[1] > true[0]), not still, gone > MOVED
+    return bool(read[1] > read[0]), bool(true[1] > true[0]), not still, has_gone(trace)
+
+
+def has_gone(trace: Trace) -> bool:
+    """Return whether the object is elsewhere at the end of a loop."""
+    first, last = trace.poses[0], trace.poses[-1]
+    turned = ARM * Rotation.from_matrix(last[:3, :3] @ first[:3, :3].T).magnitude()
+    return max(float(np.linalg.norm(last[:3, 3] - first[:3, 3])), turned) > MOVED
+
+
+def could_go(problem: Problem, posture: np.ndarray, ranges: dict[str, tuple[float, float]]) -> bool:
+    """Return whether a twist of the problem's axes takes no joint further beyond its range."""
+    S = np.array(problem.response.sensitivity()(posture, np.zeros(len(JOINTS)))[0])
+    axes = [AXES.index(axis) for axis in problem.twist_limit.axes]
+    rows = []
+    for joint, (low, high) in ranges.items():
+        degrees = np.degrees(posture[INDEX[joint]])
+        if not low <= degrees <= high:
+            rows.append(S[INDEX[joint], axes] * (1.0 if degrees < low else -1.0))
+    wishes = (*np.eye(len(axes)), *-np.eye(len(axes)))
+    found = (
+        [linprog(wish, A_ub=-np.array(rows), b_ub=np.zeros(len(rows)), bounds=(-1, 1)).fun for wish in wishes] if rows else []
+    )
+    return not rows or min(found) < -1e-6
 
 
 def following_of(name: str, people: range, count: int) -> list[tuple[tuple, tuple]]:
@@ -157,10 +185,10 @@ def following_of(name: str, people: range, count: int) -> list[tuple[tuple, tupl
     return found
 
 
-def narrow_of(name: str, seeds: range) -> tuple[int, int, int]:
-    """Return (starts, from how many the object does not move, of these: not without rows either)."""
+def narrow_of(name: str, seeds: range) -> tuple[int, int, int, int]:
+    """Return (starts, from how many the object does not move, of these: not without rows either, although it could)."""
     problem = load_problem(name)
-    count = still = both = 0
+    count = still = both = needless = 0
     for seed in seeds:
         rng, person = np.random.default_rng([seed, 10]), sample_person(problem, seed)
         start = start_at(person, awkward_start(problem, person, seed, 10))
@@ -179,9 +207,10 @@ def narrow_of(name: str, seeds: range) -> tuple[int, int, int]:
         gone = []
         for each in (problem.replace(limits=limits), without_rows(problem)):
             trace = run_loop(each, person, start, duration=6.0, seed=seed, stepper=each.stepper())
-            gone.append(float(np.linalg.norm(trace.poses[-1][:3, 3] - trace.poses[0][:3, 3])) > MOVED)
+            gone.append(has_gone(trace))
         count, still, both = count + 1, still + (not gone[0]), both + (not gone[0] and not gone[1])
-    return count, still, both
+        needless += not gone[0] and gone[1] and could_go(problem, start.posture, ranges)
+    return count, still, both, needless
 
 
 def measure(report: Report) -> None:
@@ -216,6 +245,7 @@ def measure(report: Report) -> None:
     report.figure(
         "stands_still", (narrow[1] - narrow[2]) / narrow[0], f"{narrow[1]} of {narrow[0]} starts, {narrow[2]} without rows too"
     )
+    report.figure("stands_still.needless", narrow[3] / narrow[0], "although a twist would keep all ranges")
 
 
 if __name__ == "__main__":

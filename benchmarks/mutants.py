@@ -1,0 +1,230 @@
+"""Do the tests notice? Mistakes put into what the safety rests on, one at a time, and the tests run on each.
+
+Run ``python -m benchmarks.mutants [--quick | --full] [--json FILE]``, or ``make mutants``. A sample of the mistakes of
+`benchmarks.mutant_kinds`, the same from run to run, is put into copies of the project: the control step, the limits, the
+rest, the layout of the exported step, the sheet with its data, and the checker. Each is judged by the tests that run its line
+(coverage, measured first), the quickest first, until one fails.
+
+- ``mutants``: mistakes tried.
+- ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that no test runs is alive.
+- ``not_covered``: of those alive, how many stand on such a line.
+- ``explained``: of those alive, how many change nothing, each with its reason in ``mutants_alive.toml``.
+- ``unexplained``: the rest: a test is missing.
+
+Every one that is alive is printed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Final
+
+from coverage import CoverageData
+
+from benchmarks.mutant_kinds import Mutant, mutants_of
+from benchmarks.report import Report, run
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+
+MUTATED: Final = (
+    *("ergoqp/step*.py", "ergoqp/certification.py", "ergoqp/qp.py", "ergoqp/rest.py", "ergoqp/limits/*.py"),
+    *("ergoqp/native/layout.py", "ergoqp/simulation/check.py", "ergoqp/sheets/*.py", "ergoqp/sheets/*.toml"),
+)
+
+TESTS: Final = ("tests/test_*.py", "tests/limits", "tests/native", "tests/sheets", "tests/simulation", "tests/solvers")
+"""The tests that may notice; those of pages, recordings and commands would only add time."""
+
+READS: Final = {"ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py", "ergoqp/sheets/interval.toml": "ergoqp/sheets/score.py"}
+"""Code that uses a file of data: the tests that run it judge the data."""
+
+BUDGET: Final = 60.0
+"""How long the tests of one mutant may take, by what they take without [s]."""
+
+WORKERS: Final = 2
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a mutant.
+
+    Attributes:
+        mutant: the mistake.
+        now: the line with it.
+        killed: whether a test noticed.
+        covered: whether a test runs the line.
+    """
+
+    mutant: Mutant
+    now: str
+    killed: bool
+    covered: bool
+
+
+class Tests:
+    """Which tests run which line, and how long they take.
+
+    Args:
+        folder: a copy of the project, in which the tests are run once with coverage.
+        paths: of the tests.
+    """
+
+    def __init__(self, folder: Path, paths: Sequence[str]) -> None:
+        """Run them once."""
+        options = ["--cov=ergoqp", "--cov-context=test", "--cov-report=", "--durations=0", "--durations-min=0"]
+        found = [str(path) for pattern in paths for path in sorted(folder.glob(pattern))]
+        done = _pytest(folder, [*found, *options, "-n", str(WORKERS)], timeout=3600)
+        if done.returncode:
+            raise RuntimeError(f"the tests fail without a mistake:\n{done.stdout[-3000:]}")
+        self._seconds: dict[str, float] = {}
+        for seconds, test in re.findall(r"^\s*([\d.]+)s (?:setup|call|teardown)\s+(\S.*)$", done.stdout, re.MULTILINE):
+            self._seconds[test.strip()] = self._seconds.get(test.strip(), 0.0) + float(seconds)
+        data = CoverageData(str(folder / ".coverage"))
+        data.read()
+        self._lines = {
+            str(Path(file).relative_to(folder)): {
+                line: {context.partition("|")[0] for context in contexts if context}
+                for line, contexts in data.contexts_by_lineno(file).items()
+            }
+            for file in data.measured_files()
+        }
+
+    def of(self, mutant: Mutant) -> tuple[list[str], bool]:
+        """Return the tests that judge a mutant, first those that may notice soonest, and whether any runs its line."""
+        lines = self._lines.get(READS.get(mutant.path, mutant.path), {})
+        of_file: set[str] = set().union(*lines.values())
+        # What runs at import, such as a constant, is run by no test: those of the whole file are asked.
+        running = set() if mutant.path in READS else self._on(lines, mutant)
+        nearest = sorted(running, key=self._time)
+        # What a cache or an import keeps is run by the first test alone; others of the same files depend on it all the same.
+        files = {test.partition("::")[0] for test in running or of_file}
+        others = sorted(
+            (test for test in self._seconds if test.partition("::")[0] in files and test not in running), key=self._time
+        )
+        chosen, spent = [], 0.0
+        for test in (*nearest, *others):
+            if spent + self._time(test) <= BUDGET:
+                chosen.append(test)
+                spent += self._time(test)
+        return chosen, bool(of_file)
+
+    def _on(self, lines: dict[int, set[str]], mutant: Mutant) -> set[str]:
+        """Return the tests that run the statement: its first line counts, which may stand above."""
+        for line in range(mutant.line, max(mutant.line - 12, 0), -1):
+            if line in lines:
+                return lines[line]
+        return set()
+
+    def _time(self, test: str) -> float:
+        return self._seconds.get(test, 0.1)
+
+
+def judged(folder: Path, mutant: Mutant, tests: Tests) -> Verdict | None:
+    """Return what the tests say of a mutant in a copy of the project, which is left as it was; None if it is no mistake."""
+    source = mutant.source()
+    if source is None:
+        return None
+    lines = zip(mutant.code.splitlines(), source.splitlines(), strict=False)
+    now = next((after.strip() for before, after in lines if before != after), "")
+    chosen, covered = tests.of(mutant)
+    if not chosen:
+        return Verdict(mutant, now, False, covered)
+    path = folder / mutant.path
+    try:
+        path.write_text(source, encoding="utf-8")
+        (folder / "chosen.txt").write_text("\n".join(chosen), encoding="utf-8")
+        try:
+            done = _pytest(folder, ["@chosen.txt", "-x", "-n", "0"], timeout=60 + 4 * BUDGET)
+        except subprocess.TimeoutExpired:
+            return Verdict(mutant, now, True, covered)
+    finally:
+        path.write_text(mutant.code, encoding="utf-8")
+    return Verdict(mutant, now, done.returncode != 0, covered)
+
+
+def _pytest(folder: Path, options: Sequence[str], timeout: float) -> subprocess.CompletedProcess[str]:
+    """Run tests in a copy of the project, with all that they start, for so long at most."""
+    # A cache of compiled code of its own, filled by the first run: that of the user is left alone.
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder.parent / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", *options]
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            output, _ = process.communicate(timeout=timeout)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    return subprocess.CompletedProcess(command, process.returncode, output, "")
+
+
+def _copy(folder: Path) -> Path:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout.split("\n")
+    for name in filter(None, listed):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, folder / name)
+    return folder
+
+
+def measure(report: Report) -> None:
+    """Try the mutants in copies of the project, two at a time."""
+    patterns = report.pick(MUTATED[-2:], MUTATED)
+    paths = sorted(str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern))
+    sample = sorted((mutant for path in paths for mutant in mutants_of(ROOT, path)), key=lambda mutant: mutant.rank)
+    wanted = report.pick(12, 400)
+    known = tomllib.loads(Path(__file__).with_name("mutants_alive.toml").read_text(encoding="utf-8"))["alive"]
+    verdicts: list[Verdict] = []
+    with tempfile.TemporaryDirectory(prefix="ergoqp-mutants-") as place, ThreadPoolExecutor(WORKERS) as pool:
+        folders: SimpleQueue[Path] = SimpleQueue()
+        for number in range(WORKERS):
+            folders.put(_copy(Path(place) / str(number)))
+        tests = Tests(_copy(Path(place) / "clean"), report.pick(("tests/sheets",), TESTS))
+        report.say(f"{len(sample)} mistakes are possible; {wanted} are tried")
+
+        def one(mutant: Mutant) -> Verdict | None:
+            folder = folders.get()
+            try:
+                return judged(folder, mutant, tests)
+            finally:
+                folders.put(folder)
+
+        for future in as_completed([pool.submit(one, mutant) for mutant in sample[:wanted]]):
+            verdict = future.result()
+            if verdict is None:
+                continue
+            verdicts.append(verdict)
+            if not verdict.killed:
+                where = f"{verdict.mutant.path}:{verdict.mutant.line}"
+                reason = known.get(verdict.mutant.name, "NOT EXPLAINED" if verdict.covered else "NO TEST RUNS THIS LINE")
+                report.say(f"alive {where} [{verdict.mutant.kind}]\n  - {verdict.mutant.was}\n  + {verdict.now}\n  {reason}")
+            if len(verdicts) % 20 == 0:
+                report.say(f"{len(verdicts)}/{wanted}, {sum(verdict.killed for verdict in verdicts)} killed")
+    alive = [verdict for verdict in verdicts if not verdict.killed]
+    explained = sum(verdict.mutant.name in known for verdict in alive)
+    report.figure("mutants", len(verdicts))
+    report.figure("killed_share", 1 - len(alive) / len(verdicts))
+    report.figure("not_covered", sum(not verdict.covered for verdict in alive))
+    report.figure("explained", explained, "alive, and change nothing: reasons in mutants_alive.toml")
+    report.figure("unexplained", len(alive) - explained)
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")
