@@ -5,9 +5,9 @@ starts per problem; ``--full`` ten people with twenty starts each. Per problem i
 
 - ``runs``: loops that were run. A start is a random reachable place at rest, at least 2 points above the person's best.
 - ``share_at_best``: share whose noise-free rest posture, where the object came to rest, has the lowest exact score that
-  brute force finds for that person anywhere in the workspace (or lower).
+  brute force on a grid of places or the offline optimiser finds for that person (or lower). ``share_at_grid_best``: by the
+  grid alone. A robot that stands still has none of either: starts are chosen so.
 - ``worse_than_start``: share that ends above its start. ``mean_start``, ``mean_best``, ``mean_end``: exact scores.
-- ``idle_share_at_best``: the same share for a robot that stands still.
 - ``violations``: steps that broke a limit, by the independent checker. ``exceptions``: loops that raised.
 - ``braking_share``: share of steps with status braking or invalid.
 - ``settle_s``: 95th percentile of the time after which the object did not move any more (never: inf).
@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from benchmarks.loops import Loops, end_score, figures_of, gather, run_loops
+from benchmarks.loops import Loops, end_score, figures_of, gather, optimum_of, run_loops
 from benchmarks.report import Report, run
 from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
@@ -55,7 +55,7 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, BothL
         loops.plain_end.append(end)
         loops.plain_violations.append(broken)
 
-    run_loops(loops, problem, person, person_seed, count, problem.stepper(), beside)
+    run_loops(loops, problem, person, person_seed, count, problem.stepper(), beside, optimum_of(problem, person))
     return name, loops
 
 

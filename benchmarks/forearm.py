@@ -6,8 +6,9 @@ failed and as worse.
 
 Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length maintained), ``svr_added`` (the
 gradient of the one-class SVM added), ``svr_report_constraints`` (the report's machine, but length and boundary as rows of the
-control step), ``svr_constraints`` (the same rows; the machine has also seen where nobody is), ``ladder_gradients`` (the
-report's best way) and ``ladder_constraints``. The baselines stop where the estimated cost is 1, as in the report.
+control step), ``svr_constraints`` (the same rows; the machine has also seen where nobody is), ``svr_without_boundary`` (the
+same machine without the row of the boundary: what the data do by themselves), ``ladder_gradients`` (the report's best way)
+and ``ladder_constraints``. The baselines stop where the estimated cost is 1, as in the report.
 
 - ``<method>.share_at_1``: ends at true cost 1. ``.worse_than_start``: true cost above the start's, or unreachable.
 - ``.nearest_at_1``: the same by the report's judge, the label of the nearest sample of its data.
@@ -87,11 +88,12 @@ def constrained(problem: Problem, starts: Array) -> tuple[Array, list[Array], fl
     return np.array([one.states[-1] for one in runs]), [one.states for one in runs], seconds
 
 
-def problem_with(models: ForearmModels, cost: LearnedCost) -> Problem:
-    """Return the problem ``forearm`` with these models."""
+def problem_with(models: ForearmModels, cost: LearnedCost, bounded: bool = True) -> Problem:
+    """Return the problem ``forearm`` with these models, with or without the boundary as a limit."""
     plain = load_problem("forearm")
     limits = [limit for limit in plain.limits if not isinstance(limit, OneClassBoundary)]
-    return plain.replace(cost=cost, limits=[*limits, OneClassBoundary(models.boundary, hard=True)])
+    boundary = [OneClassBoundary(models.boundary, hard=True)] if bounded else []
+    return plain.replace(cost=cost, limits=[*limits, *boundary])
 
 
 def report_ways(models: ForearmModels, data: DataSet) -> dict[str, Callable[[Array], Array]]:
@@ -135,10 +137,11 @@ def measure(report: Report) -> None:
     costs = {
         "svr_report_constraints": models.report_svr,
         "svr_constraints": models.svr,
+        "svr_without_boundary": models.svr,
         "ladder_constraints": models.ladder,
     }
     outside = _outside(models, report.pick(6, 60))
-    _PROBLEMS.update({name: problem_with(models, cost) for name, cost in costs.items()})
+    _PROBLEMS.update({name: problem_with(models, cost, "without" not in name) for name, cost in costs.items()})
     with _processes() as processes:
         for name in costs:
             found = list(processes.map(_constrained, [name] * 2, np.array_split(starts, 2)))

@@ -19,15 +19,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 
-from benchmarks.loops import Loops, figures_of, gather, run_loops
+from benchmarks.loops import Loops, figures_of, gather, optimum_of, run_loops
 from benchmarks.report import Report, run
 from ergoqp.optimise.optimum import Optimum
-from ergoqp.optimise.population import person_of
-from ergoqp.problem import Problem
 from ergoqp.problem_file import TASKS, load_problem
 from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import sample_person
-from ergoqp.simulation.person import Follower
 from ergoqp.step_guide import BACK, THERE
 
 FIRST_PERSON = 20
@@ -53,10 +50,11 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
     """Run all loops of one person in one problem."""
     problem = load_problem(name)
     person = sample_person(problem, person_seed)
-    places = {"": model_optimum(name), "own_": optimum_of(problem, person), "alone_": None}
+    own = optimum_of(problem, person)
+    places = {"": model_optimum(name), "own_": own, "alone_": None}
     loops = {way: GuidedLoops() for way in WAYS}
     for way, place in places.items():
-        run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), loops[way].beside)
+        run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), loops[way].beside, own)
     return name, loops
 
 
@@ -64,12 +62,6 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
 def model_optimum(name: str) -> Optimum:
     """Return the best place for the controller's own model of the person: once per process."""
     return optimum_of(load_problem(name), None)
-
-
-def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
-    """Return the best place for a person who is at ease, None: the model, as ``ergoqp optimise`` finds it."""
-    response = person_of(problem) if person is None else person.response
-    return problem.optimise(response.comfort, person=person)
 
 
 def measure(report: Report) -> None:

@@ -12,10 +12,10 @@ its parts (`benchmarks.step_phases`), which add up to ``median_us``.
   ``c_max_difference`` is the largest difference of any of its twists from Python's.
 - ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns (`benchmarks.mink_peer`), the leanest
   there is: its terms come from the step's own CasADi functions. ``mink_whole_us``: posture and arm as unknowns, as in
-  `ergoqp.whole_body`. The ratios are of each to the step's three forms, all in this run. ``mink_max_difference``: of its twists
-  from the step's.
+  `ergoqp.whole_body`. ``mink_plain_us``: mink as people write it, which asks for less (`benchmarks.mink_plain`). The ratios
+  are of each to the step's three forms, all in this run. ``mink_max_difference``: of its twists from the step's.
 - ``pink_us``: pink on the same QP, the arm's joints as unknowns (`benchmarks.pink_peer`).
-- ``qpsolvers_us``: one call of qpsolvers with DAQP on the step's own QPs, the solve alone.
+- ``qpsolvers_us``: one call of qpsolvers with DAQP on the step's own QPs, the solve alone, one after the other and warmed up.
 - ``plain_us``: the EPFL report's way in NumPy and scikit-learn, without any constraint (`benchmarks.plain_peer`).
 """
 
@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.mink_peer import mink_steps
+from benchmarks.mink_plain import mink_plain_us
 from benchmarks.plain_peer import plain_step_us
 from benchmarks.report import Report, run
 from benchmarks.step_c import c_times
@@ -102,7 +103,7 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
         return None
     if "daqp" not in qpsolvers.available_solvers:
         return None
-    data, n, times, previous = qp_data(problem), len(problem.coordinates), [], np.zeros(6)
+    data, n, asked, previous = qp_data(problem), len(problem.coordinates), [], np.zeros(6)
     stepper = problem.stepper()
     for posture, pose, age in calls:
         unimproved = stepper.stalled
@@ -111,10 +112,15 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
             parts = data(posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0)
             H, g, A, lower, upper, _, _, low, high = (np.array(part) for part in parts[:9])
             G, h = np.vstack([A, -A]), np.concatenate([upper, -lower]).ravel()
-            start = time.perf_counter()
-            qpsolvers.solve_problem(qpsolvers.Problem(H, g.ravel(), G, h, lb=low.ravel(), ub=high.ravel()), solver="daqp")
-            times.append(time.perf_counter() - start)
+            asked.append(qpsolvers.Problem(H, g.ravel(), G, h, lb=low.ravel(), ub=high.ravel()))
         previous = step.twist
+    times: list[float] = []
+    for _ in ("warm-up", "counted"):
+        times.clear()
+        for qp in asked:
+            start = time.perf_counter()
+            qpsolvers.solve_problem(qp, solver="daqp")
+            times.append(time.perf_counter() - start)
     return 1e6 * float(np.median(times))
 
 
@@ -177,12 +183,15 @@ def _peers(report: Report, median: float) -> None:
     report.figure("mink_us", float(np.median(peer.whole_us)), "mink on the same QP, arm as unknowns, inputs to twist")
     report.figure("mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP")
     report.figure("mink_max_difference", peer.difference)
+    plain = float(np.median(mink_plain_us(problem.dt, report.pick(1000, 5000))))
+    report.figure("mink_plain_us", plain, "a task for the hand, one for the posture, mink's limits: less is asked")
     some = calls[: report.pick(300, 2000)]
     whole = float(np.median(mink_steps(problem, some, "whole").whole_us))
     report.figure("mink_whole_us", whole, "posture and arm as unknowns")
     for name, value in forms.items():
         report.figure(name, float(np.median(peer.whole_us)) / value)
         report.figure(name.replace("mink", "mink_whole"), whole / value)
+        report.figure(name.replace("mink", "mink_plain"), plain / value)
     try:
         from benchmarks.pink_peer import pink_steps
     except ImportError as missing:

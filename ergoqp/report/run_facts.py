@@ -25,6 +25,7 @@ class RunFacts:
     Attributes:
         before: score of the first sample.
         after: score of the last.
+        stays: what of the last posture still scores above its lowest, and why.
         standing_still: score at which the person would have come to rest had the object not moved, 0 if not known.
         best: lowest score seen.
         best_at: when it was first seen [s].
@@ -37,6 +38,7 @@ class RunFacts:
 
     before: int
     after: int
+    stays: tuple[str, ...]
     standing_still: int
     best: int
     best_at: float
@@ -48,13 +50,14 @@ class RunFacts:
 
     @property
     def change(self) -> str:
-        """Say the difference between before and after in words, and what of it people would have done by themselves."""
-        points = abs(self.after - self.before)
-        better = "better" if self.after < self.before else "worse"
-        said = f"{points} point{'s' if points > 1 else ''} {better}." if points else "The score is what it was."
-        if self.standing_still:
-            said += f" Had the object stayed where it was: {self.standing_still}."
-        return said
+        """Say the score before and after, and where the person alone would have come to rest: that is not the robot's merit."""
+        alone = f"; {self.standing_still} had the object stayed where it was" if self.standing_still else ""
+        return f"{self.before} to {self.after}{alone}."
+
+    @property
+    def costs(self) -> str:
+        """Say what still costs points at the end, and why."""
+        return "nothing" if not self.stays else "; ".join(self.stays)
 
     @property
     def settling(self) -> str:
@@ -82,6 +85,7 @@ def facts_of(run: Run) -> RunFacts:
     return RunFacts(
         before=int(run.reba[0]),
         after=int(run.reba[-1]),
+        stays=tuple(run.assessment.costly(-1)),
         standing_still=run.reba_standing_still,
         best=int(run.reba[best]),
         best_at=float(run.time[best] - run.time[0]),

@@ -56,7 +56,7 @@ def write_run_page(run: Run, path: Path) -> None:
             _headline("after", facts.after),
             _headline(f"best, at {facts.best_at:.1f} s", facts.best),
         ],
-        change=facts.change,
+        change=facts.change + (f" Still costs points: {facts.costs}." if facts.stays else ""),
         facts=_facts(run, facts),
         replay=scene_html(movement, timing),
         replay_note=timing.note,

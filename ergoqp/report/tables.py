@@ -31,6 +31,7 @@ def run_table(run: Run) -> RenderableType:
     counts = ", ".join(f"{status} {count}" for status, count in facts.status_counts.items())
     rows = [
         ("change", facts.change),
+        ("still costs points", facts.costs),
         ("steps", f"{len(run.statuses)}: {counts}"),
         ("rest", facts.settling),
         ("step time", facts.timing),

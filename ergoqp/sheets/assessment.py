@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
-from ergoqp.sheets.description import TIE, Sheet
+from ergoqp.sheets.description import TIE, Segment, Sheet
 from ergoqp.sheets.method import Method, sheet_of
 from ergoqp.sheets.postures import check_angles
 from ergoqp.sheets.score import (
@@ -85,18 +85,12 @@ class Assessment:
         Raises:
             InputError: for a number that there is no posture for.
         """
-        if not -len(self.final) <= i < len(self.final):
-            raise InputError(f"reasons: got posture {i}, allowed: 0 to {len(self.final) - 1}")
-        i = i % len(self.final)
+        i = self._index(i, "reasons")
         posture, task, sheet = self.postures[i], self._task.rows(i), self._sheet
         if not self.valid[i]:
             missing = ", ".join(spoken(JOINTS[j]) for j in np.flatnonzero(np.isnan(posture)))
             return [f"not scored: no angle for {missing}"]
-        sentences = [
-            explain_segment(segment, posture, task, side, int(self._scored[segment.label(side)][i]))
-            for segment in sheet.segments.values()
-            for side in segment.sides
-        ]
+        sentences = [self._segment(segment, side, i) for segment in sheet.segments.values() for side in segment.sides]
         sentences += self._composition(i, task)
         for j in np.flatnonzero(self.outside[i]):
             low, high = np.degrees([LOWER[j], UPPER[j]])
@@ -105,6 +99,37 @@ class Assessment:
                 "scored by the outer band"
             )
         return sentences
+
+    def costly(self, i: int) -> list[str]:
+        """Say what makes posture `i` score above 1: segments above their lowest, of the arms the one that counts, and points.
+
+        Nothing where the score is 1: not every segment above its lowest costs a point.
+
+        Args:
+            i: number of the posture, from 0 (negative: from the end).
+
+        Raises:
+            InputError: for a number that there is no posture for.
+        """
+        i = self._index(i, "costly")
+        if self.final[i] <= 1:
+            return []
+        points = {name: int(value) for name, value in self._task.rows(i).points.items()}
+        counts = (str(self.arm[i]),) if self.method.arms == "whole" else SIDES
+        places = [(segment, side) for segment in self._sheet.segments.values() for side in segment.sides]
+        return [
+            self._segment(segment, side, i)
+            for segment, side in places
+            if side in ("", *counts) and self._scored[segment.label(side)][i] > 1
+        ] + [f"{name}: +{value}" for name, value in points.items() if value]
+
+    def _index(self, i: int, what: str) -> int:
+        if not -len(self.final) <= i < len(self.final):
+            raise InputError(f"{what}: got posture {i}, allowed: 0 to {len(self.final) - 1}")
+        return i % len(self.final)
+
+    def _segment(self, segment: Segment, side: str, i: int) -> str:
+        return explain_segment(segment, self.postures[i], self._task.rows(i), side, int(self._scored[segment.label(side)][i]))
 
     @property
     def _sheet(self) -> Sheet:

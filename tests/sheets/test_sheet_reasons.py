@@ -69,3 +69,19 @@ def test_the_numbers_in_the_reasons_add_up(seed, additive, arms, extension, flag
         final = re.fullmatch(r"REBA: table C \d+, activity \+2(?:, at most 12)?: (\d+), (.*)", sentences[11])
         assert final is not None
         assert (int(final[1]), final[2]) == (result.final[i], reba.ACTION_LEVELS[result.band[i]])
+
+
+def test_what_costs_points_is_what_counts():
+    degrees = {"trunk_flexion": 23, "right_elbow_flexion": 80, "left_wrist_flexion": 57, "right_wrist_flexion": 5}
+    found = reba.assess(posture(**degrees), load_kg=7).costly(0)
+    assert [sentence.partition(",")[0] for sentence in found] == [
+        "trunk 23 deg flexion",
+        "left lower arm 0 deg flexion",
+        "left wrist 57 deg flexion",
+        "load: +1",
+    ]
+    upright = reba.assess(posture())
+    assert upright.final[0] == 1
+    assert upright.costly(0) == upright.costly(-1) == []
+    with pytest.raises(InputError, match="costly: got posture 1, allowed: 0 to 0"):
+        upright.costly(1)
