@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from scipy.sparse import csc_matrix
+from step_samples import NAMES, Held, bold_stepper, held_pose, near_comfort, problem_of
 
+from ergoqp.limits import WorkspaceBox
 from ergoqp.qp import ELBOW, FREE, PENALTY, TOLERANCE, _residual, build_qp
 from ergoqp.solvers import solver_named
 
@@ -227,8 +229,21 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
     assert counts[False] > 5
 
 
-def test_the_penalty_is_above_what_the_objective_can_ask() -> None:
-    assert PENALTY >= 1e3
+def test_the_penalty_is_above_every_multiplier_of_the_step() -> None:
+    """Slack stays zero where the rows allow it as long as no multiplier of the problems' own QPs comes near the penalty."""
+    largest = 0.0
+    for name in NAMES:
+        stepper, rng, pose = bold_stepper(name), np.random.default_rng(3), held_pose(name)
+        stepper.reset()
+        # In a corner of the box, where its walls push back.
+        pose[:3, 3] = problem_of(name).limit_of(WorkspaceBox).upper
+        pose[:3, 3] -= 1e-3 * (problem_of(name).twist_limit.speed[:3] > 0)
+        loop = Held(stepper, pose)
+        for _ in range(60):
+            step = loop.step(near_comfort(name, rng, 30.0))
+            if not step.account("slack").any():
+                largest = max(largest, float(np.abs(step.account("multipliers")).max()))
+    assert 0.01 < largest < PENALTY / 10
 
 
 @pytest.mark.parametrize("seed", range(5))

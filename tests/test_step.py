@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
-from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_comfort, problem_of, stepper_of
+from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_comfort, plain_of, problem_of, stepper_of
 
 import ergoqp.step
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.limits import JointLimit, WorkspaceBox
+from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
 from ergoqp.simulation.robot import moved
+from ergoqp.step import Stepper
+from ergoqp.step_function import build_step
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
 
@@ -253,21 +257,85 @@ def test_braking_says_why_and_comes_to_rest(posture: Any, arguments: dict[str, A
     assert np.abs(step.twist).max() == 0
 
 
+class Liar:
+    """A solver that always says full speed ahead, and that all is well."""
+
+    name = "liar"
+
+    def function(self, n: int, m: int) -> ca.Function:
+        shapes = {"h": (n, n), "g": (n, 1), "a": (m, n), "lba": (m, 1), "uba": (m, 1), "lbx": (n, 1), "ubx": (n, 1)}
+        given = {name: ca.SX.sym(name, *shape) for name, shape in shapes.items()}
+        return ca.Function("liar", list(given.values()), [given["ubx"], ca.SX(m, 1), ca.SX(n, 1)])
+
+
+def test_an_answer_that_does_not_solve_the_qp_is_not_sent() -> None:
+    problem, twist = plain_of("screwing"), np.array([0.06, 0, 0, 0, 0, 0])
+    stepper = Stepper(problem)
+    stepper._function = build_step(problem, Liar())
+    stepper._buffer, stepper._call = stepper._function.buffer()
+    for i, name in enumerate(stepper._function.name_in()):
+        stepper._buffer.set_arg(i, stepper._inputs[name].data)  # pyright: ignore[reportCallIssue]
+    for i, name in enumerate(stepper._function.name_out()):
+        stepper._buffer.set_res(i, stepper._out[stepper._slices[name]].data)  # pyright: ignore[reportCallIssue]
+    stepper.reset(twist=twist)
+    step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
+    assert (step.status, step.reason[:26]) == ("braking", "the QP was not solved: res")
+    assert step.residuals["qp"] > 1e-2
+    assert step.residuals["accepted"] == 0
+    # The twist of braking: the slowest axis takes all of its acceleration.
+    np.testing.assert_allclose(step.twist, twist * (1 - 0.01 * problem.twist_limit.acceleration[0] / twist[0]), atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Nowhere:
+    """A limit whose row allows everything, and whose margins allow no displacement but `most` of braking's."""
+
+    most: float
+    tolerance: float = 1e-6
+    recovery_time: float = 1.0
+    yield_zone: float = 0.0
+    hard = True
+    proven = False
+    unit = "m"
+    names = ("nowhere",)
+    returns = (False,)
+
+    def measure(self) -> None:
+        """Need nothing."""
+
+    def rows(self, situation: Situation) -> Rows:
+        """A row that never binds."""
+        free = ca.SX([ca.inf])
+        return Rows(ca.SX(1, 6), ca.SX(1), free, free, ca.SX(1, 1))
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """What is left of `most` after the way."""
+        return self.most - ca.norm_2(displacement)
+
+
 def test_an_uncertified_answer_brakes_and_says_so() -> None:
-    # Full speed toward the wall from a millimetre off: nothing but braking is left.
-    problem, pose = problem_of("screwing"), held_pose("screwing")
-    box = problem.limit_of(WorkspaceBox)
-    pose[0, 3] = box.upper[0] - 0.001
-    fast = np.array([problem.twist_limit.linear_speed, 0, 0, 0, 0, 0])
-    stepper = stepper_of("screwing", plain=True)
-    stepper.reset(twist=fast)
-    step = stepper.step(comfort_of("screwing"), pose)
-    seconds = np.max(fast / problem.twist_limit.acceleration)
-    assert step.twist[0] == pytest.approx(fast[0] * (1 - 0.01 / seconds), abs=2e-4)
-    if step.status == "braking":
-        assert "no twist but braking" in step.reason or "not solved" in step.reason
-    else:
-        assert step.status in ("relaxed", "recovering", "optimal", "settled")
+    problem, q, pose = plain_of("screwing"), near_comfort("screwing", np.random.default_rng(4), 30.0), held_pose("screwing")
+    # On its way to where it wants to go.
+    wished = problem.stepper().step(q, pose).twist
+    axis, twist = int(np.argmax(np.abs(wished[:3]))), np.zeros(6)
+    twist[axis] = 0.06 * np.sign(wished[axis])
+    seconds = 0.06 / problem.twist_limit.acceleration[axis]
+    braked = twist * (1 - 0.01 / seconds)
+    # What braking itself goes, in its period and the stop after it.
+    way = np.linalg.norm(braked) * (0.01 + (seconds - 0.01) / 2)
+    answers = []
+    for room in (1.0 + 1e-5, 1.1, 1e6):
+        stepper = problem.replace(limits=[*problem.limits, Nowhere(way * room)]).stepper()
+        stepper.reset(twist=twist)
+        answers.append(stepper.step(q, pose))
+    tight, some, free = answers
+    assert (tight.status, tight.reason) == ("braking", "no twist but braking keeps every limit through the stop")
+    np.testing.assert_allclose(tight.twist, braked, atol=1e-9)
+    # With a little room a part of the way from braking to the answer is certified, and all of it with enough.
+    assert free.status == some.status == "optimal"
+    assert free.residuals["accepted"] == 1
+    assert 0 < some.residuals["accepted"] < 1
+    assert 0 < np.abs(some.twist - braked).max() < np.abs(free.twist - braked).max()
 
 
 def test_settled_after_half_a_second_without_gain() -> None:
