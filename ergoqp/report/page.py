@@ -93,6 +93,7 @@ class Page:
         replay_note: what it leaves out.
         figures: flat figures of the postures that matter.
         sections: charts and tables.
+        still: what is not well afterwards, in words, below `change`; may be empty.
     """
 
     title: str
@@ -104,6 +105,7 @@ class Page:
     replay_note: str
     figures: Sequence[Picture]
     sections: Sequence[Section] = field(default_factory=tuple)
+    still: str = ""
 
 
 def write_page(page: Page, path: Path) -> None:
