@@ -45,6 +45,7 @@ class Loop:
         reports: what is reported of the robot: ``pose``, ``twist``, ``both``, ``lost`` (the pose is, a third of the time).
         guided: whether a place is given.
         every: number of steps after which the person takes another posture.
+        oddity: what is wrong with what is measured of the robot, see `_wrong`.
         odd: whether frames are lost, unseen, not enabled, late, and the robot stands still now and then.
     """
 
@@ -55,6 +56,7 @@ class Loop:
     guided: bool = False
     every: int = 40
     odd: bool = False
+    oddity: str = ""
 
 
 def narrow(name: str, robot: DeclaredRobot = NOTHING, average: float | None = None, **joints: Any) -> Problem:
@@ -96,6 +98,27 @@ LOOPS: dict[str, Loop] = {
         ),
         odd=True,
     ),
+    "jumps": Loop(
+        lambda: narrow("dentist", DeclaredRobot(lag=0.04, **NOISE)),
+        RobotKind(lag=0.03, **NOISE, speed_noise=0.05),
+        reports="both",
+        oddity="jumps",
+    ),
+    "creeps": Loop(lambda: narrow("overhead", DeclaredRobot(**NOISE)), RobotKind(**NOISE), steps=240, oddity="creeps"),
+    "spikes": Loop(
+        lambda: narrow("screwing", DeclaredRobot(delay=0.02)),
+        RobotKind(delay=0.02, speed_noise=0.02),
+        reports="both",
+        oddity="spikes",
+    ),
+    "stalls": Loop(lambda: narrow("low_bin"), reports="twist", odd=True),
+    "swift": Loop(
+        lambda: narrow("screwing", DeclaredRobot(lag=0.05, longest_hold=0.06, gain_error=0.05, pose_delay=0.02), 0.1),
+        RobotKind(lag=0.05, gain=1.04, pose_delay=0.02),
+        odd=True,
+    ),
+    "frame": Loop(lambda: narrow("dentist", DeclaredRobot(gain_error=0.1)), reports="both", oddity="frame"),
+    "hands": Loop(lambda: narrow("desk", DeclaredRobot(delay=0.01, gain_error=0.03), 0.02), RobotKind(delay=0.01, gain=0.98)),
     "rests": Loop(lambda: load_problem("overhead"), steps=320, every=240),
     "guided": Loop(lambda: load_problem("overhead"), guided=True, steps=320),
     "learned": Loop(lambda: load_problem("screwing_learned"), reports="both"),
@@ -155,6 +178,7 @@ def drive(loop: Loop, seed: int) -> list[dict[str, Any]]:
         if loop.reports in ("twist", "both", "lost"):
             given["twist"] = robot.reported_twist()
         ill = loop.odd and number % 80 > 70
+        _wrong(loop.oddity, number, given, rng)
         if loop.odd:
             given |= _odd(number, len(posture), rng)
         given = {name: np.float32(value).astype(float) if np.ndim(value) else value for name, value in given.items()}
@@ -182,6 +206,18 @@ def _odd(number: int, size: int, rng: np.random.Generator) -> dict[str, Any]:
     if number % 37 == 11:
         return {"age": 0.05}
     return {}
+
+
+def _wrong(oddity: str, number: int, given: dict[str, Any], rng: np.random.Generator) -> None:
+    """What is measured of a robot is not what it does: it jumps, creeps, has spikes or comes in another frame."""
+    if oddity == "jumps" and number % 60 > 40:
+        given["pose"][:3, 3] += 0.006
+    if oddity == "creeps" and number > 60:
+        given["pose"][1, 3] += 0.0008 * (number - 60) * 0.01 * 10
+    if oddity == "spikes" and number % 45 == 30:
+        given["twist"][rng.integers(6)] += 0.3
+    if oddity == "frame" and number > 40:
+        given["twist"] = np.concatenate([given["twist"][[1, 2, 0]], given["twist"][[4, 5, 3]]])
 
 
 def load(name: str) -> tuple[list[dict[str, Any]], dict[str, np.ndarray], list[str]]:
