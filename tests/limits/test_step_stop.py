@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +10,8 @@ from hypothesis import strategies as st
 from situations import brake_of
 
 from ergoqp.limits import TwistLimit
+from ergoqp.problem_file import load_problem
+from ergoqp.step_stop import Stop, longest_stop
 
 LIMIT = TwistLimit(0.2, 0.8, 0.6, 2.5)
 WINDOW = 0.05
@@ -146,3 +149,58 @@ def test_without_a_mean_the_law_is_the_plain_one() -> None:
     seconds = np.max(twist / LIMIT.acceleration)
     np.testing.assert_allclose(found["displacement"], twist * (0.01 + seconds / 2), atol=1e-15)
     assert found["time"][0] == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("law", [{}, {"average": WINDOW, "longest": LONGEST}], ids=["plain", "mean"])
+def test_a_declared_hold_is_judged_as_a_way_of_its_own(law: dict[str, float]) -> None:
+    twist, dt = np.array([0.1, -0.05, 0, 0.3, 0, -0.2]), 0.01
+
+    def ways(stop: Stop) -> np.ndarray:
+        u, period = ca.SX.sym("u", 6), ca.SX.sym("dt")
+        return np.array(ca.Function("ways", [u, period], [stop.ways(u, period)])(twist, dt))
+
+    plain, held = ways(Stop(LIMIT, **law)), ways(Stop(LIMIT, **law, hold=0.2, stretch=1.1))
+    np.testing.assert_allclose(held[:, 0], 1.1 * plain[:, 0], atol=1e-15)
+    # The robot goes on at this twist for as long, as fast as it may.
+    np.testing.assert_allclose(held[:, 1] - held[:, 0], 1.1 * 0.2 * twist, atol=1e-15)
+    assert held.shape[1] == plain.shape[1] + 1
+    np.testing.assert_allclose(held[:, 2:], 1.1 * plain[:, 1:], atol=1e-15)
+    if law:
+        np.testing.assert_allclose(plain[:, 1], 1.5 * LONGEST * twist, atol=1e-15)
+        np.testing.assert_allclose(plain[:, 2], (LONGEST * dt + LONGEST**2 / 8) * LIMIT.acceleration, atol=1e-15)
+
+
+def test_what_a_hold_of_another_twist_covers_is_twice_as_old_as_it_may_be() -> None:
+    assert Stop(LIMIT, hold=0.2, memory=0.3, stretch=1.1).held == pytest.approx(1.1 * (0.2 + 2 * 0.3))
+    assert Stop(LIMIT, memory=0.3).held == 0
+
+
+def test_rows_are_stopped_from_the_rate_that_a_period_a_hold_and_a_parabola_leave_room_for() -> None:
+    """v held for h, then slowed by a: beyond the knee 'd = v h + v^2 / (2 a)' with what is kept free, and no jump at it."""
+    u, left, dt = np.array([0.1, 0, 0, 0, 0, 0]), ca.SX.sym("left", 2), 0.01
+    for hold in (0.0, 0.15):
+        stop = Stop(LIMIT, hold=hold, memory=0.02)
+        brake = stop.braking(ca.SX(ca.DM(u)), ca.SX(dt))
+        rate = ca.Function("rate", [left], [brake.fastest(left, ca.DM([0.6, 0.6]), ca.DM([1, 0]))])
+        distances = np.linspace(0.0, 0.3, 400)
+        found = np.array([np.array(rate([far, far])).ravel() for far in distances])
+        reach = float(ca.evalf(ca.SX(brake.reach)))
+        for column, held in ((0, stop.held), (1, 0.0)):
+            rates = found[:, column]
+            knee = 0.6 * reach * (reach + held)
+            below, beyond = distances <= knee, distances > knee
+            np.testing.assert_allclose(rates[below], distances[below] / (reach + held), atol=1e-12)
+            # (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2
+            v = rates[beyond]
+            np.testing.assert_allclose(
+                (v + 0.6 * held) ** 2, (0.6 * held) ** 2 + 1.2 * distances[beyond] - (0.6 * reach) ** 2, atol=1e-12
+            )
+            assert np.all(np.diff(rates) > 0)
+            assert np.abs(np.diff(rates, 2)).max() < 2e-3
+
+
+def test_the_longest_stop_is_that_of_the_slowest_axis_and_of_what_the_mean_still_holds() -> None:
+    problem = load_problem("desk")
+    limit = problem.twist_limit
+    seconds = max(limit.linear_speed / limit.linear_acceleration, limit.angular_speed / limit.angular_acceleration)
+    assert longest_stop(problem) == pytest.approx(seconds + problem.average + 3 * problem.dt)
