@@ -77,4 +77,4 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
     for amount in (0.996, 1.004):
         assert fault_sentence(Fault.factor, amount) == "robot: drifts from what was sent"
     for amount in (0.994, 1.006):
-        assert fault_sentence(Fault.factor, amount) == f"robot: moves {amount} times what was sent"
+        assert fault_sentence(Fault.factor, amount) == f"robot: moves {amount:.3g} times what was sent"
