@@ -120,7 +120,7 @@ LOOPS: dict[str, Loop] = {
     "frame": Loop(lambda: narrow("dentist", DeclaredRobot(gain_error=0.1)), reports="both", oddity="frame"),
     "hands": Loop(lambda: narrow("desk", DeclaredRobot(delay=0.01, gain_error=0.03), 0.02), RobotKind(delay=0.01, gain=0.98)),
     "rests": Loop(lambda: load_problem("overhead"), steps=320, every=240),
-    "guided": Loop(lambda: load_problem("overhead"), guided=True, steps=320),
+    "guided": Loop(lambda: load_problem("overhead"), guided=True, steps=640, every=1000),
     "learned": Loop(lambda: load_problem("screwing_learned"), reports="both"),
     "points": Loop(lambda: load_problem("forearm"), reports="nothing"),
 }
