@@ -15,6 +15,7 @@ Following: people who are not the model (`ergoqp.simulation.people`), with these
 
 - ``worse_than_start_measured``: share of the loops that end worse than they began by what the sensors say, rest posture to rest
   posture; ``worse_than_start``: by the truth, the control, and ``worse_than_start.without`` without rows.
+- ``worse_by_rows``: share of the loops that end worse by the sensors with rows, and not without.
 - ``never_rests``: share in which the object is still moving at the end.
 - ``moves``: share in which the object goes anywhere, over the same share without rows.
 
@@ -233,10 +234,12 @@ def measure(report: Report) -> None:
             f"travel_m.{kind}.without", max(way for found, _, way in ways if found == kind), "without rows of the posture"
         )
     report.figure("travel_over_m", max(way - bare for _, way, bare in ways), f"loop by loop, {len(ways)} loops")
-    rows, bare = (np.array(each, dtype=float).reshape(-1, 4).mean(axis=0) for each in zip(*facts, strict=True))
+    pairs = np.array(facts, dtype=float)  # loop, with or without rows, fact
+    rows, bare = pairs.mean(axis=0)
     report.figure("loops", len(facts))
     report.figure("worse_than_start_measured", rows[0])
     report.figure("worse_than_start_measured.without", bare[0])
+    report.figure("worse_by_rows", np.mean((pairs[:, 0, 0] == 1) & (pairs[:, 1, 0] == 0)))
     report.figure("worse_than_start", rows[1], "in truth")
     report.figure("worse_than_start.without", bare[1])
     report.figure("never_rests", rows[2])
