@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -336,6 +336,23 @@ def test_an_uncertified_answer_brakes_and_says_so() -> None:
     assert free.residuals["accepted"] == 1
     assert 0 < some.residuals["accepted"] < 1
     assert 0 < np.abs(some.twist - braked).max() < np.abs(free.twist - braked).max()
+
+
+@pytest.mark.parametrize(("rate_deg", "status"), [(5, "relaxed"), (40, "optimal")])
+def test_rates_that_braking_alone_breaks_give_way_and_are_named(rate_deg: float, status: str) -> None:
+    """Of an object that is taken over at 0.1 m/s the person's joints are faster than allowed, however it brakes."""
+    problem = plain_of("screwing")
+    narrowed = [replace(limit, rate_deg=rate_deg) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    stepper = problem.replace(limits=narrowed).stepper()
+    stepper.reset(twist=[0.1, 0, 0, 0, 0, 0])
+    step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
+    assert step.status == status
+    assert step.twist[0] == pytest.approx(0.1 - 0.006)
+    assert (status == "relaxed") == ("give way: right shoulder flexion" in step.reason)
+    beyond = {
+        name for name, rate in zip(problem.coordinates, step.posture_rate, strict=True) if abs(rate) > np.radians(rate_deg)
+    }
+    assert beyond == set(step.slack)
 
 
 def test_settled_after_half_a_second_without_gain() -> None:

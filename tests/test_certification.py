@@ -1,0 +1,55 @@
+"""What the certificate asks for, rule by rule, and what it says of what was kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from step_samples import problem_of
+
+from ergoqp.certification import GIVES_WAY, HELD, _floor
+from ergoqp.problem import Problem
+from ergoqp.problem_file import load_problem
+from ergoqp.qp import FREE
+
+
+def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:
+    """Least margin that a twist must keep through its stop, per row, where all rows have the same margins."""
+    rows = problem.row_names
+    found = np.array(_floor(problem, np.full((len(rows), 1), now), np.full((len(rows), 1), at_braking))).ravel()
+    return dict(zip(rows, found.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("now", "at_braking", "hard", "proven", "soft"),
+    [
+        # What holds, and would through braking, has to hold.
+        (0.1, 0.05, 0.0, 0.0, -1e-7),
+        # What braking breaks may be broken as far, but for a margin that is a bound: braking may be better than it says.
+        (0.1, -0.02, -0.02, 0.0, -0.02 - GIVES_WAY),
+        # What does not hold gets no worse; rows through S are left to the QP.
+        (-0.05, -0.03, -0.05, -0.05, -FREE),
+        (-0.05, -0.08, -0.08, -0.05, -FREE),
+    ],
+)
+def test_what_an_accepted_twist_must_keep(now: float, at_braking: float, hard: float, proven: float, soft: float) -> None:
+    points, person = floors(load_problem("forearm"), now, at_braking), floors(problem_of("screwing"), now, at_braking)
+    assert points["boundary"] == pytest.approx(proven - HELD, abs=1e-12)
+    assert person["workspace x"] == pytest.approx(hard - HELD, abs=1e-12)
+    assert person["tool axis"] == pytest.approx(hard - HELD, abs=1e-12)
+    assert person["trunk_flexion"] == pytest.approx(soft, abs=1e-12)
+
+
+@pytest.mark.parametrize("noise_deg", [0.0, 0.5])
+def test_inside_a_cone_hardly_anything_of_a_long_mean_is_inherited(noise_deg: float) -> None:
+    problem = problem_of("screwing")
+    problem = problem.replace(robot=replace(problem.robot, pose_noise_deg=noise_deg))
+    long = problem.replace(control=replace(problem.control, average=0.2))
+    noise = 3 * np.sqrt(3) * np.radians(noise_deg)
+    for each, least in ((problem, -0.5), (long, -(1e-5 + noise))):
+        found = floors(each, 0.1, -0.5)
+        assert found["tool axis"] == pytest.approx(least - HELD, rel=1e-9)
+        assert found["workspace x"] == pytest.approx(-0.5 - HELD)
+    # What is already outside by more is not asked to be better than it is.
+    assert floors(long, -0.4, -0.4)["tool axis"] <= -0.4 - HELD
