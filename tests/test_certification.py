@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from step_samples import problem_of
+from step_samples import bold_stepper, held_pose, near_comfort, problem_of
 
 from ergoqp.certification import GIVES_WAY, HELD, _floor
+from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.qp import FREE
@@ -53,3 +54,19 @@ def test_inside_a_cone_hardly_anything_of_a_long_mean_is_inherited(noise_deg: fl
         assert found["workspace x"] == pytest.approx(-0.5 - HELD)
     # What is already outside by more is not asked to be better than it is.
     assert floors(long, -0.4, -0.4)["tool axis"] <= -0.4 - HELD
+
+
+def test_the_model_person_stays_within_the_ends_of_the_joints_and_may_leave_them() -> None:
+    """At an end a joint of the model only comes back, and it does come back."""
+    stepper, rng, back = bold_stepper("screwing"), np.random.default_rng(8), {"upper": 0, "lower": 0}
+    arm = [INDEX[f"right_{joint}"] for joint in ("shoulder_flexion", "shoulder_rotation", "elbow_flexion", "wrist_flexion")]
+    for number in range(60):
+        q, joint = near_comfort("screwing", rng, 25), arm[number % len(arm)]
+        end = "upper" if number % 2 else "lower"
+        q[joint] = UPPER[joint] - 1e-3 if end == "upper" else LOWER[joint] + 1e-3
+        stepper.reset(twist=0.5 * stepper.problem.twist_limit.speed * rng.uniform(-1, 1, 6))
+        rate = float(stepper.step(q, held_pose("screwing")).posture_rate[joint])
+        outward = rate if end == "upper" else -rate
+        assert outward <= 1e-9
+        back[end] += outward < -1e-3
+    assert min(back.values()) > 3

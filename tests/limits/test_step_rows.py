@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from situations import bounds_of, brake_of, movable_of
+from situations import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 
 from ergoqp.joints import INDEX, UPPER
-from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.limits import AxisCone, JointLimit, Situation, TwistLimit, WorkspaceBox
 from ergoqp.qp import FREE
-from ergoqp.step_rows import STEADY_RETURN
+from ergoqp.step_rows import STEADY_RETURN, patience, unhurried
+from ergoqp.step_stop import Stop
 
 LIMIT = TwistLimit(0.2, 0.6, 0.6, 2.0)
 SMALL = WorkspaceBox((0.0, 0.0, 0.0), (0.02, 0.3, 1.0))
@@ -215,3 +217,46 @@ def test_axes_that_cannot_move_have_no_rows() -> None:
     bounds = bounds_of(SMALL, desk, np.eye(4), np.zeros(6), 0.01)
     assert bounds["upper"].shape == (1,)
     assert np.abs(bounds["upper"]).max() < FREE
+
+
+def waits(point: np.ndarray, previous: np.ndarray, law: dict[str, float]) -> float:
+    """The longest stop for which a box has room [s], by `patience`."""
+    pose = np.eye(4)
+    pose[:3, 3] = point
+    parts = {name: ca.SX(ca.DM(np.atleast_2d(DEFAULTS.get(name, np.zeros(SIZES[name]))))) for name in NAMES}
+    parts["observed"], parts["pose"] = ca.SX.ones(32), ca.SX(ca.DM(pose))
+    found = patience([SMALL], Situation(**parts), ca.SX(ca.DM(previous)), ca.SX(0.01), Stop(LIMIT, **law))
+    return float(ca.evalf(found))
+
+
+@pytest.mark.parametrize("law", [{}, {"stretch": 1.2}, {"average": 0.05, "longest": 0.03}, {"hold": 0.1, "memory": 0.02}])
+def test_the_longest_stop_is_the_one_that_the_nearest_wall_leaves_room_for(law: dict[str, float]) -> None:
+    """At a pace v a stop of t seconds goes v t / 2, after this period and what may be held on to."""
+    rng, stop = np.random.default_rng(3), Stop(LIMIT, **law)
+    for _ in range(40):
+        point, previous = rng.uniform(SMALL.lower, SMALL.upper), np.r_[rng.uniform(-0.2, 0.2, 3), rng.normal(size=3)]
+        room = np.where(previous[:3] > 0, SMALL.upper - point, point - SMALL.lower) - 1e-8
+        pace = stop.stretch * np.abs(previous[:3])
+        share = 0.5 if "average" in law else 1.0
+        expected = np.min(2 * (room / pace - share * 0.01 - stop.held))
+        assert waits(point, previous, law) == pytest.approx(expected, rel=1e-9)
+    # Sliding along a wall, or away from it, is no approach.
+    slides = np.array([-0.2, 0, 0, 0.5, 0, 0])
+    assert waits(np.array([SMALL.upper[0], 0.1, 0.5]), slides * [1e-6 / 0.2, 1, 1, 1, 1, 1], law) >= FREE
+    assert waits(np.array([SMALL.upper[0], 0.1, 0.5]), np.array([0.01, 0, 0, 0, 0, 0]), law) < 0
+
+
+@pytest.mark.parametrize("longest", [-0.1, 0.0, 0.05, 0.2, 10.0])
+def test_no_twist_is_allowed_from_which_stopping_takes_longer_than_there_is_time(longest: float) -> None:
+    previous = ca.SX(ca.DM(np.array([0.1, -0.05, 0.0, 0.2, 0.0, 0.0])))
+    brake = Stop(LIMIT).braking(previous, ca.SX(0.01))
+    bound = unhurried(brake, ca.SX(longest))
+    low, high, twist, free_low, free_high = (
+        np.array(ca.evalf(part)).ravel() for part in (bound.low, bound.high, bound.twist, brake.low, brake.high)
+    )
+    most = LIMIT.acceleration * max(longest, 0)
+    # What braking itself does is always allowed, and nothing that was not allowed before.
+    np.testing.assert_allclose(high, np.maximum(np.minimum(free_high, most), twist), atol=1e-15)
+    np.testing.assert_allclose(low, np.minimum(np.maximum(free_low, -most), twist), atol=1e-15)
+    if longest > 1:
+        np.testing.assert_array_equal(high, free_high)
