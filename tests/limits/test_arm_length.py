@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.limits import ArmLength, JointLimit, TwistLimit
+from ergoqp.limits.arm_length import RETURN
 from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.simulation.check import Checker
 
@@ -141,3 +142,13 @@ def test_limits_of_another_state_are_refused():
         ergoqp.Problem(
             cost=Toward(np.zeros(6)), response=LinearResponse(matrix=2 * np.eye(6)), limits=[SPEED, ArmLength(LENGTH)]
         )
+
+
+def test_what_is_set_aside_is_what_turning_takes_and_the_mending():
+    """Two points that circle each other at a relative speed v at a distance L: each is pulled in by v^2 / (2 L)."""
+    limit = TwistLimit(0.15, 0.15, 1.5, 1.5)
+    apart, dt = np.linalg.norm(2 * limit.speed[:3]), 1e-4
+    angles = apart / LENGTH * np.array([-dt, 0, dt])
+    point = LENGTH / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
+    pulled = np.linalg.norm(point[0] - 2 * point[1] + point[2]) / dt**2
+    assert ArmLength(LENGTH).aside(limit) == pytest.approx(pulled + RETURN * 1.5, rel=1e-6)

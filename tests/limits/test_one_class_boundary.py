@@ -11,7 +11,7 @@ from ergoqp.coordinates import FOREARM, SCORED_JOINTS
 from ergoqp.costs.dataset import balanced_postures
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.limits import ArmLength, OneClassBoundary, TwistLimit
+from ergoqp.limits import ArmLength, OneClassBoundary, Situation, TwistLimit
 from ergoqp.one_class import OneClass
 from ergoqp.responses import LinearResponse
 from ergoqp.simulation.check import Checker
@@ -170,3 +170,46 @@ def test_readings_stay_matrices(case):
     """Thousands of kernels must not become scalars: the function calls them as they are."""
     assert OneClassBoundary(case.model).measure().n_instructions() < 20
     assert isinstance(OneClassBoundary(case.model).measure()(ca.MX.sym("q", 6)), ca.MX)
+
+
+def asked(limit, model, start, step, ahead, swing, change):
+    """The limit's own margin of a way, its row and what the row reserves, of a state that the twist leads."""
+    q, parts = ca.SX.sym("q", len(start)), {"displacement": 6, "ahead": 6, "swing": 6, "change": 6}
+    given = {name: ca.SX.sym(name, size) for name, size in parts.items()}
+    reading = ca.SX.sym("reading", len(start) + 1)
+    nothing = {"observed": ca.SX.ones(len(start)), "pose": ca.SX.eye(4), "sensitivity": ca.SX.eye(6)}
+    situation = Situation(
+        posture=q,
+        **nothing,
+        swing=given["swing"],
+        change=given["change"],
+        readings={limit.name: reading},
+        ahead=given["ahead"],
+        shift=given["ahead"],
+    )
+    rows = limit.rows(situation)
+    outputs = [limit.margins(situation, given["displacement"]), rows.matrix, rows.below, rows.reserve]
+    function = ca.Function("asked", [q, reading, *given.values()], [ca.densify(ca.SX(part)) for part in outputs])
+    value, slope = (np.array(part).ravel() for part in model.margin_and_slope(start))
+    found = function(start, np.r_[value, slope], step, ahead, swing, change)
+    return [np.array(part).ravel() for part in found], value[0], slope
+
+
+@given(seed=st.integers(0, 10**6), size=st.floats(1e-3, 10.0))
+@settings(max_examples=100, deadline=None)
+def test_the_margin_of_a_way_is_the_bound_at_its_end_and_the_row_reserves_as_much(case, seed, size):
+    rng, scale, gamma = np.random.default_rng(seed), case.model.scale, case.model.gamma
+    start = case.inside[rng.integers(len(case.inside))]
+    step, ahead, swing = (rng.normal(size=6) * scale * size * share for share in (1.0, 0.3, 0.7))
+    change = np.abs(rng.normal(size=6)) * scale * size * 0.1
+    limit = OneClassBoundary(case.model, hard=True)
+    (margin, matrix, below, reserve), value, slope = asked(limit, case.model, start, step, ahead, swing, change)
+    moved = step + ahead
+    assert margin[0] == pytest.approx(value + min(0.0, slope @ moved - gamma * ((moved / scale) ** 2).sum()), rel=1e-9)
+    # Nowhere on the way is the true margin below it.
+    way = start + np.linspace(0, 1, 20)[:, None] * moved
+    assert case.model.margin(way).min() >= margin[0] - 1e-9 * (1 + abs(margin[0]))
+    np.testing.assert_allclose(matrix, slope, rtol=1e-12)
+    assert below[0] == pytest.approx(value + slope @ ahead, rel=1e-9, abs=1e-12)
+    longest = np.linalg.norm((swing + ahead) / scale) + (change / scale).sum()
+    assert reserve[0] == pytest.approx(gamma * longest**2, rel=1e-9)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ergoqp.control import Control
+from ergoqp.forearm import forearm_points
 from ergoqp.joints import INDEX, UPPER
-from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
 from ergoqp.simulation.check import Checker
@@ -153,3 +154,82 @@ def test_a_twist_that_is_no_number_breaks_everything(problem: Problem) -> None:
     checker = Checker(problem)
     broken = checker.check(np.array([np.nan, 0, 0, 0, 0, 0]), STILL, HERE, UPRIGHT, NO_RATE, DT)
     assert set(broken) == set(checker.units)
+
+
+def test_what_drifts_out_between_two_steps_is_found_too(problem: Problem) -> None:
+    """No single step leads out here: only who remembers how far in it was sees it."""
+    checker = Checker(problem)
+    for x in (0.15, 0.12, 0.119):
+        assert checker.check(STILL, STILL, at(x), UPRIGHT, NO_RATE, DT) == []
+    assert checker.check(STILL, STILL, at(0.13), UPRIGHT, NO_RATE, DT) == ["workspace"]
+    assert checker.max_violation["workspace"] == pytest.approx(0.011)
+    turned = Checker(problem)
+    for tilt in (40, 35):
+        assert turned.check(STILL, STILL, at(tilt=np.radians(tilt)), UPRIGHT, NO_RATE, DT) == []
+    assert turned.check(STILL, STILL, at(tilt=np.radians(36)), UPRIGHT, NO_RATE, DT) == ["tool axis"]
+    # Each wall has its own memory: what comes in at one may not go out at another.
+    beside = Checker(problem)
+    corner = at(0.15)
+    corner[1, 3] = 0.05
+    assert beside.check(STILL, STILL, corner, UPRIGHT, NO_RATE, DT) == []
+    corner[1, 3] = 0.11
+    assert beside.check(STILL, STILL, corner, UPRIGHT, NO_RATE, DT) == ["workspace"]
+
+
+def test_counts_go_on_and_the_worst_is_kept(problem: Problem) -> None:
+    checker = Checker(problem)
+    for amount in (0.21, 0.25, 0.22):
+        assert "speed" in checker.check(along(0, amount), along(0, amount), HERE, UPRIGHT, NO_RATE, DT)
+    assert checker.violations["speed"] == 3
+    assert checker.max_violation["speed"] == pytest.approx(0.05)
+    assert checker.violations["acceleration"] == 0
+
+
+def test_boundary_and_length_of_points() -> None:
+    problem = load_problem("forearm")
+    checker, dt = Checker(problem), problem.dt
+    assert {"boundary", "arm length"} <= set(checker.units)
+    inside = ArmLength(0.2555).project(forearm_points(comfortable()[None]))[0]
+    boundary = problem.limit_of(OneClassBoundary)
+    assert boundary.model.margin(inside[None])[0] > 0
+    pose, shift = np.eye(4), np.tile([1.0, 0, 0], 2)
+    assert checker.check(STILL, STILL, pose, inside, NO_RATE[:6], dt) == []
+    # Away from all data, both points alike: the length stays, the boundary does not.
+    assert checker.check(STILL, STILL, pose, inside, 100 * shift, dt) == ["boundary"]
+    left = boundary.model.margin((inside + 100 * shift * dt)[None])[0]
+    assert checker.max_violation["boundary"] == pytest.approx(-left)
+    # Outside it may come nearer, and that it says so itself excuses nothing.
+    far = inside + 0.9 * shift
+    near, further = boundary.model.margin(np.stack([far - 0.001 * shift, far + 0.001 * shift]))
+    assert further < near < 0
+    assert checker.check(STILL, STILL, pose, far, -0.1 * shift, dt) == []
+    assert checker.check(STILL, STILL, pose, far, 0.1 * shift, dt, stops=True, gave_way=["boundary"]) == ["boundary"]
+    apart = np.r_[np.zeros(3), (inside[3:] - inside[:3]) / 0.2555]
+    assert checker.check(STILL, STILL, pose, inside, 0.01 * apart, dt) == ["arm length"]
+    assert checker.max_violation["arm length"] == pytest.approx(0.01 * dt)
+
+
+def test_a_soft_boundary_gives_way_to_braking() -> None:
+    problem = load_problem("screwing_learned")
+    checker, dt = Checker(problem), problem.dt
+    posture, rate = np.asarray(problem.response.comfort), np.zeros(32)
+    rate[:20] = 150.0
+    margins = problem.limit_of(OneClassBoundary).model.margin
+    points = problem.limit_of(OneClassBoundary).model.coordinates.read(np.stack([posture, posture + rate * dt]))
+    assert margins(points)[1] < 0
+    broken = checker.check(STILL, STILL, held_at(problem), posture, rate, dt)
+    assert "boundary" in broken
+    for excuse in ({"stops": True}, {"gave_way": ["boundary"]}):
+        assert "boundary" not in Checker(problem).check(STILL, STILL, held_at(problem), posture, rate, dt, **excuse)
+
+
+def comfortable() -> np.ndarray:
+    posture = np.zeros(32)
+    posture[[INDEX["right_shoulder_flexion"], INDEX["right_elbow_flexion"]]] = 0.6, 1.4
+    return posture
+
+
+def held_at(problem: Problem) -> np.ndarray:
+    box, pose = problem.limit_of(WorkspaceBox), np.eye(4)
+    pose[:3, 3] = np.mean([box.lower, box.upper], axis=0)
+    return pose
