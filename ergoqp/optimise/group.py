@@ -202,11 +202,11 @@ def _free(search: PlaceSearch, best: Stay) -> dict[str, tuple[int, float]]:
 
 
 def _assumptions(problem: Problem) -> tuple[str, ...]:
-    where = (
-        "stands on the same spot"
-        if person_of(problem).stance == "standing"
-        else "sits on the same spot, as high as the problem says"
-    )
+    model = person_of(problem)
+    where = "stands on the same spot"
+    if model.stance == "seated":
+        seat = "on a seat set to each" if model.seat_height is None else f"on a seat of {model.seat_height:.2f} m"
+        where = f"sits on the same spot, {seat}"
     return (
         f"Everybody {where}, facing the same way; the axes are those of the problem, from there.",
         "Everybody holds the object as the problem says, in its comfort posture, and comes to rest where contact, ranges and "
