@@ -126,6 +126,7 @@ def measure(report: Report) -> None:
     report.figure("steps", found.steps)
     report.figure("exceptions", found.counts["exceptions"], "calls that raised")
     report.figure("unsafe", found.counts["unsafe"], "limits broken, by the independent judge")
+    report.figure("named_short", found.counts["named short"], "jerks after periods much shorter than the loop's, that were named")
     report.figure("certified_share", found.answered / max(found.judged, 1), "of usable, feasible inputs")
     report.figure("reasons_wrong", found.counts["reasons_wrong"], "reasons that do not name their cause")
 

@@ -18,7 +18,7 @@ _STOPS: Final = ("braking", "invalid")
 
 _OF_ROBOT: Final = ("robot:", "comes to rest before it moves again")
 _OF_STEP: Final = ("no twist but braking keeps every limit", "the QP was not solved")
-_SHORT: Final = "much shorter than the loop"
+SHORT: Final = "much shorter than the loop"
 _UNMEASURED: Final = "no pose, and the robot is declared"
 
 
@@ -78,7 +78,7 @@ class ReasonJudge:
         if not robot.may and any(words in reason for words in _OF_ROBOT):
             wrong("the robot is blamed")
         known = [*call.causes, *(_OF_ROBOT if robot.may else ()), *_OF_STEP]
-        known += [_SHORT] * short + [_UNMEASURED] * unmeasured
+        known += [SHORT] * short + [_UNMEASURED] * unmeasured
         if step.status == "invalid" and not call.invalid:
             wrong("usable input refused")
         for part in reason.split("; "):

@@ -65,6 +65,10 @@ class RobotReckoning:
         fade = np.exp(-self._lasted / self._robot.lag) if self._robot.lag else 0.0
         self._most = np.maximum(np.abs(self._sent), fade * self._most)
 
+    def ramped(self) -> None:
+        """Judge nothing of what the robot did by itself: what is measured after it has nothing to be compared with."""
+        self._stand_still(False, False)
+
     @property
     def drift(self) -> np.ndarray:
         """By how much what was reported differs from what was sent (6,), since the object stood still [m, rad]."""
@@ -156,6 +160,9 @@ class RobotReckoning:
     def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
         """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
         robot, lasted = self._robot, self._lasted
+        if lasted > 1.001 * max(3 * self._dt, robot.longest_hold):
+            # One sample over so long a period shows nothing.
+            return
         surprise = told - self._sent
         scatter = np.minimum(np.abs(surprise - self._surprise), self._credible) * lasted
         self._surprise = surprise

@@ -30,15 +30,14 @@ _CERTAIN: Final = 6.0
 _EARLY: Final = 0.75
 """A difference is one from this share of `UNIT` on, beyond what is noise: so that noise does not hide it up to `UNIT`."""
 
-_AT_LEAST: Final = 0.125
-"""Of the change of a reported twist from sample to sample, at least so much is noise: a few samples do not tell."""
-
 
 def explained_function(problem: Problem) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
     given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said")
-    told, faulty = given["told"] > 0.5, given["faulty"] > 0.5
+    # One sample over a period that is too long shows nothing: what noise does in that time is more than a fault.
+    told = ca.logic_and(given["told"] > 0.5, given["lasted"] <= problem.longest_period * (1 + 1e-9))
+    faulty = given["faulty"] > 0.5
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
     reported, signs = _reported(problem, now)
     # What moves while it is not enabled is no fault.
@@ -63,19 +62,20 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     keeps = ca.if_else(now["parked"] > 0.5, ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
     surprise = now["executed"] - sent
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise, and
-    # of that mostly what comes back with the next sample. A robot that is late changes steadily.
+    # of that what comes back with the next sample. A robot that is late changes steadily. Of few samples that may be nothing by
+    # chance, so it is no less than what the second differences say, which a steady change does not count for either.
     credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
     change = ca.fmax(-credible, ca.fmin(credible, surprise - now["surprise"][:, 0]))
     back = -change * now["surprise"][:, 1]
     gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
-    blurs = ca.horzcat(back, change**2 / 2) * lasted**2
+    blurs = ca.horzcat(back, (change - now["surprise"][:, 1]) ** 2 / 6) * lasted**2
     summed = {"drift": surprise * lasted, "blur": blurs, "path": gone}
     # Where the comparison begins everything counts anew, but what a late robot still owes then.
     drift, blur, path = (ca.if_else(fresh, 0, keeps * now[name] + part) for name, part in summed.items())
     due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
     # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
     # a period.
-    slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], _AT_LEAST * blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
+    slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
     late = ca.fmax(drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1]))

@@ -256,3 +256,23 @@ def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() ->
     assert 0.001 < named[0.018] < 0.004
     # And a robot that only moves more than it is sent, by as much as is declared, is not blamed.
     assert 0.0 not in named
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+def test_one_sample_of_a_reported_twist_over_a_late_call_shows_nothing(lag: float) -> None:
+    """Noise of 20 % times half a second is more than a fault, and one sample does not tell it from one; the pose does."""
+    problem = bold_of("screwing").replace(robot=DeclaredRobot(lag=lag))
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        stepper = problem.stepper() if seed == 0 else stepper
+        stepper.reset()
+        mover = SimulatedRobot(RobotKind(lag=lag, speed_noise=0.2), held_pose("screwing"), rng)
+        q = near_comfort("screwing", rng, 40)
+        for number in range(60):
+            dt = 0.56 if number == 40 else 0.01
+            step = stepper.step(q, mover.measured_pose(), mover.reported_twist() if number else None, dt=dt)
+            assert "robot:" not in step.reason, (seed, number, step.reason)
+            list(mover.execute(step.twist, dt))
+    # What really happened in the meantime the pose shows.
+    mover.pose[1, 3] += 0.01
+    assert "robot:" in stepper.step(q, mover.measured_pose(), np.zeros(6)).reason
