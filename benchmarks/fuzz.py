@@ -20,6 +20,8 @@ processes. In seven of ten sequences the robot keeps its declaration and nothing
     given is the declared motion, or what a faulty robot reports; ``brake(elapsed=)`` leads to where calls one by one lead. The
     model's joints: none is predicted further outside its range, and none moves faster than its limit unless the step says that
     this row gave way.
+``named_short``
+    jerks beyond their bound where periods much shorter than the loop's had used up the history, and the step said so.
 ``certified_share``
     of the steps whose inputs were all usable (nothing wrong, a fresh frame, enabled, no robot at fault, periods as declared)
     and from which some twist other than braking was possible, the share that was not answered by braking. Wherever the step
@@ -126,7 +128,7 @@ def measure(report: Report) -> None:
     report.figure("steps", found.steps)
     report.figure("exceptions", found.counts["exceptions"], "calls that raised")
     report.figure("unsafe", found.counts["unsafe"], "limits broken, by the independent judge")
-    report.figure("named_short", found.counts["named short"], "jerks after periods much shorter than the loop's, that were named")
+    report.figure("named_short", found.counts["named short"], "jerks after much shorter periods, which were named")
     report.figure("certified_share", found.answered / max(found.judged, 1), "of usable, feasible inputs")
     report.figure("reasons_wrong", found.counts["reasons_wrong"], "reasons that do not name their cause")
 

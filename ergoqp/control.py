@@ -34,9 +34,10 @@ class Control:
         rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
         max_age: oldest posture that still counts [s].
         average: W, what is sent is the mean of the planned twist over the last W seconds, so that its jerk is at most
-            2 acceleration / W and a stop takes up to W longer [s]. Many periods in a row much shorter than the loop's use up what
-            is kept of those seconds: that is named, the step brakes within its acceleration, but not within that jerk. None: 0.05 for an object that is held, and 0 where the
-            twist is that of points, which nothing else moves. Above 0.1 the step often brakes close to the edge of a cone.
+            2 acceleration / W and a stop takes up to W longer [s]. Many periods in a row that are much shorter than the
+            loop's use up what is kept of those seconds: that is named, and the step brakes within its acceleration, but not
+            within that jerk. None: 0.05 for an object that is held, and 0 where the twist is that of points, which nothing
+            else moves. Above 0.1 the step often brakes close to the edge of a cone.
         guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
         guide_gain: how much better than where descent comes to rest the given place must promise to be, and how much worse
             than promised it may be to be kept [points].
