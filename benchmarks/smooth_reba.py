@@ -17,8 +17,11 @@ from ergoqp.joints import JOINTS
 Array = NDArray[np.float64]
 
 
-def accuracy(report: Report, postures: Array, scores: NDArray[np.int64]) -> None:
-    """Report the error of V at 0.25 deg against the exact sheet."""
+def accuracy(report: Report, postures: Array, scores: NDArray[np.int64], mixture: SmoothReba) -> None:
+    """Report the error of V against the exact sheet: at 0.25 deg, and of the mixture that the controller descends."""
+    value = mixture(postures)
+    report.figure("mixture.mae", np.abs(value - scores).mean(), f"points, tau {mixture.taus_deg} deg, the controller's own")
+    report.figure("mixture.exact", (np.round(value) == scores).mean(), "share whose rounded value is the score")
     value = SmoothReba((0.25,), (1.0,))(postures)
     error, rounded = np.abs(value - scores), np.round(value)
     report.figure("mae", error.mean(), "points, tau 0.25 deg")
@@ -92,7 +95,7 @@ def measure(report: Report) -> None:
     rng = np.random.default_rng(2024)
     postures, scores = balanced_postures(1000, rng)
     mixture = SmoothReba()
-    accuracy(report, postures, scores)
+    accuracy(report, postures, scores, mixture)
     sampled, draws = report.pick((50, 20_000), (200, 100_000))
     report.figure("mc_error", monte_carlo_error(postures[:sampled], draws, rng), "standard errors, root mean square; ideal 1")
     gradient = gradient_error(mixture, postures[: report.pick(300, 3000)])
