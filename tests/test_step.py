@@ -355,6 +355,19 @@ def test_rates_that_braking_alone_breaks_give_way_and_are_named(rate_deg: float,
     assert beyond == set(step.slack)
 
 
+def test_rates_that_are_broken_by_braking_are_named_too() -> None:
+    problem = plain_of("screwing")
+    narrowed = [replace(limit, rate_deg=5.0) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    stepper = problem.replace(limits=narrowed).stepper()
+    stepper.reset(twist=[0.1, 0, 0, 0, 0, 0])
+    step = stepper.step(comfort_of("screwing"), held_pose("screwing"), enable=False)
+    assert step.status == "braking"
+    rates = dict(zip(problem.coordinates, np.abs(step.posture_rate), strict=True))
+    beyond = {name: rate - np.radians(5.0) for name, rate in rates.items() if rate > np.radians(5.0)}
+    assert len(beyond) >= 2
+    assert step.slack == pytest.approx(beyond, abs=2e-6)
+
+
 def test_settled_after_half_a_second_without_gain() -> None:
     loop, q = Held(stepper_of("screwing"), held_pose("screwing")), comfort_of("screwing")
     statuses = [loop.step(q).status for _ in range(300)]
