@@ -10,6 +10,8 @@ from ergoqp.costs.posture_data import interval_labels, posture_data
 from ergoqp.costs.posture_stream import posture_stream
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
+from ergoqp.joints import INDEX
+from ergoqp.sheets.interval import interval_ranges
 
 # The rules behind the EPFL report's data as a plain list, edges [deg] and scores: a second reading, apart from the package's.
 BENT = ([-45, -15, 15, 45], [1, 0, 1])
@@ -220,3 +222,11 @@ def test_mistakes_are_named():
         next(posture_stream(np.random.default_rng(0), taus_deg=(-1.0,), weights=(1.0,)))
     with pytest.raises(InputError, match="weights"):
         next(posture_stream(np.random.default_rng(0), taus_deg=(1.0, 5.0), weights=(0.5, 0.2)))
+
+
+def test_interval_ranges_are_those_of_the_rules():
+    lower, upper = interval_ranges()
+    for joint in REPORT_JOINTS:
+        edges = rule(joint)[0]
+        assert np.degrees(lower[INDEX[joint]]) == pytest.approx(edges[0])
+        assert np.degrees(upper[INDEX[joint]]) == pytest.approx(edges[-1])

@@ -47,7 +47,14 @@ def test_facts_follow_from_the_arrays(run):
     assert facts.best == run.reba.min()
     assert run.reba[np.searchsorted(run.time, facts.best_at)] == facts.best
     assert facts.settled_after == pytest.approx(0.8 * 6, abs=0.05)
-    assert "better" in facts.change
+    assert facts.change == f"{facts.before} to {facts.after}."
+    alone = facts_of(replace(run, reba_standing_still=4))
+    assert alone.change == f"{facts.before} to {facts.after}; 4 had the object stayed where it was."
+    assert facts.costs == "nothing"
+    worse = facts_of(replace(run, assessment=reba.assess(run.postures[:1]), reba=run.reba[:1]))
+    assert worse.after == facts.before
+    assert worse.costs == "; ".join(worse.stays)
+    assert "trunk" in worse.costs
     assert facts_of(replace(run, statuses=["optimal"] * len(run.time))).settled_after is None
 
 

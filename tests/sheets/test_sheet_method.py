@@ -93,3 +93,16 @@ def test_method_refuses_what_is_out_of_range(change):
 def test_a_method_of_another_kind_is_refused():
     with pytest.raises(InputError, match=r"method: got 'strict', allowed: a reba\.Method"):
         reba.assess(np.zeros(32), "strict")
+
+
+@pytest.mark.parametrize(
+    ("extension", "scores"),
+    [
+        ("worksheet", {-70: 3, -25: 3, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4}),
+        ("capped", {-70: 2, -25: 2, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4}),
+        ("mirrored", {-70: 4, -25: 3, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4}),
+    ],
+)
+def test_every_band_of_the_trunk_in_every_reading(extension, scores):
+    method = reba.Method(trunk_extension=extension)
+    assert {angle: score("trunk", method, trunk_flexion=angle) for angle in scores} == scores

@@ -85,3 +85,27 @@ def test_what_costs_points_is_what_counts():
     assert upright.costly(0) == upright.costly(-1) == []
     with pytest.raises(InputError, match="costly: got posture 1, allowed: 0 to 0"):
         upright.costly(1)
+
+
+@pytest.mark.parametrize(
+    ("angles", "words"),
+    [
+        ({"trunk_flexion": -30}, "trunk 30 deg extension, over 20: 3"),
+        ({"trunk_flexion": -12}, "trunk 12 deg extension, 5 to 20: 2"),
+        ({"trunk_flexion": 0}, "trunk 0 deg flexion, within 5: 1"),
+        ({"trunk_flexion": 12}, "trunk 12 deg flexion, 5 to 20: 2"),
+        ({"trunk_flexion": 70}, "trunk 70 deg flexion, over 60: 4"),
+        ({"neck_flexion": -8}, "neck 8 deg extension, over 5: 2"),
+        ({"neck_flexion": 3}, "neck 3 deg flexion, 5 extension to 20 flexion: 1"),
+        ({"right_elbow_flexion": 30}, "right lower arm 30 deg flexion, under 60: 2"),
+        ({"right_elbow_flexion": 80}, "right lower arm 80 deg flexion, 60 to 100: 1"),
+        ({"trunk_twist": 20, "trunk_side_bend": -20}, "within 5: 1; twisted left 20 deg and bent to the right 20 deg: +1"),
+    ],
+)
+def test_every_kind_of_band_has_its_words(angles, words):
+    assert any(words in sentence for sentence in reba.assess(posture(**angles)).reasons(0))
+
+
+def test_where_both_count_both_are_told():
+    sentences = reba.assess(posture(trunk_twist=20, trunk_side_bend=-20), method=reba.Method(additive=True)).reasons(0)
+    assert sentences[1].endswith("; twisted left 20 deg: +1; bent to the right 20 deg: +1")
