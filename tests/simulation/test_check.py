@@ -233,3 +233,10 @@ def held_at(problem: Problem) -> np.ndarray:
     box, pose = problem.limit_of(WorkspaceBox), np.eye(4)
     pose[:3, 3] = np.mean([box.lower, box.upper], axis=0)
     return pose
+
+
+def test_a_rate_is_held_to_the_accuracy_of_the_qp(problem: Problem) -> None:
+    rate, joint = np.zeros(32), INDEX["right_elbow_flexion"]
+    for beyond, broken in ((0.9e-7, []), (1.2e-7, ["joint rate"])):
+        rate[joint] = np.radians(30) + beyond
+        assert Checker(problem).check(STILL, STILL, HERE, UPRIGHT, rate, DT) == broken
