@@ -52,7 +52,7 @@ class RobotReckoning:
         self._sent, self._lasted = np.array(twist), problem.dt
         self._most = np.abs(self._sent)
         self._surprise, self._heard, self._heard_perhaps = np.zeros(6), 0.0, 0.0
-        self._parked = False
+        self._parked, self._crept = False, np.zeros(6)
         self._stand_still(False, False)
 
     def _stand_still(self, measured: bool, lied: bool) -> None:
@@ -113,13 +113,17 @@ class RobotReckoning:
         elif measured:
             self._low = self._high = self._apart
         if (parked and (not self._parked or self._blamed or max(surely) > _MANY)) or not enabled:
+            # What it moved at rest while it was blamed may count on, or not.
+            goes_on = parked and self._parked and self._low is not None and self._high is not None
+            self._crept = self._crept + (self._high - self._low) if goes_on else np.zeros(6)
             self._stand_still(measured, lied)
         self._parked = parked
         # What a reported twist shows may be said a step later.
         surely.append(self._heard)
         perhaps.append(self._heard_perhaps)
         self._heard = self._heard_perhaps = 0.0
-        if told is not None and before is not None:
+        # What is reported while it is not enabled is judged neither now nor later.
+        if told is not None and before is not None and enabled:
             self._listen(told, perhaps)
         fault = enabled and not self._honest and max(surely) > _MANY
         possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
@@ -154,7 +158,7 @@ class RobotReckoning:
         least, most = (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
         leap, apart = np.abs(went - np.clip(went, least, most)), self._high - self._low
         surely.append(float(np.max((apart - room) / _UNIT)))
-        perhaps.append(_size(apart))
+        perhaps.append(_size(apart + self._crept))
         perhaps.append(_size(leap))
 
     def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
