@@ -114,8 +114,11 @@ class RobotReckoning:
             self._low = self._high = self._apart
         if (parked and (not self._parked or self._blamed or max(surely) > _MANY)) or not enabled:
             # What it moved at rest while it was blamed may count on, or not.
-            goes_on = parked and self._parked and self._low is not None and self._high is not None
-            self._crept = self._crept + (self._high - self._low) if goes_on else np.zeros(6)
+            low, high = self._low, self._high
+            if parked and self._parked and low is not None and high is not None:
+                self._crept = self._crept + (high - low)
+            else:
+                self._crept = np.zeros(6)
             self._stand_still(measured, lied)
         self._parked = parked
         # What a reported twist shows may be said a step later.
