@@ -109,13 +109,14 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
     from distributed import wait
     from distributed.scheduler import KilledWorker
 
+    wait_for: Any = wait  # what it returns depends on where it is called, which its types do not say
     where = f"scheduler: {client.scheduler.address}" if client.scheduler else "scheduler: its address"
     pending, seen = set(futures), time.monotonic()
     try:
         while pending:
             try:
                 with client.as_current():  # and no longer: a user's own client stays theirs between two trials
-                    done, pending = wait(pending, timeout=1.0, return_when="FIRST_COMPLETED")
+                    done, pending = wait_for(pending, timeout=1.0, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 # Asked of the scheduler itself: what the client remembers of it may be of a cluster that is gone.
                 if client.sync(client.scheduler.nthreads):
