@@ -167,7 +167,7 @@ class RobotReckoning:
     def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
         """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
         robot, lasted = self._robot, self._lasted
-        if lasted > 1.001 * max(3 * self._dt, robot.longest_hold):
+        if lasted > 3.003 * self._dt:
             # One sample over so long a period shows nothing.
             return
         surprise = told - self._sent

@@ -36,7 +36,7 @@ def explained_function(problem: Problem) -> ca.Function:
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
     given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said")
     # One sample over a period that is too long shows nothing: what noise does in that time is more than a fault.
-    told = ca.logic_and(given["told"] > 0.5, given["lasted"] <= problem.longest_period * (1 + 1e-9))
+    told = ca.logic_and(given["told"] > 0.5, given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
     faulty = given["faulty"] > 0.5
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
     reported, signs = _reported(problem, now)
