@@ -29,7 +29,7 @@ COMPARED: Final = {
 REPORTED: Final = {
     "drift": (6, 1),  # measured motion less sent motion, by the reported twist
     "path": (2, 1),  # how far it went, and turned, since it stood still
-    "blur": (6, 2),  # variance of the drift: by how samples scatter about their neighbours, and by how they change at all
+    "blur": (6, 2),  # variance of the drift: by how changes of the samples come back, and by their second differences
     "surprise": (6, 2),  # the last sample, and the last change of one
     "due": (6, 2),  # what a declared robot still owed when this was begun, along each axis and against it
     "rested": (1, 1),  # what ``rests`` was then

@@ -14,6 +14,9 @@ from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step_explained import explained_function
+from ergoqp.step_parts import split
+from ergoqp.step_story import STORY
 
 UNASKED = "robot: moves although nothing was sent"
 
@@ -258,23 +261,23 @@ def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() ->
     assert 0.0 not in named
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.05])
-def test_one_sample_of_a_reported_twist_over_a_late_call_shows_nothing(lag: float) -> None:
+@pytest.mark.parametrize("declared", [DeclaredRobot(), DeclaredRobot(lag=0.05), DeclaredRobot(longest_hold=0.6)], ids=repr)
+def test_one_sample_of_a_reported_twist_over_a_long_period_shows_nothing(declared: DeclaredRobot) -> None:
     """Noise of 20 % times half a second is more than a fault, and one sample does not tell it from one; the pose does."""
-    problem = bold_of("screwing").replace(robot=DeclaredRobot(lag=lag))
+    problem = bold_of("screwing").replace(robot=declared)
     stepper = problem.stepper()
     for seed in range(12):
         rng = np.random.default_rng(seed)
         stepper.reset()
-        mover = SimulatedRobot(RobotKind(lag=lag, speed_noise=0.2), held_pose("screwing"), rng)
+        mover = SimulatedRobot(RobotKind(lag=declared.lag, speed_noise=0.2), held_pose("screwing"), rng)
         q = near_comfort("screwing", rng, 40)
         for number in range(60):
             dt = 0.56 if number == 40 else 0.01
             step = stepper.step(q, mover.measured_pose(), mover.reported_twist() if number else None, dt=dt)
             assert "robot:" not in step.reason, (seed, number, step.reason)
             list(mover.execute(step.twist, dt))
-    # What really happened, the pose shows.
-    mover.pose[1, 3] += 0.01
+    # What really happened, the pose shows, beyond what a hold explains.
+    mover.pose[1, 3] += 0.01 + 2 * declared.longest_hold * problem.twist_limit.linear_speed
     assert "robot:" in stepper.step(q, mover.measured_pose(), np.zeros(6)).reason
 
 
@@ -288,3 +291,28 @@ def test_few_samples_of_a_noisy_twist_are_not_taken_for_exact() -> None:
         step = stepper.step(q, mover.measured_pose(), mover.reported_twist() if number else None)
         assert "robot:" not in step.reason, (number, step.reason)
         list(mover.execute(step.twist, 0.01))
+
+
+def blur_of(executed: np.ndarray) -> np.ndarray:
+    """What counts as noise (6, 2) [m, rad, squared] of twists (n, 6) that a robot reports which is sent to stand still."""
+    problem = bold_of("screwing")
+    explained = explained_function(problem)
+    given = {name: np.zeros(explained.size_in(i)) for i, name in enumerate(explained.name_in())}
+    given |= {"told": 1.0, "started": 1.0, "lasted": 0.01, "enable": 1.0}
+    for twist in executed:
+        found = explained.call({**given, "executed": twist})
+        given["story"], given["said"] = found["next_story"], found["next_said"]
+    return np.array(split(STORY, found["next_story"])["blur"])
+
+
+def test_noise_is_what_scatters_and_not_what_goes_on_or_changes_steadily() -> None:
+    rng, count, sigma = np.random.default_rng(0), 400, 0.02
+    noise = sigma * rng.normal(size=(count, 6))
+    steady, rising = np.full((count, 6), 0.05), np.outer(np.arange(count), np.full(6, 1e-4))
+    expected = count * (sigma * 0.01) ** 2
+    for executed in (noise, noise + steady, noise + rising):
+        # Both ways of reckoning it are without a bias.
+        assert np.sqrt(blur_of(executed) / expected) == pytest.approx(np.ones((6, 2)), abs=0.15)
+    # The first sample is a change, and what follows is none.
+    for executed, first in ((steady, 0.05), (rising, 1e-4)):
+        assert np.all(blur_of(executed)[:, 1] <= (first * 0.01) ** 2 / 3 * 1.001)

@@ -48,6 +48,16 @@ def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
     assert (tmp_path / FILE).read_text(encoding="utf-8").count("\n") >= 1
 
 
+def test_a_worker_that_is_late_is_waited_for(problem, cluster):
+    cluster.scale(0)
+    later = threading.Timer(4.0, lambda: cluster.scale(1))
+    later.start()
+    try:
+        assert len(problem.optimise(starts=2, scheduler=cluster.scheduler_address).trials) == 2
+    finally:
+        later.join()
+
+
 def test_the_scheduler_is_gone(problem, cluster, tmp_path):
     end = after_first(lambda: threading.Thread(target=cluster.close).start())
     with pytest.raises(WorkersError, match=rf"scheduler: tcp://.* does not answer any more .*; {KEPT}"):
