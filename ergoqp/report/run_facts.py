@@ -56,8 +56,8 @@ class RunFacts:
 
     @property
     def costs(self) -> str:
-        """Say what still costs points at the end, and why."""
-        return "nothing" if not self.stays else "; ".join(self.stays)
+        """Say what still costs points at the end, and why; a segment's own sentence has semicolons already."""
+        return "nothing" if not self.stays else " · ".join(self.stays)
 
     @property
     def settling(self) -> str:

@@ -53,7 +53,7 @@ def test_facts_follow_from_the_arrays(run):
     assert facts.costs == "nothing"
     worse = facts_of(replace(run, assessment=reba.assess(run.postures[:1]), reba=run.reba[:1]))
     assert worse.after == facts.before
-    assert worse.costs == "; ".join(worse.stays)
+    assert worse.costs == " · ".join(worse.stays)
     assert "trunk" in worse.costs
     assert facts_of(replace(run, statuses=["optimal"] * len(run.time))).settled_after is None
 
