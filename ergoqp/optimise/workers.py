@@ -102,7 +102,7 @@ def _on_cluster(key: str, task: Task, numbers: Sequence[int], address: str) -> I
 
 
 def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
-    """Yield what a cluster has finished, as long as there is somebody to wait for.
+    """Yield what a cluster has finished, as long as there is somebody to wait for; what a start itself raises is raised.
 
     Dask waits for ever for a worker that never comes back, and drops the futures of a scheduler that is gone without a word.
     """
@@ -112,14 +112,15 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
     wait_for: Any = wait  # what it returns depends on where it is called, which its types do not say
     where = f"scheduler: {client.scheduler.address}" if client.scheduler else "scheduler: its address"
     pending, seen = set(futures), time.monotonic()
+    failed: BaseException | None = None
     try:
-        while pending:
+        while pending and failed is None:
             try:
                 with client.as_current():  # and no longer: a user's own client stays theirs between two trials
                     done, pending = wait_for(pending, timeout=1.0, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 # Asked of the scheduler itself: what the client remembers of it may be of a cluster that is gone.
-                if client.sync(client.scheduler.nthreads):
+                if client.sync(client.scheduler.ncores, callback_timeout=TIMEOUT):
                     seen = time.monotonic()
                 elif time.monotonic() - seen > PATIENCE:
                     raise WorkersError(
@@ -127,12 +128,18 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
                     ) from None
                 continue
             for future in done:
+                # An OSError of the start's own, such as of a cost that reads a file, is not one of the way to the scheduler.
+                failed = future.exception() if future.status == "error" else None
+                if failed is not None:
+                    break
                 yield future.result()
             seen = time.monotonic()
     except (OSError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
         raise WorkersError(f"{where} does not answer any more ({_words(error)}); {_KEPT_STARTS}") from None
-    except (KilledWorker, ImportError) as error:
-        raise WorkersError(f"{where} has workers that cannot solve a start ({_words(error)}); {_KEPT_STARTS}") from None
+    if isinstance(failed, (KilledWorker, ModuleNotFoundError)):
+        raise WorkersError(f"{where} has workers that cannot solve a start ({_words(failed)}); {_KEPT_STARTS}")
+    if failed is not None:
+        raise failed
 
 
 def _packed(task: Task) -> bytes:

@@ -48,7 +48,7 @@ def test_another_seed_begins_elsewhere(problem, alone):
 def test_same_on_a_cluster(problem, alone):
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", silence_logs=50
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=50
     )
     with cluster:
         same(problem.optimise(starts=6, seed=3, scheduler=cluster.scheduler_address), alone)

@@ -1,7 +1,13 @@
 """Workers that die in the middle of the work: one sentence, in finite time, and what was finished is kept."""
 
+import dataclasses
+import functools
+import os
 import threading
+import time
 
+import casadi as ca
+import numpy as np
 import pytest
 
 import ergoqp
@@ -21,7 +27,7 @@ def cluster():
     distributed = pytest.importorskip("distributed")
     # Workers are not brought back: a nanny would.
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", silence_logs=50
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=50
     ) as cluster:
         yield cluster
 
@@ -56,6 +62,39 @@ def test_a_worker_that_is_late_is_waited_for(problem, cluster):
         assert len(problem.optimise(starts=2, scheduler=cluster.scheduler_address).trials) == 2
     finally:
         later.join()
+
+
+class Elsewhere:
+    """A cost that does something when a process that did not make it asks for its expression."""
+
+    name, minimum = "elsewhere", 0.0
+
+    def __init__(self, then):
+        self.home, self.then = os.getpid(), then
+
+    def expression(self, q):
+        if os.getpid() != self.home:
+            self.then()
+        return ca.sumsqr(q)
+
+    def __call__(self, postures):
+        return np.sum(np.atleast_2d(postures) ** 2, axis=1)
+
+
+def missing() -> None:
+    raise FileNotFoundError("my_labels.csv is not on this machine")
+
+
+def test_what_a_start_itself_raises_is_not_told_of_the_scheduler(problem, cluster):
+    own = dataclasses.replace(problem, cost=Elsewhere(missing))
+    with pytest.raises(FileNotFoundError, match=r"my_labels\.csv is not on this machine"):
+        own.optimise(starts=2, scheduler=cluster.scheduler_address)
+
+
+def test_a_start_that_takes_long_is_waited_for(problem, cluster, monkeypatch):
+    monkeypatch.setattr("ergoqp.optimise.workers.PATIENCE", 0.5)
+    slow = dataclasses.replace(problem, cost=Elsewhere(functools.partial(time.sleep, 4.0)))
+    assert len(slow.optimise(starts=1, scheduler=cluster.scheduler_address).trials) == 1
 
 
 def test_the_scheduler_is_gone(problem, cluster, tmp_path):
