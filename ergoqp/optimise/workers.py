@@ -136,10 +136,11 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
             seen = time.monotonic()
     except (OSError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
         raise WorkersError(f"{where} does not answer any more ({_words(error)}); {_KEPT_STARTS}") from None
+    if failed is None:
+        return
     if isinstance(failed, (KilledWorker, ModuleNotFoundError)):
         raise WorkersError(f"{where} has workers that cannot solve a start ({_words(failed)}); {_KEPT_STARTS}")
-    if failed is not None:
-        raise failed
+    raise failed
 
 
 def _packed(task: Task) -> bytes:
