@@ -70,11 +70,6 @@ class RobotReckoning:
         self._stand_still(False, False)
 
     @property
-    def drift(self) -> np.ndarray:
-        """By how much what was reported differs from what was sent (6,), since the object stood still [m, rad]."""
-        return self._drift
-
-    @property
     def doubtful(self) -> bool:
         """Whether there may be a fault by what was reported until now, or one was named."""
         return bool(self._phase) or self._blamed or self._heard_perhaps > _FEW

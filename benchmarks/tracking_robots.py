@@ -103,6 +103,8 @@ def cases(dt: float) -> list[Case]:
     found += [Case(name, oddity=name) for name in ("spikes", "mm", "frame", "stalled", "half")]
     held = DeclaredRobot(longest_hold=HICCUP)
     found.append(Case("hiccups, declared", declared=held, periods="hiccups", honest=True))
+    lagging = DeclaredRobot(lag=0.1, longest_hold=HICCUP)
+    found.append(Case("hiccups and lag, declared", RobotKind(lag=0.1), lagging, periods="hiccups", honest=True))
     found.append(Case("hiccups, undeclared", periods="hiccups"))
     found.append(Case("hiccups, watchdog", periods="watched", honest=True))
     return found

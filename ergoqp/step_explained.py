@@ -12,7 +12,7 @@ from ergoqp.linear import dense, largest
 from ergoqp.step_faults import Fault, fault_of
 from ergoqp.step_history import owes
 from ergoqp.step_parts import joined, split
-from ergoqp.step_story import NAMED, REPORTED, SAID, STORY, UNIT, leap_beyond, length, symbols_of
+from ergoqp.step_story import NAMED, REPORTED, SAID, STORY, UNIT, leap_beyond, length, symbols_of, watch_blocks
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -34,11 +34,13 @@ _EARLY: Final = 0.75
 def explained_function(problem: Problem) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
-    given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said")
+    given = symbols_of(problem, *names, "parked", "enable", "now_rests", "compared", "story", "said")
     # One sample over a period that is too long shows nothing: what noise does in that time is more than a fault.
     told = ca.logic_and(given["told"] > 0.5, given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
     faulty = given["faulty"] > 0.5
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
+    if problem.robot.longest_hold and owes(problem):
+        now |= {"held": split(watch_blocks(problem)["compared"], given["compared"])["held"]}
     reported, signs = _reported(problem, now)
     # What moves while it is not enabled is no fault.
     signs = ca.if_else(ca.logic_and(told, given["enable"] > 0.5), signs, 0)
@@ -78,8 +80,13 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
+    unheard = ca.SX(6, 1)
+    if "held" in now:
+        # How it followed while a call was late was reported to nobody.
+        reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
+        unheard = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1]))
-    by_twist = length((late - slack) / (_EARLY * unit))
+    by_twist = length((late - slack - unheard) / (_EARLY * unit))
     if owes(problem):
         # What it is sent does not say yet how fast it is, only how fast it can be.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)

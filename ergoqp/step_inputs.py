@@ -16,8 +16,8 @@ from ergoqp.step_counted import way_of
 from ergoqp.step_history import owes
 from ergoqp.step_parts import count
 from ergoqp.step_state import state_sizes
-from ergoqp.step_story import TOLD_SO_FAR, watch_blocks
-from ergoqp.step_watch import missed, watch
+from ergoqp.step_story import watch_blocks
+from ergoqp.step_watch import reckoned, watch
 from ergoqp.step_way import UnderWay, under_way
 
 if TYPE_CHECKING:
@@ -104,12 +104,12 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
 
     found = under_way(problem, state["history"], raw["dt"], shape)
     given = {**state, **raw, **vars(found), "period": found.dt, "posture_ok": posture_ok}
-    given["begin"] = state["story"][:TOLD_SO_FAR]
     read = shape(_read_function(problem))
-    moved, started, measured, told, stop, causes = read(*(given[name] for name in read.name_in()))
+    moved, account, started, measured, told, stop, causes = read(*(given[name] for name in read.name_in()))
     pose = _pose(problem, measured, raw["pose"], state["started"], state["stored"], moved, posture)
     given |= {"pose": pose, "measured": measured, "told": told, "stop": stop}
     watched, causes = watch(problem, given | {"causes": causes}, shape)
+    watched["account"] = account
     unsure = None
     if owes(problem):
         # Of what was under way when the object was seen last, any share may have been done already: it is integrated as if none
@@ -125,26 +125,22 @@ def _read_function(problem: Problem) -> ca.Function:
     """Judge all inputs but the posture.
 
     Returns:
-        Function that gives the displacement of the last period as far as it is known, whether a pose is known from now on,
-        whether one was measured, whether a twist was reported, whether the object may not move, and the causes so far.
+        Function that gives the displacement of the last period as far as it is known and the next account of it (see
+        `ergoqp.step_watch.reckoned`), whether a pose is known from now on, whether one was measured, whether a twist was
+        reported, whether the object may not move, and the causes so far.
     """
     inputs = {name: size for name, size in input_sizes(problem).items() if name not in ("posture", "observed", "state")}
-    own = dict.fromkeys(("sent", "changed", "slowest", "fastest"), (6, 1))
-    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits"), (1, 1))
-    own |= {"said": (count(watch_blocks(problem)["said"]), 1), "begin": (TOLD_SO_FAR, 1)}
+    own = dict.fromkeys(("sent", "changed"), (6, 1))
+    own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits", "parked", "idled"), (1, 1))
+    own |= {name: (count(watch_blocks(problem)[name]), 1) for name in ("said", "account")}
     raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | own).items()}
     has_pose, has_twist, started, frame = (raw[name] > 0.5 for name in ("has_pose", "has_twist", "started", "frame"))
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
     age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
 
-    # The declared motion is integrated, not the noise of what is reported of it; once that has shown a fault, what is reported,
-    # as far as it is what was sent, or less, and what it was short of before.
-    executed = ca.fmin(ca.fmax(ca.if_else(told, raw["executed"], 0), raw["slowest"]), raw["fastest"])
-    declared = raw["sent"] * raw["lasted"] + raw["changed"]
-    doubted, short = missed(raw["said"], raw["begin"])
-    doubted = ca.logic_and(told, doubted)
-    moved = ca.if_else(doubted, executed * raw["lasted"], declared) + doubted * short
+    reported = {"executed": ca.if_else(told, raw["executed"], 0), "told": told, "measured": measured}
+    moved, account = reckoned(problem, raw | reported)
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
     disabled = ca.logic_not(raw["enable"] > 0.5)
@@ -163,7 +159,7 @@ def _read_function(problem: Problem) -> ca.Function:
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
-    outputs = [moved, ca.logic_or(started, anchors), measured, told, ca.logic_or(disabled, unmeasured), causes]
+    outputs = [moved, account, ca.logic_or(started, anchors), measured, told, ca.logic_or(disabled, unmeasured), causes]
     return ca.Function("read", list(raw.values()), ca.cse(dense(outputs)), list(raw), [f"out_{i}" for i in range(len(outputs))])
 
 

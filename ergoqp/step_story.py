@@ -44,8 +44,10 @@ SAID: Final = {
     "fault": (2, 1),  # a `Fault` and its amount
 }
 STORY: Final = {**REPORTED, **NAMED}
-TOLD_SO_FAR: Final = 8
-"""What `missed` needs of the story: its first entries."""
+ACCOUNT: Final = {
+    "short": (6, 2),  # way that was sent and not reported yet, along each axis and against it
+    "ahead": (6, 1),  # how much further the object is reckoned to be than was reported
+}
 _SIZES: Final = (
     {**COMPARED, **STORY, **SAID}
     | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "went"), (6, 1))
@@ -64,7 +66,9 @@ def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
     turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
     # For the same reason: by which angle the object was turned by what was sent since it was measured, if not by that.
     blind = {"blind": (1, 1)} if owes(problem) and not turn else {}
-    return {"compared": COMPARED | held | turn | blind, "story": STORY, "said": SAID}
+    # What one hold may have left in the comparison unseen, beside noise.
+    slip = {"slip": (6, 1)} if problem.robot.longest_hold and not owes(problem) else {}
+    return {"compared": COMPARED | held | slip | turn | blind, "story": STORY, "said": SAID, "account": ACCOUNT}
 
 
 def symbols_of(problem: Problem, *names: str) -> dict[str, ca.SX]:

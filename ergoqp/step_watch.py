@@ -24,7 +24,18 @@ from ergoqp.step_causes import Cause
 from ergoqp.step_explained import explained_function
 from ergoqp.step_history import owes
 from ergoqp.step_parts import count, joined, split
-from ergoqp.step_story import COMPARED, REPORTED, SAID, STORY, UNIT, leap_beyond, length, symbols_of, watch_blocks
+from ergoqp.step_story import (
+    ACCOUNT,
+    COMPARED,
+    REPORTED,
+    SAID,
+    STORY,
+    UNIT,
+    leap_beyond,
+    length,
+    symbols_of,
+    watch_blocks,
+)
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -76,24 +87,36 @@ def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
     blocks["compared"]["most"] += _WIDE
     late = problem.robot.dead_time + problem.robot.lag
     blocks["story"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
+    blocks["account"]["short"] = blocks["story"]["due"]
     return {name: np.concatenate([part.ravel(order="F") for part in block.values()]) for name, block in blocks.items()}
 
 
-def missed(said: ca.SX, begin: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return whether what the robot reported so far shows a fault, or one is not over; and what it has missed until then.
+def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """Return the motion (6,) of the last period as far as it is known where no pose is measured, and the next account.
 
-    The second (6,) [m, rad] is not 0 in the first step that knows of a fault, and no more than the way since it stood still.
+    The declared motion is integrated, not the noise of what is reported of it. Once that has shown a fault, what is reported
+    is: as far as it was sent, in this period or before, since a robot that is late does later what it did not do before; and
+    what was integrated too much until then is taken back. So nothing that is reported leads further than what was sent.
 
     Args:
-        said: block of the state.
-        begin: first `TOLD_SO_FAR` entries of the story.
+        problem: the task.
+        given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed`` (6,), ``lasted`` [s], and
+            ``told``, ``measured``, ``parked`` (0 or 1), and for how long nothing has been sent ``idled`` [s].
     """
-    now, drift, path = split(SAID, said), begin[:6], begin[6:]
-    signs, fault = now["signs"], now["fault"][0]
-    way = ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
-    first = ca.logic_and(signs[0] > 1, ca.logic_and(signs[1] <= 0, fault < 0.5))
-    known = ca.logic_or(ca.logic_or(signs[0] > 1, signs[1] > 0), fault > 0.5)
-    return known, first * ca.fmax(ca.fmin(drift, way), -way)
+    now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
+    known = ca.logic_or(ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), now["fault"][0] > 0.5)
+    declared = now["sent"] * now["lasted"] + now["changed"]
+    sent = (1 + problem.robot.gain_error) * now["sent"] * now["lasted"]
+    most = now["short"] + ca.fmax(ca.horzcat(sent, -sent), 0)
+    way = ca.if_else(now["told"], now["executed"] * now["lasted"], declared)
+    parts = ca.fmin(ca.fmax(ca.horzcat(way, -way), 0), most)
+    done = parts[:, 0] - parts[:, 1]
+    moved = ca.if_else(ca.logic_and(now["told"], known), done - now["ahead"], declared)
+    forgiven = now["idled"] >= CALM + problem.robot.dead_time + 3 * problem.robot.lag
+    over = ca.logic_or(forgiven, ca.logic_and(now["parked"], ca.logic_not(known)))
+    short = ca.if_else(over, 0, most - parts)
+    ahead = ca.if_else(ca.logic_or(over, now["measured"]), 0, now["ahead"] + moved - done)
+    return moved, joined(ACCOUNT, {"short": short, "ahead": ahead})
 
 
 def _compared(problem: Problem) -> ca.Function:
@@ -112,14 +135,15 @@ def _compared(problem: Problem) -> ca.Function:
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart, least, most = now["apart"] + went - done, now["least"], now["most"]
-    block, gone = {}, ca.SX(6, 1)
+    block, gone, slip = {}, ca.SX(6, 1), ca.SX(6, 1)
     if robot.longest_hold and not owes(problem):
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
         block["held"] = ca.if_else(now["measured"], 0, reach)
         gone = now["measured"] * _held(problem, leap_beyond(now, went), reach)
         apart -= gone
         # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
-        noise *= 3
+        longest = stretch * robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
+        slip = ca.fmax(now["slip"], ca.fmin(longest, 4 * noise))
     if "blind" in sizes:
         # Two ways with the same end, of which one is as far behind as that, differ by the area between them.
         turn = now["blind"] + ca.norm_2(done[3:])
@@ -146,7 +170,7 @@ def _compared(problem: Problem) -> ca.Function:
         least, most = least - spread, most + spread
     unseen = _WIDE * (1 - now["measured"])
     low, high = apart - noise - below - unseen, apart + noise + above + unseen
-    beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high), 0) * ca.DM(1 / UNIT)
+    beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0) * ca.DM(1 / UNIT)
     by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
     # The difference counts anew from where the object is seen to stand still, and from where it was seen to move there. Where
@@ -156,6 +180,8 @@ def _compared(problem: Problem) -> ca.Function:
     anew = ca.logic_or(begins, ca.logic_not(enabled))
     least = ca.if_else(anew, -(at_begin + below + unseen), ca.fmax(least, low))
     most = ca.if_else(anew, at_begin + above + unseen, ca.fmin(most, high))
+    if "slip" in sizes:
+        block["slip"] = ca.if_else(anew, 0, slip)
     if "turned" in sizes:
         block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
     if robot.longest_hold and owes(problem):

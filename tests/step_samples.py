@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
+from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
+from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import moved
 from ergoqp.step import Step, Stepper
 
@@ -54,6 +56,25 @@ def stepper_of(name: str, solver: str = "daqp", plain: bool = False) -> Stepper:
     return stepper
 
 
+def small(name: str, robot: DeclaredRobot, average: float | None) -> Problem:
+    """A problem in a box of 6 cm and a cone of 6 degrees, whose object is always on its way to some wall."""
+    problem = bold_of(name)
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    middle = held_pose(name)[:3, 3]
+    kept = [limit for limit in problem.limits if limit not in (box, cone)]
+    limits = [*kept, WorkspaceBox(tuple(middle - 0.03), tuple(middle + 0.03)), AxisCone(cone.direction, 6.0)]
+    return problem.replace(limits=limits, robot=robot, control=replace(problem.control, average=average))
+
+
+def outside(problem: Problem, pose: np.ndarray) -> float:
+    """How far out of box and cone (4, 4) [m, rad]."""
+    box, cone, point = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), pose[:3, 3]
+    toward = np.asarray(cone.direction)
+    angle = np.arctan2(np.linalg.norm(np.cross(toward, pose[:3, 0])), toward @ pose[:3, 0])
+    beyond = np.maximum(np.asarray(box.lower) - point, point - np.asarray(box.upper))[problem.twist_limit.speed[:3] > 0]
+    return float(max(beyond.max(), angle - np.radians(cone.half_angle_deg)))
+
+
 class Held:
     """A stepper in a loop with a robot that does what it is sent, and is measured without an error."""
 
@@ -82,7 +103,6 @@ def near_comfort(name: str, rng: np.random.Generator, spread_deg: float = 8.0) -
 
 def held_pose(name: str) -> np.ndarray:
     """A pose well inside the workspace, its tool in the middle of the cone."""
-    from ergoqp.limits import AxisCone, WorkspaceBox
     from ergoqp.simulation.best import frame_of
 
     problem = problem_of(name)

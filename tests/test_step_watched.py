@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, problem_of
+from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, outside, problem_of, small
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
-from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step_explained import explained_function
@@ -19,25 +17,6 @@ from ergoqp.step_parts import split
 from ergoqp.step_story import STORY
 
 UNASKED = "robot: moves although nothing was sent"
-
-
-def small(name: str, robot: DeclaredRobot, average: float | None) -> Problem:
-    """A problem in a box of 6 cm and a cone of 6 degrees, whose object is always on its way to some wall."""
-    problem = bold_of(name)
-    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-    middle = held_pose(name)[:3, 3]
-    kept = [limit for limit in problem.limits if limit not in (box, cone)]
-    limits = [*kept, WorkspaceBox(tuple(middle - 0.03), tuple(middle + 0.03)), AxisCone(cone.direction, 6.0)]
-    return problem.replace(limits=limits, robot=robot, control=replace(problem.control, average=average))
-
-
-def outside(problem: Problem, pose: np.ndarray) -> float:
-    """How far out of box and cone (4, 4) [m, rad]."""
-    box, cone, point = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), pose[:3, 3]
-    toward = np.asarray(cone.direction)
-    angle = np.arctan2(np.linalg.norm(np.cross(toward, pose[:3, 0])), toward @ pose[:3, 0])
-    beyond = np.maximum(np.asarray(box.lower) - point, point - np.asarray(box.upper))[problem.twist_limit.speed[:3] > 0]
-    return float(max(beyond.max(), angle - np.radians(cone.half_angle_deg)))
 
 
 @pytest.mark.parametrize("average", [None, 0.0], ids=["with the mean", "sent as planned"])
@@ -61,6 +40,28 @@ def test_a_robot_less_late_than_declared_stays_inside_while_its_pose_is_lost(
     assert nearest <= 1e-5
     # It came near its walls.
     assert nearest > -0.003
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_again(share: float) -> None:
+    """Turns do not commute: half as late about one axis after another, it ends elsewhere."""
+    declared = DeclaredRobot(lag=0.3)
+    problem = bold_of("screwing")
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    wide = [AxisCone(cone.direction, 150.0) if limit is cone else limit for limit in problem.limits if limit is not box]
+    problem = problem.replace(limits=wide, robot=declared)
+    mover = SimulatedRobot(
+        RobotKind.of(declared, np.random.default_rng(0), share), held_pose("screwing"), np.random.default_rng(0)
+    )
+    stepper, rng, turned = problem.stepper(), np.random.default_rng(1), 0.0
+    for number in range(900):
+        if number % 90 == 0:
+            q = np.clip(comfort_of("screwing") + 0.8 * rng.normal(size=32), LOWER, UPPER)
+        step = stepper.step(q, mover.measured_pose() if number % 90 < 5 else None)
+        assert "robot:" not in step.reason, (number, step.reason)
+        turned += 0.01 * float(np.linalg.norm(step.twist[3:]))
+        list(mover.execute(step.twist, 0.01))
+    assert turned > 1.0
 
 
 @pytest.mark.parametrize("reported", [False, True])
