@@ -217,8 +217,9 @@ class Stepper:
         Args:
             dt: for how long the twist will be executed [s]; None: the loop's period.
             elapsed: seconds for which the robot has already ramped down by itself before this call [s]. Its ramp is taken to be
-                that stop; it is not judged, and the object comes to rest before it moves again. A robot that stops otherwise is
-                waited for until it stands, and then `reset`.
+                that stop; it is not judged, and the object comes to rest before it moves again. After another ramp, such as a
+                straight one, which is up to half of `Control.average` ahead of it, use `reset`: with the twist that is
+                measured, or once it stands.
         """
         late = min(number(elapsed), self._longest_stop)
         while late >= SHORTEST_DT:

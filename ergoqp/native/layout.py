@@ -156,8 +156,9 @@ void ergoqp_input_defaults(ergoqp_input* input);
 ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input, ergoqp_output* output);
 
 /* For the robot's watchdog, when no step came in time: the next twist of the stop, executed for dt seconds, without new
- * data. The stepper goes on with it. elapsed: seconds for which the robot has already ramped down by itself. Not beside
- * ergoqp_step in another thread: one stepper belongs to one thread at a time. */
+ * data. The stepper goes on with it. elapsed: seconds for which the robot has already ramped down along that stop by itself;
+ * after another ramp: ergoqp_take_over. Not beside ergoqp_step in another thread: one stepper belongs to one thread at a
+ * time. */
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, ergoqp_output* output);
 
 /* Names, for logs. */
