@@ -14,7 +14,7 @@ The true object, where a pose is reported or nothing but time is between the twi
 
 - ``outside_mm.declared``, ``outside_deg.declared``: beyond box and cone at most, robots exactly as declared and up to that;
 - ``outside_mm.undeclared_20ms``, ``outside_deg.undeclared_20ms``: robots that are up to 20 ms late and not declared,
-  whatever is reported;
+  whatever is reported all the time; ``..._lost``: whose pose is lost for two thirds of the time;
 - ``outside_mm.undeclared``, ``outside_deg.undeclared``: all that do something else than declared, and are measured;
   ``..._unseen``: whose pose is not: the control of these figures;
 - ``at_wall_share``: how much of the time the objects of declared robots are within 2 mm of a wall or 0.4 deg of the cone's end.
@@ -145,10 +145,16 @@ def _figures(report: Report, results: list) -> None:
             or not (case.declared.gain_error or case.declared.pose_noise or case.kind.speed_noise)
         )
     ]
-    slow = [one for one in ran if one[1].slow]
+    slow, lost = ([one for one in ran if one[1].slow and (one[2] == "lost") == told] for told in (False, True))
     others = [one for one in ran if not one[1].honest]
     seen, unseen = ([one for one in others if (one[2] in ("pose", "both")) == told] for told in (True, False))
-    groups = (("declared", kept), ("undeclared_20ms", slow), ("undeclared", seen), ("undeclared_unseen", unseen))
+    groups = (
+        ("declared", kept),
+        ("undeclared_20ms", slow),
+        ("undeclared_20ms_lost", lost),
+        ("undeclared", seen),
+        ("undeclared_unseen", unseen),
+    )
     for label, chosen in groups:
         for number, unit in enumerate(("mm", "deg")):
             worst = max(chosen, key=lambda one: one[3].outside[number])

@@ -65,12 +65,16 @@ def drive(
     pose[:3, 3], pose[:3, :3] = (np.asarray(box.lower) + np.asarray(box.upper)) / 2, frame_of(np.asarray(cone.direction))
     robot = OddRobot(case, pose, np.random.default_rng([seed, 12]))
     sent, faults = Sent(problem, found), Faults(case, found)
-    comfort, dt, time, until = stand_in(problem), problem.dt, 0.0, 0.0
+    comfort, dt, time, until, held = stand_in(problem), problem.dt, 0.0, 0.0, False
     posture, first = comfort, {"pose": pose}
     while time < seconds:
         if time >= until:
             posture, until = np.clip(comfort + 0.6 * rng.normal(size=32), LOWER, UPPER), until + JUMP
         meant, late = period(case, dt, rng)
+        if case.periods == "one hiccup":
+            # What is declared is one until it stands still again; of a robot that lags two are more than that.
+            late = 0.0 if held else late
+            held = late > 0 or (held and bool(np.abs(robot.velocity).max() > 1e-4))
         given = told(case, robot, reports, len(found.twists)) | first
         answer = step(posture, **given, dt=meant, enable=enable)
         first = {}

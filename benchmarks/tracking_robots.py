@@ -29,8 +29,8 @@ class Case:
         kind: how it does what it is sent.
         declared: what the problem says of it.
         oddity: what else it does, see `OddRobot`; empty: nothing.
-        periods: ``even``, ``uneven`` (0.5 to 3 times), ``hiccups`` (one call in 150 comes 0.3 s late) or ``watched`` (the
-            same, and a watchdog brakes meanwhile).
+        periods: ``even``, ``uneven`` (0.5 to 3 times), ``hiccups`` (one call in 150 comes 0.3 s late), ``one hiccup``
+            (no second one before the object stands still) or ``watched`` (hiccups, and a watchdog brakes meanwhile).
         honest: nothing that it does is beyond what is declared.
         slow: it is at most 20 ms late, and that is not declared.
     """
@@ -104,7 +104,7 @@ def cases(dt: float) -> list[Case]:
     held = DeclaredRobot(longest_hold=HICCUP)
     found.append(Case("hiccups, declared", declared=held, periods="hiccups", honest=True))
     lagging = DeclaredRobot(lag=0.1, longest_hold=HICCUP)
-    found.append(Case("hiccups and lag, declared", RobotKind(lag=0.1), lagging, periods="hiccups", honest=True))
+    found.append(Case("hiccups and lag, declared", RobotKind(lag=0.1), lagging, periods="one hiccup", honest=True))
     found.append(Case("hiccups, undeclared", periods="hiccups"))
     found.append(Case("hiccups, watchdog", periods="watched", honest=True))
     return found
@@ -114,7 +114,7 @@ def period(case: Case, dt: float, rng: np.random.Generator) -> tuple[float, floa
     """Return (for how long the twist is meant, how much longer it is executed because the next call is late) [s]."""
     if case.periods == "uneven":
         return float(rng.uniform(0.5, 3.0)) * dt, 0.0
-    late = case.periods in ("hiccups", "watched") and rng.random() < 1 / 150
+    late = case.periods in ("hiccups", "one hiccup", "watched") and rng.random() < 1 / 150
     return dt, HICCUP - dt if late else 0.0
 
 
