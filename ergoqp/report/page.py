@@ -93,7 +93,7 @@ class Page:
         replay_note: what it leaves out.
         figures: flat figures of the postures that matter.
         sections: charts and tables.
-        still: what is not well afterwards, in words, below `change`; may be empty.
+        notes: what is not well, a sentence each, below `change`.
     """
 
     title: str
@@ -105,7 +105,7 @@ class Page:
     replay_note: str
     figures: Sequence[Picture]
     sections: Sequence[Section] = field(default_factory=tuple)
-    still: str = ""
+    notes: Sequence[str] = field(default_factory=tuple)
 
 
 def write_page(page: Page, path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -127,6 +128,13 @@ def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
         (run.statuses[at[0]], str(len(at)), f"{run.time[at[0]]:.2f}", f"{run.time[at[-1]]:.2f}", run.reasons[at[-1]])
         for at in most
     ]
+
+
+def hint_of(said: Sequence[str]) -> str:
+    """Return what can be done about what `told_of` returns; empty: nothing that is known."""
+    if not any(sentence.startswith("robot:") for sentence in said):
+        return ""
+    return "how late or how exact a robot is can be declared under [robot] in the problem file"
 
 
 def told_of(run: Run, most: int = 3) -> list[str]:

@@ -14,7 +14,7 @@ from ergoqp.report.charts import lines_chart, score_chart, timing_chart
 from ergoqp.report.figure import posture_figure
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
 from ergoqp.report.replay import Movement, timing_of
-from ergoqp.report.run_facts import RunFacts, facts_of, reasons_of, segments_at, violation_rows
+from ergoqp.report.run_facts import RunFacts, facts_of, hint_of, reasons_of, segments_at, told_of, violation_rows
 from ergoqp.report.scene import scene_html
 from ergoqp.report.strips import Strip, segments_chart, segments_strips, strips_chart
 from ergoqp.report.task import is_seated, scored_alike
@@ -57,7 +57,7 @@ def write_run_page(run: Run, path: Path) -> None:
             _headline(f"best, at {facts.best_at:.1f} s", facts.best),
         ],
         change=facts.change,
-        still=f"Still costs points: {facts.costs}." if facts.stays else "",
+        notes=_notes(run, facts),
         facts=_facts(run, facts),
         replay=scene_html(movement, timing),
         replay_note=timing.note,
@@ -73,6 +73,15 @@ def write_run_page(run: Run, path: Path) -> None:
         ],
     )
     write_page(page, path)
+
+
+def _notes(run: Run, facts: RunFacts) -> list[str]:
+    """What is not well at the end, and what the steps said of robot and sensors."""
+    notes = [f"Still costs points: {facts.costs}."] if facts.stays else []
+    if said := told_of(run):
+        hint = hint_of(said)
+        notes.append(f"Said on the way: {'; '.join(said)}.{f' {hint[:1].upper()}{hint[1:]}.' if hint else ''}")
+    return notes
 
 
 def _headline(label: str, score: int) -> Headline:

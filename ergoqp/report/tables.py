@@ -8,7 +8,7 @@ from rich.text import Text
 
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
-from ergoqp.report.run_facts import facts_of, told_of, violation_rows
+from ergoqp.report.run_facts import facts_of, hint_of, told_of, violation_rows
 from ergoqp.report.scores import summary_of
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
@@ -42,8 +42,8 @@ def run_table(run: Run) -> RenderableType:
     rows.append(("limits broken", "; ".join(broken) or "none"))
     if said := told_of(run):
         rows.append(("said on the way", "; ".join(said)))
-    if any(sentence.startswith("robot:") for sentence in said):
-        rows.append(("", "how late or how exact a robot is can be declared under [robot] in the problem file"))
+    if hint := hint_of(said):
+        rows.append(("", hint))
     outside = [f"{joint} {count} samples" for joint, count in run.person_outside.items() if count]
     if outside:
         rows.append(("person beyond range", "; ".join(outside)))
