@@ -294,11 +294,11 @@ class Loop:
         robot = self._problem.robot
         most = self._short + (1 + robot.gain_error) * self._way
         way = self._way @ [1.0, -1.0] if told is None else told * self._sent.lasted
+        self._short = most - np.minimum(np.maximum(np.stack([way, -way], axis=1), 0), most)
         if measured or self._before is None:
             self._room, self._gone = self._short.copy(), np.zeros(6)
         else:
             self._room, self._gone = self._room + (1 + robot.gain_error) * self._way, self._gone + turned(self._before, pose)
-        self._short = most - np.minimum(np.maximum(np.stack([way, -way], axis=1), 0), most)
         self._way = np.zeros((6, 2))
         if told is None or self._before is None or not self._robot.doubtful:
             return False
