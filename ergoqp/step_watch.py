@@ -101,12 +101,13 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
     Args:
         problem: the task.
         given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed`` (6,), ``lasted`` [s], and
-            ``told``, ``measured``, ``parked`` (0 or 1), and for how long nothing has been sent ``idled`` [s].
+            ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and for how long nothing has been sent ``idled`` [s].
     """
     now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
     known = ca.logic_or(ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), now["fault"][0] > 0.5)
     declared = now["sent"] * now["lasted"] + now["changed"]
-    sent = (1 + problem.robot.gain_error) * now["sent"] * now["lasted"]
+    # Before it is known where the object is, nobody knows for how long it has moved either.
+    sent = (1 + problem.robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
     most = now["short"] + ca.fmax(ca.horzcat(sent, -sent), 0)
     way = ca.if_else(now["told"], now["executed"] * now["lasted"], declared)
     parts = ca.fmin(ca.fmax(ca.horzcat(way, -way), 0), most)
@@ -115,7 +116,8 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
     forgiven = now["idled"] >= CALM + problem.robot.dead_time + 3 * problem.robot.lag
     over = ca.logic_or(forgiven, ca.logic_and(now["parked"], ca.logic_not(known)))
     short = ca.if_else(over, 0, most - parts)
-    ahead = ca.if_else(ca.logic_or(over, now["measured"]), 0, now["ahead"] + moved - done)
+    anew = ca.logic_or(ca.logic_or(over, now["measured"]), ca.logic_not(now["started"]))
+    ahead = ca.if_else(anew, 0, now["ahead"] + moved - done)
     return moved, joined(ACCOUNT, {"short": short, "ahead": ahead})
 
 

@@ -127,3 +127,20 @@ def test_what_a_robot_was_short_of_is_forgotten_once_it_is_forgiven() -> None:
         assert (gone <= most[0] + 1e-12).all(), number
         assert (gone >= -most[1] - 1e-12).all(), number
     assert most.max() > 0.004
+
+
+def test_what_a_robot_reports_that_was_taken_over_in_motion_leads_no_further_than_what_was_sent() -> None:
+    """How long it had moved before was counted as its motion: a report could lead 88 m away."""
+    stepper, q = problem_of("screwing").stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    twist = np.array([0.1, -0.1, 0.05, 0.0, 0.0, 0.0])
+    stepper.reset(twist)
+    step = stepper.step(q, twist=0.3 * twist)
+    begin, most = step.pose, np.zeros((2, 3))
+    for number in range(150):
+        sent = 0.01 * step.twist[:3]
+        most += np.maximum([sent, -sent], 0)
+        step = stepper.step(q, twist=step.twist if number < 10 else np.full(6, -20.0) if number % 2 else np.full(6, 20.0))
+        gone = step.pose[:3, 3] - begin[:3, 3]
+        assert (gone <= most[0] + 1e-12).all(), number
+        assert (gone >= -most[1] - 1e-12).all(), number
+    assert most.max() > 0.004
