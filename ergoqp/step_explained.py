@@ -34,12 +34,13 @@ _EARLY: Final = 0.75
 def explained_function(problem: Problem) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
     names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
-    given = symbols_of(problem, *names, "parked", "enable", "now_rests", "compared", "story", "said")
+    holds = problem.robot.longest_hold > 0 and owes(problem)
+    given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said", *(["compared"] if holds else []))
     # One sample over a period that is too long shows nothing: what noise does in that time is more than a fault.
     told = ca.logic_and(given["told"] > 0.5, given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
     faulty = given["faulty"] > 0.5
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
-    if problem.robot.longest_hold and owes(problem):
+    if holds:
         now |= {"held": split(watch_blocks(problem)["compared"], given["compared"])["held"]}
     reported, signs = _reported(problem, now)
     # What moves while it is not enabled is no fault.
