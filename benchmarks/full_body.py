@@ -9,6 +9,8 @@ run with the one-class boundary of the same postures as a limit. ``--quick`` fit
 - ``<cost>.worse_than_start``, ``<cost>.violations``: as in `benchmarks.closed_loop`. ``<cost>.boundary_outside``: share of the
   steps at which the person's own posture was outside the boundary.
 - ``<cost>.step_us``: median time of a step.
+- ``upright``: the control, a cost that knows no sheet: the squared distance from standing with hanging arms. ``mean_still``:
+  of the rest postures had the object stayed. A learned cost that ends no lower than these shows nothing of what it learned.
 - ``svr_default`` is scikit-learn's machine with its own settings, of standardised angles; ``svr`` is `ergoqp.costs.svr.Svr`.
 - ``mean_start``, ``mean_best``, ``runs``: of all.
 """
@@ -20,7 +22,9 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 
+import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
@@ -38,7 +42,21 @@ from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import sample_person
 
 PROBLEM = "screwing"
-COSTS = ("smooth_reba", "quadratic", "gmr", "svr_default", "svr", "one_class_ladder", "neural")
+COSTS = ("smooth_reba", "upright", "quadratic", "gmr", "svr_default", "svr", "one_class_ladder", "neural")
+
+
+class Upright:
+    """The squared distance from the posture in which every angle is zero, one point per radian squared."""
+
+    name, minimum = "upright", 0.0
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        """Return V(q)."""
+        return ca.sumsqr(q)
+
+    def __call__(self, postures: ArrayLike) -> NDArray[np.float64]:
+        """Return V of each posture."""
+        return np.square(np.atleast_2d(postures)).sum(axis=1)
 
 
 @dataclass
@@ -48,6 +66,7 @@ class Found:
     start: list[int] = field(default_factory=list)
     best: list[int] = field(default_factory=list)
     end: list[int] = field(default_factory=list)
+    still: list[int] = field(default_factory=list)
     violations: list[int] = field(default_factory=list)
     outside: list[float] = field(default_factory=list)
     step_us: list[float] = field(default_factory=list)
@@ -70,6 +89,8 @@ def problem_with(cost: str, per_score: int) -> Problem:
     problem = load_problem(PROBLEM)
     if cost == "smooth_reba":
         return problem
+    if cost == "upright":
+        return problem.replace(cost=Upright())
     limits = [*problem.limits, OneClassBoundary(boundary(per_score), tolerance=0.05, recovery_time=1.0)]
     return problem.replace(cost=_fitted(cost, per_score), limits=limits)
 
@@ -118,6 +139,7 @@ def loops(cost: str, per_score: int, people: int, starts: int) -> tuple[str, Fou
             found.start.append(int(plain.assess(start.posture).final[0]))
             found.best.append(best)
             found.end.append(end_score(plain, person, start, postures[-1], trace.poses[-1]))
+            found.still.append(end_score(plain, person, start, start.posture, start.pose))
             found.violations.append(sum(checker.violations.values()))
             limit = problem.limit_of(OneClassBoundary)
             outside = 0.0
@@ -140,6 +162,7 @@ def measure(report: Report) -> None:
     first = every[COSTS[0]]
     report.figure("runs", len(first.end), "per cost")
     report.figure("mean_start", float(np.mean(first.start)))
+    report.figure("mean_still", float(np.mean(first.still)))
     report.figure("mean_best", float(np.mean(first.best)))
     for cost, found in every.items():
         end, best, start = np.array(found.end), np.array(found.best), np.array(found.start)
@@ -147,7 +170,7 @@ def measure(report: Report) -> None:
         report.figure(f"{cost}.share_at_best", (end <= best).mean())
         report.figure(f"{cost}.worse_than_start", (end > start).mean())
         report.figure(f"{cost}.violations", sum(found.violations))
-        if cost != "smooth_reba":
+        if cost not in ("smooth_reba", "upright"):
             report.figure(f"{cost}.boundary_outside", float(np.mean(found.outside)), "share of the steps")
         report.figure(f"{cost}.step_us", float(np.median(found.step_us)), "median")
 

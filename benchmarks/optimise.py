@@ -17,11 +17,18 @@ each. Per problem it prints
 - ``ms_per_start``: of a whole call in one process, program and verdict included, and ``cpu_ms_per_start``, which other work on
   the machine does not lengthen; ``speedup_2``: how much sooner two processes that have done work for the same task before are
   done with the same starts (``speedup_starts``).
+- In ``--full`` the same of whole commands, ``ergoqp optimise screwing``, from the start of the program to its end:
+  ``command.seconds_32`` and ``command.speedup_32`` (two processes against one) with the 32 starts that the command takes by
+  default, ``..._96`` with 96, and ``command.cpu_ms_per_start_...`` of one process.
 """
 
 from __future__ import annotations
 
 import os
+import resource
+import subprocess
+import sys
+import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
@@ -105,6 +112,8 @@ def measure(report: Report) -> None:
     for name in TASKS:
         figures(report, name, found[name])
         timing(report, name)
+    for starts in report.pick(quick=(), full=(STARTS, 3 * STARTS)):
+        commands(report, starts)
 
 
 def figures(report: Report, name: str, cases: Cases) -> None:
@@ -147,6 +156,22 @@ def timing(report: Report, name: str) -> None:
     report.figure(f"{name}.ms_per_start", 1e3 * seconds[1] / starts, f"ms, of {starts} starts")
     report.figure(f"{name}.speedup_2", seconds[1] / seconds[2])
     report.figure(f"{name}.speedup_starts", starts)
+
+
+def commands(report: Report, starts: int) -> None:
+    """Time whole commands with one process and with two, which includes starting them and what they load and build."""
+    seconds, cpu = {}, {}
+    for jobs in (1, 2):
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "ergoqp", "optimise", "screwing", "--out", folder]
+            before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            options = ["--starts", str(starts), "--jobs", str(jobs)]
+            subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            after, seconds[jobs] = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - begin
+            cpu[jobs] = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    report.figure(f"command.seconds_{starts}", seconds[1], "s, one process")
+    report.figure(f"command.speedup_{starts}", seconds[1] / seconds[2])
+    report.figure(f"command.cpu_ms_per_start_{starts}", 1e3 * cpu[1] / starts)
 
 
 if __name__ == "__main__":
