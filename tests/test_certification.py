@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from step_samples import bold_stepper, held_pose, near_comfort, problem_of
 
-from ergoqp.certification import GIVES_WAY, HELD, _floor
+from ergoqp.certification import GIVES_WAY, HELD, _floor, _rate_excess
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem import Problem
 from ergoqp.problem_file import load_problem
@@ -70,3 +73,10 @@ def test_the_model_person_stays_within_the_ends_of_the_joints_and_may_leave_them
         assert outward <= 1e-9
         back[end] += outward < -1e-3
     assert min(back.values()) > 3
+
+
+def test_a_row_that_is_faster_than_its_rate_has_given_way_by_as_much() -> None:
+    rows: Any = SimpleNamespace(matrices=[ca.MX(ca.DM.eye(6))], rates=[ca.MX(ca.DM([1, 1, 1, 1, 1, np.inf]))])
+    twist = ca.MX(ca.DM([1.25, -1.25, 1 + 2e-7, 1 + 5e-8, 0.5, 99]))
+    found = np.array(ca.evalf(_rate_excess(rows, twist))).ravel()
+    np.testing.assert_allclose(found, [0.25, 0.25, 2e-7, 0, 0, 0], rtol=1e-6)

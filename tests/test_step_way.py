@@ -103,13 +103,15 @@ def test_periods_that_are_too_short_are_noticed() -> None:
     problem = problem_of("screwing")
     seen, after = functions(problem)
     history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
-    fits = []
+    fits, twist, dt = [], np.full(6, 0.01), 0.002
     for _ in range(40):
-        found = seen(history, 0.002)
+        found = seen(history, dt)
         fits.append(bool(found[FOUND.index("fits")]))
-        history = np.array(after(history, np.full(6, 0.01), np.full(6, 0.01), 0.0, 0.002)).ravel()
+        history = np.array(after(history, twist, twist, 0.0, dt)).ravel()
     assert fits[0]
     assert not fits[-1]
+    # What the history has lost is taken to have been its oldest twist all along, which a steady plan was.
+    np.testing.assert_allclose(np.array(found[FOUND.index("total")]).ravel(), twist * (problem.average + dt) / 2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("robot", [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05, gain_error=0.1, pose_noise=0.002)])
