@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from ergoqp.errors import ModelError
 from ergoqp.npz_file import read_npz
+from ergoqp.whole_file import whole
 
 FORMAT: Final = "ergoqp-model-1"
 """Name of the format, in every header."""
@@ -36,13 +36,10 @@ def save_model(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str,
     numbers = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
     full = {"format": FORMAT, **header, "checksum": _checksum(header, numbers)}
     text = np.frombuffer(json.dumps(full, sort_keys=True).encode(), dtype=np.uint8)
-    scratch = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        with scratch.open("wb") as file:
+        with whole(path) as scratch, scratch.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **numbers)
-        scratch.replace(path)
     except OSError as error:
-        scratch.unlink(missing_ok=True)
         raise ModelError(f"{path.name}: cannot be written: {error.strerror}") from None
 
 

@@ -27,6 +27,7 @@ from ergoqp.errors import InputError
 from ergoqp.guide import Guide
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
+from ergoqp.problem_mistakes import nearest_first
 from ergoqp.recordings import Recording
 from ergoqp.recordings.person import given_person
 from ergoqp.report import run_table, write_run_page
@@ -69,8 +70,9 @@ def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
     pairs: dict[str, float] = {}
     for part in text.split(","):
         name, _, value = part.partition("=")
-        known = ", ".join(names) if len(names) < 10 else "joints such as right_knee_flexion"
         if name.strip() not in names:
+            near = nearest_first(name.strip(), names)
+            known = ", ".join(near) if len(near) < 10 else f"joints such as {near[0]}"
             raise InputError(f"{option}: got {part!r}, allowed NAME=VALUE with a NAME of {known}")
         try:
             pairs[name.strip()] = float(value)

@@ -16,6 +16,7 @@ from ergoqp.errors import InputError
 from ergoqp.problem import Problem
 from ergoqp.solvers.sequence import QpSequence
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
+from ergoqp.whole_file import write_whole
 
 STEPS: Final = 300
 """Control steps that are recorded by default."""
@@ -69,7 +70,7 @@ class Comparison:
         folder.mkdir(parents=True, exist_ok=True)
         save_sequences(self.sequences, folder / "sequences")
         path = folder / "compare.json"
-        path.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        write_whole(path, json.dumps(self.as_dict(), indent=1) + "\n")
         picture = folder / "compare.png"
         # An older one would be taken for this comparison's.
         picture.unlink(missing_ok=True)

@@ -10,6 +10,7 @@ import numpy as np
 from ergoqp.errors import InputError, ModelError
 from ergoqp.npz_file import read_npz
 from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.whole_file import whole
 
 _NAMES = ("P", "q", "G", "h", "lb", "ub", "feasible", "follows")
 
@@ -36,17 +37,18 @@ def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[
     for sequence in sequences:
         path = folder / f"{sequence.name}.npz"
         A = np.array([qp.A for qp in sequence])
-        np.savez_compressed(
-            path,
-            P=np.array([qp.H for qp in sequence]),
-            q=np.array([qp.g for qp in sequence]),
-            G=np.concatenate([A, -A], axis=1),
-            h=np.array([np.concatenate([qp.upper, -qp.lower]) for qp in sequence]),
-            lb=np.array([qp.low for qp in sequence]),
-            ub=np.array([qp.high for qp in sequence]),
-            feasible=np.array(sequence.feasible),
-            follows=np.array(sequence.follows),
-        )
+        with whole(path) as scratch:
+            np.savez_compressed(
+                scratch,
+                P=np.array([qp.H for qp in sequence]),
+                q=np.array([qp.g for qp in sequence]),
+                G=np.concatenate([A, -A], axis=1),
+                h=np.array([np.concatenate([qp.upper, -qp.lower]) for qp in sequence]),
+                lb=np.array([qp.low for qp in sequence]),
+                ub=np.array([qp.high for qp in sequence]),
+                feasible=np.array(sequence.feasible),
+                follows=np.array(sequence.follows),
+            )
         paths.append(path)
     return paths
 

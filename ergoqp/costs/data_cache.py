@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,6 +14,7 @@ from ergoqp.costs.data import DataSet
 from ergoqp.errors import ErgoqpError
 from ergoqp.npz_file import read_npz
 from ergoqp.paths import cache_folder
+from ergoqp.whole_file import whole
 
 
 def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]) -> DataSet:
@@ -34,14 +34,8 @@ def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]
         return DataSet(kept["points"], kept["labels"], tuple(kept["coordinates"].tolist()), str(kept["source"]))
     except (ErgoqpError, ValueError, TypeError):
         data = make()
-    scratch = path.with_suffix(f".{os.getpid()}.part")
-    try:
+    with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with scratch.open("wb") as file:
-            np.savez(file, points=data.points, labels=data.labels, coordinates=data.coordinates, source=data.source)
-        # In one move: nobody ever reads half of a file.
-        scratch.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
+        with whole(path) as scratch:
+            np.savez(scratch, points=data.points, labels=data.labels, coordinates=data.coordinates, source=data.source)
     return data

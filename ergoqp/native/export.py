@@ -19,6 +19,7 @@ from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, d
 from ergoqp.native.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
 from ergoqp.step_function import build_step
 from ergoqp.step_inputs import stand_in
+from ergoqp.whole_file import write_whole
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -73,7 +74,7 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
         texts["LICENSE"] = licence
     for name, text in texts.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
     return [*(folder / name for name in texts), *_daqp_files(folder)]
 
 

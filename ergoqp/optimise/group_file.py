@@ -21,6 +21,7 @@ import numpy as np
 
 from ergoqp import __version__
 from ergoqp.optimise.group_optimum import GroupOptimum, Member
+from ergoqp.whole_file import whole, write_whole
 
 
 def write_group(found: GroupOptimum, folder: Path) -> Path:
@@ -35,20 +36,21 @@ def write_group(found: GroupOptimum, folder: Path) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     grid = found.grid
-    np.savez_compressed(
-        folder / "group.npz",
-        allow_pickle=False,
-        pose=found.pose,
-        postures=np.array([member.posture for member in found.members]),
-        labels=np.array([member.label for member in found.members], dtype=np.str_),
-        x=grid.x,
-        y=grid.y,
-        z=grid.z,
-        tilts=grid.tilts,
-        scores=grid.scores.reshape(-1, *grid.shape),
-    )
+    with whole(folder / "group.npz") as scratch:
+        np.savez_compressed(
+            scratch,
+            allow_pickle=False,
+            pose=found.pose,
+            postures=np.array([member.posture for member in found.members]),
+            labels=np.array([member.label for member in found.members], dtype=np.str_),
+            x=grid.x,
+            y=grid.y,
+            z=grid.z,
+            tilts=grid.tilts,
+            scores=grid.scores.reshape(-1, *grid.shape),
+        )
     path = folder / "group.json"
-    path.write_text(json.dumps(summary_of_group(found), indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(summary_of_group(found), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     return path
 
 

@@ -16,6 +16,7 @@ from ergoqp.optimise.poses import pose_as_dict, pose_from_dict
 from ergoqp.optimise.who import response_as_dict, response_from_dict
 from ergoqp.responses.ik import IkResponse
 from ergoqp.text_file import read_json
+from ergoqp.whole_file import write_whole
 
 FILE = "optimum.json"
 """Name of the file in a folder of results."""
@@ -134,7 +135,7 @@ class Optimum:
             path.mkdir(parents=True, exist_ok=True)
             path = path / FILE
         text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        path.write_text(text + "\n", encoding="utf-8")
+        write_whole(path, text + "\n")
         return path
 
     def as_dict(self) -> dict[str, Any]:

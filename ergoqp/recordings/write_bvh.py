@@ -12,6 +12,7 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, SIDES
+from ergoqp.whole_file import write_whole
 
 _PARENT: Final[dict[str, str]] = {
     "trunk": "pelvis",
@@ -82,7 +83,7 @@ def write_bvh(path: str | Path, postures: np.ndarray, base_poses: np.ndarray, bo
     lines += ["MOTION", f"Frames: {frames}", f"Frame Time: {frame_time:.9g}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in np.hstack(columns)]
     path = Path(path)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
     return path
 
 

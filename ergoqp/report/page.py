@@ -10,6 +10,7 @@ from pathlib import Path
 from ergoqp import __version__
 from ergoqp.errors import MissingExtraError
 from ergoqp.report import palette
+from ergoqp.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,7 @@ def write_page(page: Page, path: Path) -> None:
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    # A file name may hold what no encoding can write; the page is still worth having.
-    path.write_text(render(page), encoding="utf-8", errors="replace")
+    write_whole(path, render(page))
 
 
 def render(page: Page) -> str:

@@ -29,6 +29,7 @@ from ergoqp.recordings import Recording
 from ergoqp.report import palette
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
+from ergoqp.whole_file import whole, write_whole
 
 
 def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> tuple[Path, Path]:
@@ -47,7 +48,7 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows, summary = folder / "scores.csv", folder / "scores.json"
-    with rows.open("w", newline="", encoding="utf-8") as file:
+    with whole(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["time_s", "reba", "risk", "arm", *palette.SEGMENTS, "fit_error_mm", "valid", "outside"])
         for i, (valid, final) in enumerate(zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)):
@@ -63,7 +64,7 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
                     " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
                 ]
             )
-    summary.write_text(json.dumps(summary_of(recording, assessment), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_whole(summary, json.dumps(summary_of(recording, assessment), indent=2, ensure_ascii=False) + "\n")
     return rows, summary
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from ergoqp.paths import cache_folder
 from ergoqp.problem import Problem
 from ergoqp.simulation.loop import Start, start_at
 from ergoqp.simulation.person import Follower
+from ergoqp.whole_file import whole
 
 SPACING = 0.10
 """Distance of the places looked at [m]."""
@@ -63,9 +63,8 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
         # A folder that cannot be written to only means no cache.
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            scratch = path.with_suffix(f".{os.getpid()}.npz")
-            np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
-            scratch.replace(path)
+            with whole(path) as scratch:
+                np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
     return _allowed(problem, result)
 
 

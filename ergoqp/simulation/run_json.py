@@ -15,6 +15,7 @@ from ergoqp import __version__
 from ergoqp.guide import Guide
 from ergoqp.joints import JOINTS
 from ergoqp.simulation.run import Run
+from ergoqp.whole_file import whole, write_whole
 
 
 def write_run(run: Run, folder: Path) -> Path:
@@ -28,11 +29,11 @@ def write_run(run: Run, folder: Path) -> Path:
         OSError: if they cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(folder / "run.npz", allow_pickle=False, **arrays_of(run))
+    with whole(folder / "run.npz") as scratch:
+        np.savez_compressed(scratch, allow_pickle=False, **arrays_of(run))
     path = folder / "run.json"
     text = json.dumps(summary_of_run(run), indent=2, ensure_ascii=False, allow_nan=False)
-    # A file name may hold what no encoding can write; the figures are still worth having.
-    path.write_text(text + "\n", encoding="utf-8", errors="replace")
+    write_whole(path, text + "\n")
     return path
 
 

@@ -138,6 +138,12 @@ class TestRun:
             (("screwing", "--seed", "-1"), "seed: got -1"),
             (("screwing", "--seed", "x"), "--seed"),
             (("screwing", "--bogus"), "--bogus"),
+            (
+                ("screwing", "--bias-deg", "right_knee_flexin=4"),
+                "allowed NAME=VALUE with a NAME of joints such as right_knee_flexion",
+            ),
+            (("screwing", "--bias-deg", "right_knee_flexion=x"), "allowed a number after right_knee_flexion="),
+            (("screwing", "--robot", "lagg=0.1"), "with a NAME of lag (the nearest), "),
             ((), "PROBLEM"),
         ],
     )

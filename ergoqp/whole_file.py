@@ -1,0 +1,46 @@
+"""Files that are there whole or not at all: whoever reads one never finds half of it, whatever ended the writing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Give a file to write to instead of `path`, in the same folder; it takes its place in one move.
+
+    If the writing fails the new file is gone, and what was there before is still there.
+
+    Args:
+        path: of the file that is to be there afterwards; what a link leads to is written, not the link.
+
+    Raises:
+        OSError: naming `path`, if it cannot be written.
+    """
+    target = path.resolve()
+    # The ending stays: some writers add their own to a name without it.
+    scratch = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        yield scratch
+        scratch.replace(target)
+    except BaseException as error:
+        with suppress(OSError):
+            scratch.unlink()
+        if isinstance(error, OSError):
+            error.filename, error.filename2 = str(path), None
+        raise
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, see `whole`.
+
+    A file name that is part of the text may hold what no encoding can write: a question mark stands for it.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    with whole(path) as scratch:
+        scratch.write_text(text, encoding="utf-8", errors="replace")

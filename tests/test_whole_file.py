@@ -1,0 +1,74 @@
+"""Files that are written are there whole or not at all."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ergoqp.whole_file import whole, write_whole
+
+
+@contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """No file can grow beyond so many bytes, as on a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_what_is_written_takes_the_place_of_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text("before")
+    with whole(path) as scratch:
+        assert scratch.suffix == ".html"
+        scratch.write_text("after")
+        assert path.read_text() == "before"
+    write_whole(tmp_path / "link", "x" * 10)
+    assert [each.name for each in sorted(tmp_path.iterdir())] == ["link", "page.html"]
+    assert path.read_text() == "after"
+
+
+def test_what_a_link_leads_to_is_written(tmp_path: Path) -> None:
+    link = tmp_path / "link.json"
+    link.symlink_to(tmp_path / "real.json")
+    write_whole(link, "new")
+    assert link.is_symlink()
+    assert (tmp_path / "real.json").read_text() == "new"
+
+
+def test_on_a_full_disk_nothing_is_left_and_what_was_there_stays(tmp_path: Path) -> None:
+    path, numbers = tmp_path / "run.json", tmp_path / "run.npz"
+    path.write_text("before")
+    with room_for(1000):
+        with pytest.raises(OSError, match="too large") as told:
+            write_whole(path, "x" * 5000)
+        with pytest.raises(OSError, match=r"run\.npz"), whole(numbers) as scratch:
+            np.savez(scratch, values=np.zeros(1000))
+    assert told.value.filename == str(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["run.json"]
+    assert path.read_text() == "before"
+
+
+def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_meant(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError) as told:
+        write_whole(tmp_path / "none" / "a.json", "x")
+    assert told.value.filename == str(tmp_path / "none" / "a.json")
+
+
+def test_what_ends_the_writing_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with whole(tmp_path / "a.txt") as scratch:
+            scratch.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert not list(tmp_path.iterdir())
