@@ -55,8 +55,12 @@ TESTS: Final = (
 
 PINNED: Final = "tests/test_pinned.py"
 
-READS: Final = {"ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py", "ergoqp/sheets/interval.toml": "ergoqp/sheets/score.py"}
-"""Code that uses a file of data: the tests that run it judge the data."""
+READS: Final = {
+    "ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py",
+    "ergoqp/sheets/interval.toml": "ergoqp/sheets/score.py",
+    "ergoqp/step_causes.py": "ergoqp/reasons.py",
+}
+"""Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""
 
 BUDGET: Final = 40.0
 """How long the tests of one mutant may take, by what they take without [s]."""

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.limits.limit import Expression
-from ergoqp.linear import dense, largest, smallest
+from ergoqp.linear import dense, is_set, largest, smallest
 from ergoqp.qp import FREE, TOLERANCE
 from ergoqp.rest import STATES, rest_update
 from ergoqp.step_causes import Cause, Status
@@ -112,7 +112,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
         journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["points"])
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
         trial = [next_trial]
-    wanted = ca.if_else(ca.logic_and(rest[0] > 0.5, ca.logic_not(sx["must_move"])), brake.twist, sx["xi"])
+    wanted = ca.if_else(ca.logic_and(is_set(rest[0]), ca.logic_not(sx["must_move"])), brake.twist, sx["xi"])
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is nothing to choose.
     in_time = patience(limits, situation, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
@@ -192,7 +192,7 @@ def _close_function(problem: Problem) -> ca.Function:
         sent = ca.fmin(ca.fmax(sx["begun"] + sx["own"] * planned, sx["last"] - change), sx["last"] + change)
     failed = ca.if_else(sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved)
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
-    status = ca.if_else(sx["rest"][0] > 0.5, int(Status.settled), int(Status.optimal))
+    status = ca.if_else(is_set(sx["rest"][0]), int(Status.settled), int(Status.optimal))
     status = ca.if_else(sx["used"], int(Status.relaxed), status)
     status = ca.if_else(sx["any_outside"], int(Status.recovering), status)
     status = ca.if_else(accepted, status, int(Status.braking))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import casadi as ca
 
@@ -43,6 +43,11 @@ def once(expressions: list[ca.MX]) -> list[ca.MX]:
 def dense(parts: Sequence[ca.SX]) -> list[ca.SX]:
     """Return expressions with their structural zeros written out, as functions that exchange plain arrays need them."""
     return [ca.densify(ca.SX(part)) for part in parts]
+
+
+def is_set(flag: Any) -> Any:
+    """Return whether a flag is set: it is 0 or 1, and whatever it came through, nearer to one of them."""
+    return flag > 0.5
 
 
 def largest(values: Expression, of_none: float = 0.0) -> Expression:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 
+from ergoqp.linear import is_set
+
 if TYPE_CHECKING:
     from ergoqp.control import Control
 
@@ -19,7 +21,7 @@ HUNTING: Final = 2.0
 
 def stalled(rest: Any) -> Any:
     """Return for how long the object has moved and improved nothing [s], see `STATES`; at rest it is 0."""
-    return rest[5] * (rest[0] < 0.5)
+    return rest[5] * (1 - is_set(rest[0]))
 
 
 def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_move: ca.SX, dt: ca.SX, counts: ca.SX) -> ca.SX:
@@ -37,7 +39,7 @@ def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_m
         dt: period [s].
         counts: 0 when this step has no gain to judge by; the state then stays.
     """
-    still, timer = rest[0] > 0.5, rest[1]
+    still, timer = is_set(rest[0]), rest[1]
     begun = rest[3] > 0
     share = ca.if_else(begun, ca.fmin(1, dt / control.rest_filter), 1)
     filtered = rest[2] + share * (gain - rest[2])

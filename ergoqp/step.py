@@ -23,6 +23,9 @@ from ergoqp.step_values import number, put, truth
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
 
+_ROUNDING: Final = 1e-9
+"""What is beyond a speed limit by less is within it [m/s, rad/s]."""
+
 _STATUSES: Final = tuple(status.name for status in Status)
 
 LogSink = Callable[[dict[str, Any]], None]
@@ -242,7 +245,7 @@ class Stepper:
         if self.problem.average:
             raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
         sent, speed = self._six(twist), self.problem.twist_limit.speed
-        if np.any(np.abs(sent) > speed * (1 + 1e-9) + 1e-9):
+        if np.any(np.abs(sent) > speed + _ROUNDING):
             raise InputError(f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}")
         self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
 

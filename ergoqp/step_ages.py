@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 _AT_ALL: Final = 1e-9
-"""What has stood still for less has not stood still [s]."""
+"""What lasted for less did not last at all [s]."""
 
 
 def weights_function(problem: Problem) -> ca.Function:
@@ -29,7 +29,8 @@ def weights_function(problem: Problem) -> ca.Function:
     dt_ok = ca.logic_and(given >= SHORTEST_DT, given <= LONGEST_DT)
     dt = ca.if_else(dt_ok, given, problem.dt)
     ends, n = ca.vertcat(0, ages), history.planned
-    own, of_plan, now, remaining = ca.SX(1), ca.SX(n, 2), ca.SX(n, 1), ca.SX(history.sent, 1)
+    # What is sent as planned needs none of these, and a robot that owes nothing no seconds.
+    own, of_plan, now, remaining = ca.SX(1), ca.SX(), ca.SX(), ca.SX()
     if W:
         own, weights, now, left = _mean(ends[:n], dt, W)
         of_plan = ca.horzcat(weights, left)
@@ -76,7 +77,7 @@ def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
     ends = ca.fmin(ages, W)
     length = ends[1:] - ends[:-1]
     # Segments of before the first step have no length at all.
-    return length, length / (ages[1:] - ages[:-1] + 1e-30)
+    return length, length / ca.fmax(ages[1:] - ages[:-1], _AT_ALL)
 
 
 def _holds_all(problem: Problem, ages: ca.SX, dt: ca.SX) -> ca.SX:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.linear import dense, largest
+from ergoqp.linear import dense, is_set, largest
 from ergoqp.step_faults import Fault, fault_of
 from ergoqp.step_history import owes
 from ergoqp.step_parts import joined, split
@@ -37,14 +37,14 @@ def explained_function(problem: Problem) -> ca.Function:
     holds = problem.robot.longest_hold > 0 and owes(problem)
     given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said", *(["compared"] if holds else []))
     # One sample over a period that is too long shows nothing: what noise does in that time is more than a fault.
-    told = ca.logic_and(given["told"] > 0.5, given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
-    faulty = given["faulty"] > 0.5
+    told = ca.logic_and(is_set(given["told"]), given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
+    faulty = is_set(given["faulty"])
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
     if holds:
         now |= {"held": split(watch_blocks(problem)["compared"], given["compared"])["held"]}
     reported, signs = _reported(problem, now)
     # What moves while it is not enabled is no fault.
-    signs = ca.if_else(ca.logic_and(told, given["enable"] > 0.5), signs, 0)
+    signs = ca.if_else(ca.logic_and(told, is_set(given["enable"])), signs, 0)
     kept = {name: now[name] for name in REPORTED}
     if owes(problem):
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}
@@ -62,7 +62,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     gain, unit = problem.robot.gain_error, ca.DM(UNIT)
     sent, lasted = now["sent"], now["lasted"] * now["started"]
     fresh = now["now_rests"] > now["rested"]
-    keeps = ca.if_else(now["parked"] > 0.5, ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
+    keeps = ca.if_else(is_set(now["parked"]), ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
     surprise = now["executed"] - sent
     # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise, and
     # of that what comes back with the next sample. A robot that is late changes steadily. Of few samples that may be nothing by
@@ -101,10 +101,10 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     """The name of the fault that fits best to what moved since it is there."""
     sent, lasted, forget = now["sent"], now["lasted"] * now["started"], ca.fmax(0, 1 - now["lasted"] / _MEMORY)
     done, told = sent * lasted, now["executed"] * lasted
-    seen = ca.if_else(now["measured"] > 0.5, now["went"], ca.if_else(now["told"] > 0.5, told, done))
-    changed = ca.if_else(now["fault"][0] > 0.5, sent - now["last"], 0)
+    seen = ca.if_else(is_set(now["measured"]), now["went"], ca.if_else(is_set(now["told"]), told, done))
+    changed = ca.if_else(is_set(now["fault"][0]), sent - now["last"], 0)
     # What there was to name before this fault is over.
-    goes_on = forget * (now["fault"][0] > 0.5)
+    goes_on = forget * is_set(now["fault"][0])
     moved = goes_on * now["moved"] + ca.horzcat(done, seen, changed)
     Y, y, s = ca.horzsplit(moved / ca.repmat(ca.DM(UNIT / UNIT[0]), 1, 3))
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.certification import account_function, judge_function, shorten_function
-from ergoqp.linear import Shape, once, scalars, vectors, written_out
+from ergoqp.linear import Shape, is_set, once, scalars, vectors, written_out
 from ergoqp.qp import TOLERANCE, build_qp
 from ergoqp.rest import stalled
 from ergoqp.solvers import QpSolver
@@ -58,7 +58,7 @@ def build_step(
     sizes = state_sizes(problem, guided)
     state = split(sizes, raw["state"])
     known = known_of(problem, raw, state, shape)
-    posture, seen, dt, usable = known.posture, raw["observed"], known.dt, known.causes < 0.5
+    posture, seen, dt, usable = known.posture, raw["observed"], known.dt, ca.logic_not(is_set(known.causes))
     value, total, gradient = cost_function(problem)(posture, seen)
     one_pass, movable = _one_pass(problem, solver, guided, shape)
     readings = readings_function(problem)(posture)
@@ -158,5 +158,5 @@ def _newly_locked(problem: Problem) -> ca.Function:
         up = ca.logic_and(rows.above < limit.yield_zone, rate > 1e-6)
         down = ca.logic_and(rows.below < limit.yield_zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
-    newly = ca.logic_and(ca.logic_and(outward, locked < 0.5), residual < TOLERANCE)
+    newly = ca.logic_and(ca.logic_and(outward, ca.logic_not(is_set(locked))), residual < TOLERANCE)
     return ca.Function("newly_locked", [q, observed, readings, locked, S, xi, residual], [ca.densify(newly)])

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.linear import is_set
 from ergoqp.rest import stalled
 from ergoqp.rigid import is_rigid, normalised
 
@@ -86,7 +87,7 @@ def pull_function(problem: Problem) -> ca.Function:
     control, limit = problem.control, problem.twist_limit
     pose, guide, guided = ca.SX.sym("pose", 4, 4), ca.SX.sym("guide", 4, 4), ca.SX.sym("guided")
     trial = ca.SX.sym("trial", TRIAL)
-    on = ca.logic_and(guided > 0.5, is_rigid(guide))
+    on = ca.logic_and(is_set(guided), is_rigid(guide))
     # What cannot be used goes no further, or NaN would pass through a product with zero.
     goal = ca.if_else(on, place_of(normalised(guide)), place_of(pose))
     goal = ca.if_else(trial[0] == BACK, trial[7:], goal)
@@ -152,9 +153,9 @@ def trial_update(
     phase, tried, worth, before, closest, waited, cost = (trial[i] for i in range(7))
     share = ca.if_else(cost > 0, ca.fmin(1, dt / control.rest_filter), 1)
     cost = cost + share * (points - cost)
-    expected = ca.if_else(tried > 0.5, worth, promise) + control.guide_gain
+    expected = ca.if_else(is_set(tried), worth, promise) + control.guide_gain
     # A limit that asks to come back allows no rest, but descent may be stuck there all the same.
-    ended = ca.logic_or(rest[0] > 0.5, stalled(rest) >= control.stall_after)
+    ended = ca.logic_or(is_set(rest[0]), stalled(rest) >= control.stall_after)
     leaves = ca.logic_and(ca.logic_and(phase == DESCENT, ended), cost > expected)
 
     travels = _travels(phase)

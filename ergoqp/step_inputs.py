@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.linear import Shape, dense
+from ergoqp.linear import Shape, dense, is_set
 from ergoqp.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.step_causes import Cause
 from ergoqp.step_counted import way_of
@@ -96,7 +96,7 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
         state: the parts of the state, see `ergoqp.step_state`.
         shape: how functions are written, see `ergoqp.linear`.
     """
-    seen = raw["observed"] > 0.5
+    seen = is_set(raw["observed"])
     usable = ca.logic_and(seen, ca.fabs(raw["posture"]) <= problem.response.largest)
     posture = ca.if_else(usable, raw["posture"], ca.DM(stand_in(problem)))
     # Every entry is unseen or plausible.
@@ -115,7 +115,7 @@ def known_of(problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.
         # Of what was under way when the object was seen last, any share may have been done already: it is integrated as if none
         # had.
         unsure = ca.if_else(measured, 0, state["unsure"])
-        seen_now = ca.logic_or(measured, state["started"] < 0.5)
+        seen_now = ca.logic_or(measured, ca.logic_not(is_set(state["started"])))
         watched["unsure"] = ca.if_else(seen_now, ca.horzcat(found.up, found.down), state["unsure"])
     landed, way = way_of(problem, found, pose, unsure, shape)
     return Known(posture, pose, landed, found.previous, found.dt, way, found, causes, started, watched)
@@ -134,7 +134,7 @@ def _read_function(problem: Problem) -> ca.Function:
     own |= dict.fromkeys(("started", "lasted", "period", "dt_ok", "posture_ok", "fits", "parked", "idled"), (1, 1))
     own |= {name: (count(watch_blocks(problem)[name]), 1) for name in ("said", "account")}
     raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | own).items()}
-    has_pose, has_twist, started, frame = (raw[name] > 0.5 for name in ("has_pose", "has_twist", "started", "frame"))
+    has_pose, has_twist, started, frame = (is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame"))
     pose_ok, twist_ok = is_rigid(raw["pose"]), ca.sumsqr(raw["executed"]) < 1e4
     age_ok, fresh = raw["age"] >= 0, raw["age"] <= problem.control.max_age
     measured, told = ca.logic_and(has_pose, pose_ok), ca.logic_and(has_twist, twist_ok)
@@ -143,7 +143,7 @@ def _read_function(problem: Problem) -> ca.Function:
     moved, account = reckoned(problem, raw | reported)
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
-    disabled = ca.logic_not(raw["enable"] > 0.5)
+    disabled = ca.logic_not(is_set(raw["enable"]))
     bad = {
         Cause.posture: ca.logic_and(ca.logic_not(raw["posture_ok"]), frame),
         Cause.pose: ca.logic_and(has_pose, ca.logic_not(pose_ok)),
@@ -154,7 +154,7 @@ def _read_function(problem: Problem) -> ca.Function:
         Cause.no_frame: ca.logic_not(frame),
         Cause.too_old: ca.logic_and(age_ok, ca.logic_not(fresh)),
         Cause.unmeasured: unmeasured,
-        Cause.asked: raw["ask"] > 0.5,
+        Cause.asked: is_set(raw["ask"]),
         Cause.long_period: raw["period"] > problem.longest_period * (1 + 1e-9),
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.linear import is_set
 from ergoqp.rest import HUNTING
 from ergoqp.step_inputs import stand_in
 
@@ -55,7 +56,7 @@ def cost_function(problem: Problem) -> ca.Function:
     total = value + ca.dot(weights, away**2) / 2
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
     gradient = ca.MX(n, 1)
-    gradient[moved] = ((slope + weights * away) * (observed > 0.5))[moved]
+    gradient[moved] = ((slope + weights * away) * is_set(observed))[moved]
     function = ca.Function("cost", [q, observed], [value, total, ca.densify(gradient)])
     if _is_dense(problem):
         return function

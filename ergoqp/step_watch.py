@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.linear import Shape, dense
+from ergoqp.linear import Shape, dense, is_set
 from ergoqp.rigid import turned
 from ergoqp.step_causes import Cause
 from ergoqp.step_explained import explained_function
@@ -104,7 +104,7 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
             ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and for how long nothing has been sent ``idled`` [s].
     """
     now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
-    known = ca.logic_or(ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), now["fault"][0] > 0.5)
+    known = ca.logic_or(ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), is_set(now["fault"][0]))
     declared = now["sent"] * now["lasted"] + now["changed"]
     # Before it is known where the object is, nobody knows for how long it has moved either.
     sent = (1 + problem.robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
@@ -133,7 +133,7 @@ def _compared(problem: Problem) -> ca.Function:
     )
     sizes = watch_blocks(problem)["compared"]
     now = given | split(sizes, given["compared"]) | split(SAID, given["said"])
-    parked, enabled, noise = now["parked"], now["enable"] > 0.5, ca.DM(robot.noise)
+    parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart, least, most = now["apart"] + went - done, now["least"], now["most"]
@@ -192,7 +192,7 @@ def _compared(problem: Problem) -> ca.Function:
 
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
-    faulty = ca.logic_or(found, ca.logic_and(now["fault"][0] > 0.5, ca.logic_not(over)))
+    faulty = ca.logic_or(found, ca.logic_and(is_set(now["fault"][0]), ca.logic_not(over)))
     halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
     rests = now["rests"] + ca.logic_or(comes_to_rest, ca.logic_not(enabled))
     begun = ca.logic_and(parked, ca.logic_or(now["begun"], begins))

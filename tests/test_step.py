@@ -15,9 +15,15 @@ import ergoqp.step
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
+from ergoqp.linear import is_set
+from ergoqp.qp import TOLERANCE
 from ergoqp.simulation.robot import moved
-from ergoqp.step import Stepper
-from ergoqp.step_function import build_step
+from ergoqp.step import Cause, Status, Stepper
+from ergoqp.step_asked import asked_update
+from ergoqp.step_counted import way_size
+from ergoqp.step_data import pass_data
+from ergoqp.step_function import _newly_locked, build_step
+from ergoqp.step_rows import STEADY_RETURN, limit_values
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
 
@@ -223,6 +229,76 @@ def test_an_unusable_first_frame_does_not_say_where_the_object_is(first: Any) ->
     stepper.step(first)
     expected = np.array(problem_of("screwing").response.contact()(q)[0])
     np.testing.assert_allclose(stepper.step(q).pose, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("yes", [True, 1, 1.0, np.True_, np.float64(1)])
+def test_what_says_yes_enables(yes: Any) -> None:
+    step = stepper_of("screwing").step(comfort_of("screwing"), held_pose("screwing"), enable=yes)
+    assert step.status in ("optimal", "settled")
+
+
+def test_a_flag_is_set_beyond_one_half() -> None:
+    assert [bool(is_set(flag)) for flag in (0.0, 0.5, 0.51, 1.0)] == [False, False, True, True]
+
+
+def test_every_cause_is_a_bit_of_its_own() -> None:
+    assert [cause.value for cause in Cause] == list(range(16))
+    assert [status.value for status in Status] == list(range(6))
+
+
+def test_a_narrowed_range_is_left_beyond_its_tolerance_and_not_at_it() -> None:
+    problem = asked_back()[0].stepper.problem
+    rows, joint = problem.row_names, problem.row_names.index("right_elbow_flexion")
+    tolerance = limit_values(problem.row_limits, "tolerance")[joint]
+    asked, margins, dt = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(rows)), ca.MX.sym("dt")
+    after = ca.Function("after", [asked, margins, dt], [asked_update(problem, asked, margins, dt)])
+    for beyond, asks in ((0.0, False), (1e-9, True)):
+        where = np.full(len(rows), 0.1)
+        where[joint] = -tolerance - beyond
+        assert (np.array(after([0.5, 2.0], where, 0.01)).ravel()[0] > 0) == asks
+    # What is near comes back at the steady pace.
+    where[joint] = -tolerance - 1e-3
+    time, pace = limit_values(problem.row_limits, "recovery_time")[joint], STEADY_RETURN
+    assert -where[joint] > pace * time
+    assert np.array(after([0.0, 0.0], where, 0.01)).ravel()[1] == pytest.approx(
+        2 * time * (np.log(-where[joint] / pace / time) + 1)
+    )
+
+
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_a_joint_is_locked_inside_the_zone_at_its_end_by_an_answer_that_leads_out_of_it(end: str) -> None:
+    problem, sign, away = problem_of("screwing"), 1.0 if end == "upper" else -1.0, np.zeros(32)
+    # A zone of a power of two, so that an angle is as far from the end as the zone is wide to the last bit.
+    degrees = next(each for each in np.degrees(2.0**-5) + 1e-16 * np.arange(-50, 50) if np.radians(each) == 2.0**-5)
+    limits = [replace(limit, yield_zone_deg=degrees) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    problem, joint = problem.replace(limits=limits), INDEX["right_elbow_flexion"]
+    edge = (UPPER if end == "upper" else LOWER)[joint] - sign * 2.0**-5
+    q, S = comfort_of("screwing"), np.zeros((32, 6))
+    S[joint, 0] = sign
+    newly = _newly_locked(problem)
+    inside, out, solved = edge + sign * 1e-9, np.array([1.0, 0, 0, 0, 0, 0]), TOLERANCE / 2
+    for angle, xi, residual, locked, expected in (
+        (inside, out, solved, away, 1),
+        (edge, out, solved, away, 0),
+        (inside, -out, solved, away, 0),
+        (inside, 1e-6 * out, solved, away, 0),
+        (inside, out, TOLERANCE, away, 0),
+        (inside, out, solved, np.ones(32), 0),
+    ):
+        q[joint] = angle
+        found = np.array(newly(q, np.ones(32), [], locked, S, xi, residual)).ravel()
+        assert found[joint] == expected
+        assert found.sum() == expected
+
+
+def test_what_a_pass_takes_has_the_sizes_of_what_the_step_knows() -> None:
+    problem = problem_of("screwing")
+    data, kept = pass_data(problem)
+    rows, n = len(problem.row_names), 32
+    assert len(kept) <= rows
+    sizes = {"posture": (n, 1), "observed": (n, 1), "landed": (4, 4), "way": (way_size(problem), 1), "previous": (6, 1)}
+    sizes |= {"dt": (1, 1), "away": (2 * rows, 1), "value": (1, 1), "gradient": (n, 1), "locked": (n, 1), "final": (1, 1)}
+    assert {name: data.size_in(name) for name in sizes} == sizes
 
 
 def test_all_causes_are_named_at_once() -> None:

@@ -9,6 +9,7 @@ import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
 from ergoqp.step_data import qp_data
+from ergoqp.step_objective import gain_function
 
 
 def curvature(name: str, stalled: float) -> np.ndarray:
@@ -59,3 +60,15 @@ def test_without_a_time_to_stall_the_object_moves_as_ever() -> None:
     problem = problem.replace(control=replace(problem.control, stall_after=0.0))
     loop, q = Held(problem.stepper(), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
     assert {loop.step(q).status for _ in range(5)} <= {"optimal", "settled"}
+
+
+def test_a_twist_of_less_than_a_millionth_of_full_speed_promises_nothing() -> None:
+    problem = problem_of("screwing")
+    q, speed = near_comfort("screwing", np.random.default_rng(6), 20), problem.twist_limit.speed
+    value = float(problem.cost(q)[0]) + 10.0
+    S = np.array(problem.response.sensitivity()(q, np.zeros(32))[0])
+    gain = gain_function(problem)
+    for pace, promises in ((1e-6, False), (1.01e-6, True)):
+        xi = np.array([pace * speed[0], 0, 0, 0, 0, 0])
+        assert xi[0] / speed[0] == pace
+        assert (float(gain(q, value, xi, S)) > 0) == promises

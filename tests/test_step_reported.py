@@ -144,3 +144,12 @@ def test_what_a_robot_reports_that_was_taken_over_in_motion_leads_no_further_tha
         assert (gone <= most[0] + 1e-12).all(), number
         assert (gone >= -most[1] - 1e-12).all(), number
     assert most.max() > 0.004
+
+
+def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
+    stepper, moving = problem_of("screwing").stepper(), np.array([0.1, 0, 0, 0, 0, 0])
+    for _ in range(30):
+        step = stepper.step(None, twist=moving)
+        assert step.status == "braking"
+        assert "robot" not in step.reason
+    assert "robot" not in stepper.step(comfort_of("screwing"), held_pose("screwing"), twist=np.zeros(6)).reason

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
-from step_samples import Held, bold_of, held_pose, near_comfort, plain_of, problem_of
+from scipy.spatial.transform import Rotation
+from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, plain_of, problem_of
 
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
@@ -14,6 +16,9 @@ from ergoqp.problem import Problem
 from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step import Stepper
+from ergoqp.step_data import away_function
+from ergoqp.step_readings import readings_function
+from ergoqp.step_watch import _rotation
 
 
 def outside(problem: Problem, pose: np.ndarray) -> float:
@@ -283,3 +288,36 @@ def test_an_ideal_robot_that_turns_fast_is_not_blamed() -> None:
         assert "robot" not in step.reason
         fastest = max(fastest, float(np.linalg.norm(step.twist[3:])))
     assert fastest > 1.0
+
+
+@pytest.mark.parametrize("beyond", [0.5e-9, 2e-9])
+def test_what_was_sent_instead_may_be_at_the_limit_to_rounding(beyond: float) -> None:
+    stepper = plain_of("screwing").stepper()
+    sent = stepper.problem.twist_limit.speed + beyond
+    if beyond < 1e-9:
+        stepper.sent_instead(sent)
+    else:
+        with pytest.raises(InputError, match="within the speed limits"):
+            stepper.sent_instead(sent)
+
+
+def test_what_the_noise_of_its_pose_may_have_moved_out_is_not_asked_back() -> None:
+    noise, problem = 0.002, problem_of("screwing")
+    problem = problem.replace(robot=DeclaredRobot(pose_noise=noise))
+    box, row, q = problem.limit_of(WorkspaceBox), problem.row_names.index("workspace x"), comfort_of("screwing")
+    readings = readings_function(problem)(q)
+    for out, asks in ((0.9 * noise, False), (1.1 * noise + box.tolerance, True)):
+        pose = held_pose("screwing").copy()
+        pose[0, 3] = box.upper[0] + out
+        away = np.array(away_function(problem)(q, np.ones(32), readings, pose, 1)).ravel()
+        assert away[row] == pytest.approx(out if asks else 0.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_right_angle_is_measured_as_one(axis: int, sign: int) -> None:
+    turn = np.zeros(3)
+    turn[axis] = sign * np.pi / 2
+    after = np.round(Rotation.from_rotvec(turn).as_matrix())
+    found = np.array(ca.evalf(_rotation(ca.SX.eye(3), ca.SX(ca.DM(after))))).ravel()
+    np.testing.assert_allclose(found, turn, atol=1e-12)

@@ -224,3 +224,21 @@ def test_with_a_long_mean_the_object_does_not_creep_out_of_a_wide_cone(inside: f
                 stepper._state_in[:] = state
     assert farthest <= 2e-5
     assert moving > 50
+
+
+def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> None:
+    pose, displacement = tilted(np.random.default_rng(3), 0.1, 0.2), np.array([0, 0, 0, 0.01, 0.02, -0.01])
+    plain = margins(CONE, pose, displacement)
+    known = {"lead": np.full(6, 0.01), "most": np.full(6, 0.02), "raised": 0.001}
+    assert margins(CONE, pose, displacement, **known) < plain
+    for missing in known:
+        parts = {name: value for name, value in known.items() if name != missing}
+        assert margins(CONE, pose, displacement, **parts) == plain
+
+
+def test_what_a_mean_adds_is_taken_off_a_way_only_where_all_of_it_is_known() -> None:
+    nobody = {name: ca.SX(*SIZES[name]) for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")}
+    way, known = np.arange(6) * 0.01, {"lead": ca.SX(6, 1) + 0.004, "most": ca.SX(6, 1) + 0.003}
+    for parts, expected in ((known, way - 0.003), ({"lead": known["lead"]}, way), ({"most": known["most"]}, way), ({}, way)):
+        found = Situation(**nobody, **parts).straight(ca.SX(ca.DM(way)))
+        np.testing.assert_allclose(np.array(ca.evalf(found)).ravel(), expected, atol=1e-15)

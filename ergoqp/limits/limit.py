@@ -8,6 +8,8 @@ from typing import Any, Protocol
 
 import casadi as ca
 
+from ergoqp.errors import ProblemError
+
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
 
@@ -109,6 +111,18 @@ class Rows:
     above: Expression
     rate: Expression
     reserve: Expression
+
+    def __post_init__(self) -> None:
+        """Check that the parts are of the same rows.
+
+        Raises:
+            ProblemError: if they are not.
+        """
+        one = (self.matrix.shape[0], 1)
+        for name, part in vars(self).items():
+            if (shape := part.shape) != ((one[0], 6) if name == "matrix" else one):
+                allowed = "(m, 6)" if name == "matrix" else f"{one}, a number for each row of the matrix"
+                raise ProblemError(f"limits: got rows whose {name} has shape {shape}, allowed {allowed}")
 
 
 class Limit(Protocol):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from situations import ask
 
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.limits import AXES, ArmLength, AxisCone, JointLimit, Rows, TwistLimit, WorkspaceBox
 from ergoqp.simulation.robot import moved
 
 BOX = WorkspaceBox((0.2, -0.5, 0.7), (0.8, 0.4, 1.7))
@@ -307,3 +309,17 @@ def test_names_tell_rows_apart() -> None:
 def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         make()
+
+
+@pytest.mark.parametrize("part", ["matrix", "below", "above", "rate", "reserve"])
+def test_rows_of_several_sizes_are_refused(part: str) -> None:
+    parts = {name: ca.SX(2, 6 if name == "matrix" else 1) for name in ("matrix", "below", "above", "rate", "reserve")}
+    Rows(**parts)
+    with pytest.raises(ProblemError, match=f"rows whose {part} has shape"):
+        Rows(**parts | {part: ca.SX(2, 2)})
+
+
+@pytest.mark.parametrize("limit", [BOX, NARROW, TwistLimit(), AxisCone((1, 0, 0), 20), ArmLength(0.27)], ids=type)
+def test_limits_cannot_be_changed_unnoticed(limit: Any) -> None:
+    with pytest.raises(FrozenInstanceError):
+        limit.tolerance = 1.0

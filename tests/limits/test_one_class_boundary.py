@@ -1,3 +1,5 @@
+from dataclasses import FrozenInstanceError
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -170,6 +172,11 @@ def test_readings_stay_matrices(case):
     """Thousands of kernels must not become scalars: the function calls them as they are."""
     assert OneClassBoundary(case.model).measure().n_instructions() < 20
     assert isinstance(OneClassBoundary(case.model).measure()(ca.MX.sym("q", 6)), ca.MX)
+
+
+def test_a_boundary_cannot_be_changed_unnoticed(case):
+    with pytest.raises(FrozenInstanceError):
+        OneClassBoundary(case.model).tolerance = 1.0
 
 
 def asked(limit, model, start, step, ahead, swing, change):

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from situations import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 
 from ergoqp.joints import INDEX, UPPER
-from ergoqp.limits import AxisCone, JointLimit, Situation, TwistLimit, WorkspaceBox
+from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.qp import FREE
-from ergoqp.step_rows import STEADY_RETURN, patience, unhurried
+from ergoqp.step_rows import CLEARANCE, ELBOW, STEADY_RETURN, patience, row_bounds, unhurried
 from ergoqp.step_stop import Stop
 
 LIMIT = TwistLimit(0.2, 0.6, 0.6, 2.0)
@@ -187,6 +187,8 @@ def test_no_row_asks_to_come_back_faster_than_its_own_rate() -> None:
     narrowed = JointLimit(ranges_deg={"right_elbow_flexion": (0, 100)}, rate_deg=5.0, recover=True)
     found = bounds_of(narrowed, LIMIT, np.eye(4), np.zeros(6), 0.01, posture=posture, sensitivity=sensitivity)
     assert found["upper"][joint] == pytest.approx(-np.radians(5.0))
+    # Nor may it give way by more than to stand still.
+    assert found["cap"][joint] == pytest.approx(np.radians(5.0) + ELBOW, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -260,3 +262,19 @@ def test_no_twist_is_allowed_from_which_stopping_takes_longer_than_there_is_time
     np.testing.assert_allclose(low, np.minimum(np.maximum(free_low, -most), twist), atol=1e-15)
     if longest > 1:
         np.testing.assert_array_equal(high, free_high)
+
+
+@pytest.mark.parametrize("inward", [0.0, 0.3])
+def test_outside_a_cone_even_what_gives_way_comes_back_as_fast_as_the_bend_leads_out(inward: float) -> None:
+    cone, dt, reserve = AxisCone((1.0, 0.0, 0.0), 20.0), ca.SX(0.01), 1e-4
+    brake = Stop(LIMIT).braking(ca.SX([0, 0, 0, 0, 0, -inward]), dt)
+    row, away = ca.SX([[0, 0, 0, 0, 0, 1]]), 0.02
+    rows = Rows(row, ca.SX([FREE]), ca.SX([-away]), ca.SX([np.inf]), ca.SX([reserve]))
+    found = row_bounds(LIMIT, [cone], rows, [0], ca.SX([away, 0]), brake, ca.SX(1))
+    upper, cap, bend, braked = (
+        float(ca.evalf(part)) for part in (found.upper, found.cap, (reserve + CLEARANCE) / brake.swing, row @ brake.twist)
+    )
+    assert upper == pytest.approx(-away / cone.recovery_time, rel=1e-9)
+    assert 1e-3 < bend < -upper
+    # Braking, where it does not come back as fast, stays possible.
+    assert upper + cap == pytest.approx(max(-bend, braked) + ELBOW, abs=1e-9)

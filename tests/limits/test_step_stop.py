@@ -204,3 +204,11 @@ def test_the_longest_stop_is_that_of_the_slowest_axis_and_of_what_the_mean_still
     limit = problem.twist_limit
     seconds = max(limit.linear_speed / limit.linear_acceleration, limit.angular_speed / limit.angular_acceleration)
     assert longest_stop(problem) == pytest.approx(seconds + problem.average + 3 * problem.dt)
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1.2])
+def test_in_a_stop_from_a_small_twist_a_mean_that_rises_goes_on_for_longer(stretch: float) -> None:
+    u, dt = ca.SX(6, 1), ca.SX(0.01)
+    plain, mean = (Stop(LIMIT, average=average, longest=0.03, stretch=stretch).braking(u, dt) for average in (0.0, 0.05))
+    assert float(ca.evalf(ca.SX(plain.slowest))) == pytest.approx(float(ca.evalf(ca.SX(plain.swing))))
+    assert float(ca.evalf(ca.SX(mean.slowest - mean.swing))) == pytest.approx(stretch * 1.5 * 0.03)

@@ -189,6 +189,16 @@ def test_wrong_postures_are_refused(wrong):
         reba.assess(wrong)
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_half_a_turn_is_still_an_angle_and_what_is_beyond_by_more_than_rounding_is_not(sign):
+    half = np.zeros(32)
+    half[INDEX["neck_flexion"]] = sign * (np.pi + 1e-9)
+    assert reba.assess(half).valid[0]
+    half[INDEX["neck_flexion"]] = sign * (np.pi + 1.1e-9)
+    with pytest.raises(InputError, match="neck_flexion"):
+        reba.assess(half)
+
+
 @pytest.mark.parametrize("value", [90.0, -np.radians(181), np.inf, -np.inf])
 def test_an_angle_beyond_half_a_turn_names_joint_and_row(value):
     postures = np.zeros((5000, 32))

@@ -10,6 +10,7 @@ from sheet_postures import posture
 
 from ergoqp import reba
 from ergoqp.errors import InputError
+from ergoqp.sheets.interval import interval_sheet
 from ergoqp.sheets.method import sheet_of
 
 SHEET = sheet_of(reba.Method())
@@ -51,6 +52,12 @@ def test_there_are_240_cells_and_every_table_rises_along_every_axis():
     for table in SHEET.tables.values():
         for axis in range(table.cells.ndim):
             assert (np.diff(table.cells, axis=axis) >= 0).all()
+
+
+@pytest.mark.parametrize("sheet", [SHEET, interval_sheet()], ids=["reba", "interval"])
+def test_no_band_of_a_segment_scores_less_than_one_by_itself(sheet):
+    for segment in sheet.segments.values():
+        assert segment.start + min(segment.base.scores) >= 1, segment.name
 
 
 def test_every_joint_is_read_by_one_segment_at_most():
