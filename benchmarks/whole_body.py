@@ -11,14 +11,15 @@ of 150 ms. Starts at which the arm cannot hold the object, with the distance kep
 - ``min_distance``: with the Panda's limits and a stated distance of 0.05 m: smallest distance over the loops of robot and
   object from the true person, and of the object from the arm, of the pairs that `ergoqp.whole_body.Scene.pairs` lists;
   angles without noise. ``noisy.min_distance`` the same with noise of 0.5 deg, drift of 1 deg and lost frames: what the robot
-  sees is then not where the person is. ``careless.min_distance``: the same starts and joints without distances in the QP;
-  the quick sample begins at seed 1, at which the dentist's object would go through the thigh. [m]
+  sees is then not where the person is; ``noisy.over_speed``: by which share of its limit the object was faster then, at most.
+  ``careless.min_distance``: the same starts and joints without distances in the QP; the quick sample begins at seed 1, at which the dentist's object would go through the thigh. [m]
 - ``robot_violations``: samples that break a range, rate or acceleration of the arm. ``object_violations``: loops in which a
   limit of the object is broken by more than 1e-6 of its unit, by the independent checker; ``max_object_violation``: the worst,
   in its unit: the object's way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all
   limits of robot and object, though the fast step has one.
 - ``slower_share``: share of steps in which limits of the robot or the distance hold the object back.
-- ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops with distances.
+- ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops with distances. Beside it
+  ``mean_still``, where the person comes to rest if the object stays where it is, and ``careless.mean_end`` without distances.
 - ``step_us``, ``step_p99_us``: the whole call in a loop of screwing, distances and fast step included, one process.
 - ``mink_us``: the formulation alone on steps of screwing, see `benchmarks.mink_peer`; ``mink_arm_us`` with the arm's joints as
   the only unknowns, ``pink_arm_us`` the same through pink; ``fast_us`` the fast step on the same trajectory.
@@ -62,6 +63,7 @@ class Found:
     differences: list[float] = field(default_factory=list)
     kept: list[float] = field(default_factory=list)
     noisy: list[float] = field(default_factory=list)
+    over_speed: list[float] = field(default_factory=list)
     careless: list[float] = field(default_factory=list)
     robot_violations: int = 0
     object_violations: int = 0
@@ -70,6 +72,8 @@ class Found:
     braking: list[float] = field(default_factory=list)
     start: list[int] = field(default_factory=list)
     end: list[int] = field(default_factory=list)
+    still: list[int] = field(default_factory=list)
+    careless_end: list[int] = field(default_factory=list)
 
     def add(self, other: Found) -> None:
         """Append another's numbers."""
@@ -127,9 +131,14 @@ def _with_distance(
     scores = problem.assess(np.array([trace.postures[0], trace.postures[-1]])).final
     found.start.append(int(scores[0]))
     found.end.append(int(scores[1]))
+    alone, reached = person.settle(posture, person.contact(posture)[0], person.grasp(posture), person.stand(posture))
+    found.still.append(int(problem.assess(alone if reached else posture).final[0]))
     found.slower.append(float(np.mean([step.status == "slower" for step in trace.steps])))
     noisy = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=Senses())
     found.noisy.append(min(noisy.distances))
+    speed = problem.twist_limit.speed
+    twists = np.abs([step.twist for step in noisy.steps])[:, speed > 0]
+    found.over_speed.append(float(np.max(twists / speed[speed > 0])) - 1)
     found.robot_violations += noisy.broken_limits(whole)
     # The same joints at the begin, and the same way of holding the object.
     blind = WholeBody(
@@ -140,7 +149,9 @@ def _with_distance(
         tool_frame=whole.scene.load.tool_frame,
         start=whole.start,
     )
-    found.careless.append(min(run_whole_body(blind, person, posture, duration=duration, seed=seed, senses=EXACT).distances))
+    unkept = run_whole_body(blind, person, posture, duration=duration, seed=seed, senses=EXACT)
+    found.careless.append(min(unkept.distances))
+    found.careless_end.append(int(problem.assess(unkept.postures[-1]).final[0]))
 
 
 def measure(report: Report) -> None:
@@ -172,6 +183,7 @@ def _figures(report: Report, prefix: str, found: Found) -> None:
         "max_twist_difference": max(found.differences),
         "min_distance": min(found.kept),
         "noisy.min_distance": min(found.noisy),
+        "noisy.over_speed": max(found.over_speed),
         "careless.min_distance": min(found.careless),
         "robot_violations": found.robot_violations,
         "object_violations": found.object_violations,
@@ -179,7 +191,9 @@ def _figures(report: Report, prefix: str, found: Found) -> None:
         "braking_share": np.mean(found.braking),
         "slower_share": np.mean(found.slower),
         "mean_start": np.mean(found.start),
+        "mean_still": np.mean(found.still),
         "mean_end": np.mean(found.end),
+        "careless.mean_end": np.mean(found.careless_end),
     }
     for name, value in figures.items():
         report.figure(f"{prefix}{name}", float(value))

@@ -45,14 +45,15 @@ class Formulation:
 
         Args:
             moment: of this step.
-            follow: True: the object's whole step, cost and rows; False: only the object's objective, and the robot's limits.
+            follow: True: the object's whole step, cost and rows; False: only the object's objective, the bounds of its twist in
+                `moment`, and the robot's limits.
         """
         tasks = [self._object, self._null, self._tie]
-        limits: list[mink.Limit] = [self._arm, self._distance]
+        limits: list[mink.Limit] = [self._arm, self._distance, self._twist]
         constraints: list[mink.Task] = [self._tie]
         if follow:
             tasks.append(self._ergonomic)
-            limits += [self._twist, self.rows]
+            limits.append(self.rows)
             constraints.append(self._held)
         at_moment([*tasks, *limits, self._held], moment)
         return mink.build_ik(self.configuration, tasks, moment.dt, damping=0.0, limits=limits, constraints=constraints)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
+from ergoqp.qp import FREE
 from ergoqp.rigid import read_pose
 from ergoqp.step_answer import Step
 from ergoqp.whole_body.causes import held_back
@@ -172,7 +173,9 @@ class WholeBody:
         contact, jacobian = self._look(positions, measured)
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
-        self.stepper.sent_instead(done)
+        # To keep a distance the robot may have moved the object faster than its limits, which it comes back to at once.
+        fastest = self.problem.twist_limit.speed
+        self.stepper.sent_instead(np.clip(done, -fastest, fastest))
         unimproved = self.stepper.stalled
         object_step = self.stepper.step(posture, seen, age=age, enable=enable, observed=observed)
         usable = object_step.status != "invalid"
@@ -203,7 +206,7 @@ class WholeBody:
         return done
 
     def _solve(self, object_step: Step, moment: Moment, done: np.ndarray) -> tuple[np.ndarray, str, str]:
-        """The ladder: the whole QP, then only the robot's limits, then every joint's own stop."""
+        """The ladder: the whole QP, the robot's limits with the object's speed, without it, then every joint's own stop."""
         formulation, arm = self._formulation, self.scene.arm
         whole = object_step.status in ("optimal", "relaxed", "recovering") and object_step.residuals["accepted"] == 1.0
         if whole:
@@ -217,8 +220,10 @@ class WholeBody:
         wanted = object_step.twist if not whole else self._braking(done)
         effort = np.diag(np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3))
         moment.H, moment.g = effort, -effort @ wanted
-        solved = formulation.solve(moment, follow=False)
-        if solved is not None:
+        for bound in (self.problem.twist_limit.speed, np.full(6, FREE)):
+            moment.low, moment.high = -bound, bound
+            if (solved := formulation.solve(moment, follow=False)) is None:
+                continue
             twist = moment.jacobian @ solved[arm] - moment.offset
             if not whole and np.abs(twist - wanted).max() < SAME:
                 return solved[arm], object_step.status, ""
