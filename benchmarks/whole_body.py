@@ -12,7 +12,8 @@ of 150 ms. Starts at which the arm cannot hold the object, with the distance kep
   object from the true person, and of the object from the arm, of the pairs that `ergoqp.whole_body.Scene.pairs` lists;
   angles without noise. ``noisy.min_distance`` the same with noise of 0.5 deg, drift of 1 deg and lost frames: what the robot
   sees is then not where the person is; ``noisy.over_speed``: by which share of its limit the object was faster then, at most.
-  ``careless.min_distance``: the same starts and joints without distances in the QP; the quick sample begins at seed 1, at which the dentist's object would go through the thigh. [m]
+  ``careless.min_distance``: the same starts and joints without distances in the QP; the quick sample begins at seed 1, at
+  which the dentist's object would go through the thigh. [m]
 - ``robot_violations``: samples that break a range, rate or acceleration of the arm. ``object_violations``: loops in which a
   limit of the object is broken by more than 1e-6 of its unit, by the independent checker; ``max_object_violation``: the worst,
   in its unit: the object's way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all
