@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, outside, problem_of, small
@@ -9,6 +10,9 @@ from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, out
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step_parts import count
+from ergoqp.step_story import watch_blocks
+from ergoqp.step_watch import reckoned
 
 
 @pytest.mark.parametrize("kind", [RobotKind(delay=0.02), RobotKind(lag=0.02)], ids=["delay", "lag"])
@@ -153,3 +157,46 @@ def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
         assert step.status == "braking"
         assert "robot" not in step.reason
     assert "robot" not in stepper.step(comfort_of("screwing"), held_pose("screwing"), twist=np.zeros(6)).reason
+
+
+def test_the_account_of_what_was_reported_is_that_of_the_law_in_plain_words() -> None:
+    problem = problem_of("screwing")
+    blocks = watch_blocks(problem)
+    names = ("sent", "changed", "executed", "lasted", "told", "measured", "started", "parked", "idled")
+    given = {name: ca.SX.sym(name, 6 if name in names[:3] else 1) for name in names}
+    given |= {name: ca.SX.sym(name, count(blocks[name])) for name in ("account", "said")}
+    law = ca.Function("law", list(given.values()), list(reckoned(problem, given)), list(given), ["moved", "next_account"])
+    rng = np.random.default_rng(2)
+    short, ahead = np.zeros((6, 2)), np.zeros(6)
+    taken_back = 0
+    for _ in range(400):
+        sent, executed, lasted = 0.1 * rng.normal(size=6), 0.1 * rng.normal(size=6), 0.01
+        # A declared robot that is late has this period done other than it was sent.
+        changed = 0.0002 * rng.normal(size=6)
+        told, measured, started, parked = (float(rng.random() < share) for share in (0.8, 0.05, 0.95, 0.1))
+        signs, fault, idled = (
+            rng.choice([0.0, 2.0], 2, p=[0.7, 0.3]),
+            rng.choice([0.0, 2.0], p=[0.7, 0.3]),
+            rng.choice([0.0, 9.0]),
+        )
+        found = law(
+            **dict(zip(names, (sent, changed, executed, lasted, told, measured, started, parked, idled), strict=True)),
+            account=np.concatenate([short.ravel(order="F"), ahead]),
+            said=np.concatenate([signs, [fault, 0.0]]),
+        )
+        known = bool(signs[0] or signs[1] or fault)
+        declared = sent * lasted + changed
+        most = short + np.maximum(np.stack([sent, -sent], axis=1), 0) * lasted * started
+        way = executed * lasted if told else declared
+        parts = np.clip(np.stack([way, -way], axis=1), 0, most)
+        done = parts[:, 0] - parts[:, 1]
+        moved = done - ahead if told and known else declared
+        taken_back += bool(told and known and ahead.any())
+        np.testing.assert_allclose(np.array(found["moved"]).ravel(), moved, atol=1e-15)
+        forgotten = idled > 0 or (parked and not known)
+        ahead = np.zeros(6) if forgotten or measured or not started else ahead + moved - done
+        short = np.zeros((6, 2)) if forgotten else most - parts
+        np.testing.assert_allclose(
+            np.array(found["next_account"]).ravel(), np.concatenate([short.ravel(order="F"), ahead]), atol=1e-15
+        )
+    assert taken_back > 10
