@@ -62,7 +62,7 @@ READS: Final = {
 }
 """Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""
 
-BUDGET: Final = 40.0
+BUDGET: Final = 120.0
 """How long the tests of one mutant may take, by what they take without [s]."""
 
 WORKERS: Final = 2
@@ -165,7 +165,7 @@ def judged(folder: Path, mutant: Mutant, tests: Tests, pinned: bool = True) -> V
         path.write_text(source, encoding="utf-8")
         (folder / "chosen.txt").write_text("\n".join(chosen), encoding="utf-8")
         try:
-            done = _pytest(folder, ["@chosen.txt", "-x", "-n", "0"], timeout=60 + 4 * BUDGET)
+            done = _pytest(folder, ["@chosen.txt", "-x", "-n", "0"], timeout=60 + 3 * BUDGET)
         except subprocess.TimeoutExpired:
             return Verdict(mutant, now, True, covered)
     finally:

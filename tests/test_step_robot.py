@@ -321,3 +321,16 @@ def test_a_right_angle_is_measured_as_one(axis: int, sign: int) -> None:
     after = np.round(Rotation.from_rotvec(turn).as_matrix())
     found = np.array(ca.evalf(_rotation(ca.SX.eye(3), ca.SX(ca.DM(after))))).ravel()
     np.testing.assert_allclose(found, turn, atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("degrees", [-180, -120, 120, 180])
+def test_a_larger_turn_is_measured_as_no_smaller_than_it_is(axis: int, degrees: float) -> None:
+    """Half a turn has no sine, and a turn that is measured as none would be no fault."""
+    turn = np.zeros(3)
+    turn[axis] = np.radians(degrees)
+    found = np.array(ca.evalf(_rotation(ca.SX.eye(3), ca.SX(ca.DM(Rotation.from_rotvec(turn).as_matrix()))))).ravel()
+    assert np.linalg.norm(found) >= min(np.radians(abs(degrees)), 1.0)
+    if abs(degrees) < 180:
+        assert np.linalg.norm(found) >= np.radians(abs(degrees))
+        assert np.sign(found[axis]) == np.sign(degrees)
