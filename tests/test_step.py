@@ -246,6 +246,18 @@ def test_every_cause_is_a_bit_of_its_own() -> None:
     assert [status.value for status in Status] == list(range(6))
 
 
+def test_what_is_outside_by_little_is_asked_back_at_the_steady_pace() -> None:
+    problem = asked_back()[0].stepper.problem
+    limits = [replace(limit, tolerance_deg=0.01) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    problem = problem.replace(limits=limits)
+    where, joint = np.full(len(problem.row_names), 0.1), problem.row_names.index("right_elbow_flexion")
+    asked, margins = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(where))
+    after = ca.Function("after", [asked, margins], [asked_update(problem, asked, margins, ca.MX(0.01))])
+    for out in (1e-3, 5e-3):
+        where[joint] = -out
+        np.testing.assert_allclose(np.array(after([0.3, 0.0], where)).ravel(), [0.31, 2 * out / STEADY_RETURN], rtol=1e-12)
+
+
 def test_a_narrowed_range_is_left_beyond_its_tolerance_and_not_at_it() -> None:
     problem = asked_back()[0].stepper.problem
     rows, joint = problem.row_names, problem.row_names.index("right_elbow_flexion")

@@ -123,6 +123,7 @@ def test_names_of_any_letters_are_literals_of_c(tmp_path):
     (tmp_path / "main.c").write_text(f"#include <stdio.h>\nint main(void) {{ fputs({c_string(wild)}, stdout); return 0; }}\n")
     subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True)
     assert subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout.decode() == wild
+    assert c_string("\x1f ~\x7f") == '"\\037 ~\\177"'
     assert "*/" not in header(replace(ergoqp.load_problem("screwing"), name=wild)).split("exported by")[0]
 
 
