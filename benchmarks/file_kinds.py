@@ -83,7 +83,8 @@ def _forged(whole: list[tuple[dict, dict]], folder: Path, rng: Rng) -> bytes:
     if change == 0:
         del arrays[name]
     elif change == 1 and value.dtype.kind == "f" and value.size:
-        value.flat[rng.integers(value.size)] = rng.choice([np.nan, np.inf, -np.inf, 1e308])
+        with np.errstate(over="ignore"):
+            value.flat[rng.integers(value.size)] = rng.choice([np.nan, np.inf, -np.inf, 1e308])
         arrays[name] = value
     elif change == 2:
         arrays[name] = value[:-1] if value.ndim and len(value) else np.zeros((2, 2))

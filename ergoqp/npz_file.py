@@ -47,7 +47,7 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
     except FileNotFoundError:
         raise ModelError(f"{path.name}: is not there, allowed a .npz file") from None
     except OSError as error:
-        raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+        raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}, allowed a .npz file") from None
     except _UNREADABLE as error:
         why = type(error).__name__
         raise ModelError(f"{path.name}: got no .npz file of numbers, or a part of one ({why}), allowed a whole one") from None

@@ -90,7 +90,11 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
         ("response.ik.tool", "pen", ["response.ik.tool", "pen"]),
         ("response.ik.weights", {"elbow_flexion": 0}, ["response.ik.weights.elbow_flexion", "greater than 0"]),
         ("response.ik.weights", {"tail": 1.0}, ["weights: got 'tail', allowed a joint"]),
-        ("response.ik.comfort_deg", {"elbow_flexion": 200.0}, ["right_elbow_flexion is beyond its range"]),
+        (
+            "response.ik.comfort_deg",
+            {"elbow_flexion": 200.0},
+            ["right_elbow_flexion: got 200, which is beyond its range, allowed 0 to 150"],
+        ),
         ("response.ik.comfort_deg", {"elbow_flexion": float("inf")}, ["comfort_deg.elbow_flexion"]),
         ("response.gmr", {}, ["response.gmr"]),
         ("task.load_kg", -1.0, ["task.load_kg", "-1"]),

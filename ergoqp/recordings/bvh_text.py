@@ -114,7 +114,7 @@ def _decoded(path: Path) -> str:
         raise RecordingError(f"{path.name}: got no file {str(path)!r}, allowed a recording") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise RecordingError(f"{_short(str(path))} cannot be read: {reason}") from None
+        raise RecordingError(f"{_short(str(path))} cannot be read: {reason}, allowed a recording") from None
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -158,7 +158,7 @@ def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
 
 def _check_name(cursor: _Cursor, header: _Header, words: list[str], *, inside: bool) -> None:
     if len(words) != 2:
-        cursor.fail(f"{words[0]} is followed by one name without spaces, got {_short(' '.join(words[1:]))}")
+        cursor.fail(f"{words[0]}: got {_short(' '.join(words[1:]))}, allowed one name without spaces")
     if (words[0] == "JOINT") != inside:
         cursor.fail(f"{words[0]} {_short(words[1])} is out of place; a skeleton is one ROOT with all JOINTs inside it")
     if words[1] in header.names:

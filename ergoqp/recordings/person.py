@@ -54,7 +54,7 @@ def given_person(person: float | str | Path) -> Body:
         InputError: the value is neither, or the file does not describe a person.
     """
     if isinstance(person, Real) and not isinstance(person, bool):
-        return Body.of_stature(float(person))
+        return Body.of_stature(_float(person))
     if not isinstance(person, str | Path):
         raise InputError(f"person: got {person!r}, allowed a stature in m, a person file or None")
     path = Path(person)
@@ -146,6 +146,15 @@ def _median(values: np.ndarray) -> float:
 
 
 def _number(path: Path, name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"person file {path.name}: {name} is {value!r}, allowed a number")
-    return float(value)
+    number = _float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    if not math.isfinite(number):
+        raise InputError(f"person file {path.name}: {name} is {value!r:.40}, allowed a number")
+    return number
+
+
+def _float(value: float | Real) -> float:
+    """Return a number; infinity for an integer of hundreds of digits."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf

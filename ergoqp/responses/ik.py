@@ -105,7 +105,9 @@ class IkResponse:
             raise InputError(f"weights: got {dict(self.weights)!r}, allowed positive numbers")
         outside = ~((self.comfort >= LOWER - 1e-9) & (self.comfort <= UPPER + 1e-9))
         if outside.any():
-            raise InputError(f"comfort_deg: {JOINTS[int(np.argmax(outside))]} is beyond its range")
+            j = int(np.argmax(outside))
+            got, low, high = np.degrees([self.comfort[j], LOWER[j], UPPER[j]])
+            raise InputError(f"comfort_deg: {JOINTS[j]}: got {got:g}, which is beyond its range, allowed {low:g} to {high:g}")
         per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
         if self.stance == "standing" and self.seat_height is not None:
             raise InputError(f"seat_height: got {self.seat_height!r} of a person who stands, allowed none, or stance 'seated'")
