@@ -232,6 +232,11 @@ class Stepper:
                 break
         return self._brake(self.dt if dt is None else number(dt))
 
+    @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """Posture and mask of the last step, as they were read (n,) each: NaN where an entry was no number."""
+        return self._inputs["posture"].copy(), self._inputs["observed"].copy()
+
     def sent_instead(self, twist: Any) -> None:
         """Say that another twist than the step's was sent, for whoever limits it further: the next step goes on from there.
 

@@ -15,7 +15,7 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
         target[...] = value
         return
     try:
-        array = value if type(value) is np.ndarray else _unmasked(value)
+        array = value if type(value) is np.ndarray else unmasked(value)
         if array.shape != shape:
             notes[name] = f"{name} has shape {array.shape}, allowed {shape}"
         elif array.dtype.kind not in "biuf":
@@ -28,7 +28,7 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
     target[...] = np.nan
 
 
-def _unmasked(value: Any) -> np.ndarray:
+def unmasked(value: Any) -> np.ndarray:
     """Return an array; what a mask hides is not a number, nobody knows what is below it."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
         return np.ma.filled(value.astype(float), np.nan)

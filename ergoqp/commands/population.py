@@ -14,6 +14,7 @@ from ergoqp.commands.common import console, counted, load_person_problem, make_f
 from ergoqp.errors import InputError
 from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.population import Found, best_of_population, population
+from ergoqp.whole_file import whole
 
 COLUMNS = ("person", "reba_before", "reba_best", "x_m", "y_m", "z_m", "cost", "kkt_residual", "starts_at_best", "starts")
 """Of ``population.csv``; the cells of somebody without a place are empty."""
@@ -99,7 +100,7 @@ def one_of(option: str, numbers: Sequence[float]) -> float:
 
 
 def _write(found: Sequence[Found], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole(path) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for each in found:

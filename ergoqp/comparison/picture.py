@@ -11,6 +11,7 @@ import numpy as np
 from ergoqp.errors import MissingExtraError
 from ergoqp.solvers.judge import TOLERANCES, tidy
 from ergoqp.solvers.sessions import SESSIONS
+from ergoqp.whole_file import whole
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import Comparison
@@ -50,7 +51,8 @@ def comparison_picture(comparison: Comparison, path: Path) -> None:
         ha="left",
         fontsize=11,
     )
-    figure.savefig(path)
+    with whole(path) as scratch:
+        figure.savefig(scratch)
 
 
 def _draw_times(axes: Any, comparison: Comparison, names: list[str]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.limits.limit import Rows, Situation, straight_margins
+from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, check_number, straight_margins
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,10 @@ class JointLimit:
         for name in ("rate_deg", "recovery_time"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name}: got {getattr(self, name)!r}, allowed a positive number")
+        check_number("rate_deg", self.rate_deg, 0.0, 1e4)
+        check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES)
+        for name in ("yield_zone_deg", "tolerance_deg"):
+            check_number(name, getattr(self, name), 0.0, 20.0)
 
     @cached_property
     def tolerance(self) -> float:

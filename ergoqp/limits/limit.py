@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from numbers import Real
+from typing import Any, Final, Protocol
 
 import casadi as ca
 
-from ergoqp.errors import ProblemError
+from ergoqp.errors import InputError, ProblemError
 
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
@@ -123,6 +124,20 @@ class Rows:
             if (shape := part.shape) != ((one[0], 6) if name == "matrix" else one):
                 allowed = "(m, 6)" if name == "matrix" else f"{one}, a number for each row of the matrix"
                 raise ProblemError(f"limits: got rows whose {name} has shape {shape}, allowed {allowed}")
+
+
+RECOVERY_TIMES: Final = (1e-3, 1e3)
+"""Least and greatest `Limit.recovery_time` [s]."""
+
+
+def check_number(what: str, value: Any, low: float, high: float) -> None:
+    """Check a number of a limit.
+
+    Raises:
+        InputError: if it is not a number from `low` to `high`.
+    """
+    if not (isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high):
+        raise InputError(f"{what}: got {value!r:.40}, allowed a number from {low:g} to {high:g}")
 
 
 class Limit(Protocol):

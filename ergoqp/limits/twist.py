@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.limits.limit import check_number
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 """The six axes of a twist: along and about the world's x, y and z."""
@@ -43,6 +44,7 @@ class TwistLimit:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{name}: got {value!r}, allowed a positive number")
+        check_number("aside", self.aside, 0.0, 1e3)
         object.__setattr__(self, "axes", tuple(self.axes))
         if not self.axes or set(self.axes) - set(AXES):
             raise InputError(f"axes: got {self.axes!r}, allowed some of {', '.join(AXES)}")

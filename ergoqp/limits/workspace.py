@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import Rows, Situation, straight_margins
+from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, check_number, straight_margins
 from ergoqp.rigid import turned
 
 _AXIS_NAMES: Final = ("x", "y", "z")
@@ -29,9 +29,9 @@ class WorkspaceBox:
     upper: tuple[float, float, float]
     tolerance: float = 1e-6
     recovery_time: float = 2.0
-    yield_zone: float = 0.0
     hard = True
     proven = False
+    yield_zone = 0.0
     linear = True
     unit = "m"
     names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
@@ -43,6 +43,8 @@ class WorkspaceBox:
             object.__setattr__(self, what, _three(f"workspace {what}", value))
         if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
             raise InputError(f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <= upper")
+        check_number("workspace tolerance", self.tolerance, 0.0, 1.0)
+        check_number("workspace recovery_time", self.recovery_time, *RECOVERY_TIMES)
 
     def measure(self) -> None:
         """Need nothing measured beforehand."""
@@ -80,9 +82,9 @@ class AxisCone:
     half_angle_deg: float
     tolerance: float = 1e-6
     recovery_time: float = 2.0
-    yield_zone: float = 0.0
     hard = True
     proven = False
+    yield_zone = 0.0
     bend = 3.0
     unit = "rad"
     names = ("tool axis",)
@@ -97,6 +99,8 @@ class AxisCone:
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
         if not 0 < self.half_angle_deg <= 170:
             raise InputError(f"half_angle_deg: got {self.half_angle_deg!r}, allowed above 0 to 170 deg")
+        check_number("tool axis tolerance", self.tolerance, 0.0, 1.0)
+        check_number("tool axis recovery_time", self.recovery_time, *RECOVERY_TIMES)
 
     def measure(self) -> None:
         """Need nothing measured beforehand."""

@@ -51,4 +51,10 @@ def generated(function: ca.Function, name: str) -> dict[str, str]:
     generator.add(function)
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(f"{folder}/")
-        return {file: (Path(folder) / file).read_text(encoding="utf-8") for file in (f"{name}.c", f"{name}.h")}
+        texts = {file: (Path(folder) / file).read_text(encoding="utf-8") for file in (f"{name}.c", f"{name}.h")}
+        # The generator does not say when it cannot write.
+        if not all(text.endswith("#endif\n") for text in texts.values()):
+            raise CompilerError(
+                f"C code: got a file that is cut off in {str(Path(folder).parent)!r}, allowed a folder with room"
+            )
+        return texts

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError
+from ergoqp.whole_file import whole
 
 
 def prediction_picture(values: NDArray[np.float64], scores: NDArray, title: str, path: Path) -> None:
@@ -50,4 +51,5 @@ def prediction_picture(values: NDArray[np.float64], scores: NDArray, title: str,
     axes.legend(frameon=False, loc="upper left")
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    figure.savefig(path)
+    with whole(path) as scratch:
+        figure.savefig(scratch)

@@ -8,10 +8,15 @@ import numpy as np
 
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
+from ergoqp.step_values import unmasked
 from ergoqp.whole_body.robot import Robot, load_robot
 
 _PLAUSIBLE: Final = 2.0
 """Joints measured faster than their largest speed times this are an error of the measurement."""
+
+
+_TURN: Final = 2 * np.pi
+"""Joints measured further out of their range are an error of the measurement [rad]."""
 
 
 def check_length(what: str, value: float, low: float, high: float) -> None:
@@ -76,6 +81,21 @@ def start_of(start: Any, robot: Robot) -> np.ndarray:
     return joints
 
 
+def implausible_position(robot: Robot, positions: np.ndarray) -> str | None:
+    """Return which joint is measured where it cannot be, in words; None if none is.
+
+    Args:
+        robot: with the ranges.
+        positions: of the joints (k,) [rad].
+    """
+    over = np.maximum(robot.lower - positions, positions - robot.upper) - _TURN
+    worst = int(np.argmax(over))
+    if over[worst] <= 0:
+        return None
+    low, high = robot.lower[worst], robot.upper[worst]
+    return f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to {high:.4g}, and a turn beyond"
+
+
 def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
     """Return which joint is measured faster than it can be, in words; None if none is.
 
@@ -96,7 +116,7 @@ def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
 def numbers(value: Any, count: int) -> np.ndarray | None:
     """Return a finite vector of this length, or None."""
     try:
-        vector = np.asarray(value, dtype=float)
+        vector = np.asarray(unmasked(value), dtype=float)
     except Exception:  # whatever a user's object does when it is read, the loop goes on
         return None
     return vector.copy() if vector.shape == (count,) and np.isfinite(vector).all() else None

@@ -10,7 +10,6 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
 from ergoqp.qp import FREE
 from ergoqp.rigid import read_pose
@@ -18,7 +17,16 @@ from ergoqp.step_answer import Step
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
-from ergoqp.whole_body.inputs import check_length, implausible_speed, numbers, posture_of, robot_of, size_of, start_of
+from ergoqp.whole_body.inputs import (
+    check_length,
+    implausible_position,
+    implausible_speed,
+    numbers,
+    posture_of,
+    robot_of,
+    size_of,
+    start_of,
+)
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.placing import default_base, pose_error
 from ergoqp.whole_body.robot import Robot
@@ -166,8 +174,9 @@ class WholeBody:
         if positions is None or measured is None:
             what = "arm" if positions is None else "arm_speed"
             return self._blind(begin, posture, f"{what} is not {k} finite numbers")
-        if (too_fast := implausible_speed(self.robot, measured)) is not None:
-            return self._blind(begin, posture, too_fast)
+        wrong = implausible_position(self.robot, positions) or implausible_speed(self.robot, measured)
+        if wrong is not None:
+            return self._blind(begin, posture, wrong)
         # Limits go on from what was sent: what is measured says where the arm is, not what it may do next.
         speeds = self._sent
         contact, jacobian = self._look(positions, measured)
@@ -179,9 +188,10 @@ class WholeBody:
         unimproved = self.stepper.stalled
         object_step = self.stepper.step(posture, seen, age=age, enable=enable, observed=observed)
         usable = object_step.status != "invalid"
-        sees = np.ones(len(JOINTS)) if observed is None or not usable else np.asarray(observed, dtype=float)
+        # What the step has read: a user's object may give something else when it is read again.
+        angles, sees = self.stepper.frame
         if usable and posture is not None:
-            self._posture = np.where(sees > 0.5, np.asarray(posture, dtype=float), self._person.comfort)
+            self._posture = np.where(sees > 0.5, angles, self._person.comfort)
         self._place(positions)
         close, least = self._near()
         moment = self._moment(object_step, positions, speeds, jacobian, done, close, sees, unimproved)

@@ -304,6 +304,19 @@ def test_names_tell_rows_apart() -> None:
         (lambda: JointLimit(rate_deg=0), "rate_deg: got 0, allowed a positive number"),
         (lambda: JointLimit(rate_deg=np.nan), "rate_deg: got nan"),
         (lambda: JointLimit(recovery_time=-1), "recovery_time: got -1"),
+        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf, allowed a number from 0 to 10000"),
+        (lambda: JointLimit(yield_zone_deg=np.inf), "yield_zone_deg: got inf, allowed a number from 0 to 20"),
+        (lambda: JointLimit(tolerance_deg=np.nan), "tolerance_deg: got nan"),
+        (lambda: JointLimit(tolerance_deg="a"), "tolerance_deg: got 'a'"),  # type: ignore[arg-type]
+        (
+            lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), tolerance=np.nan),
+            "workspace tolerance: got nan, allowed",
+        ),
+        (lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=0.0), "workspace recovery_time: got 0.0"),
+        (lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=np.inf), "workspace recovery_time: got inf"),
+        (lambda: AxisCone((1, 0, 0), 20, tolerance=None), "tool axis tolerance: got None"),  # type: ignore[arg-type]
+        (lambda: AxisCone((1, 0, 0), 20, recovery_time=-1.0), "tool axis recovery_time: got -1.0"),
+        (lambda: TwistLimit(aside=-1.0), "aside: got -1.0"),
     ],
 )
 def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:

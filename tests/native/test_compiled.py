@@ -2,9 +2,11 @@
 
 import errno
 import os
+import resource
 import shutil
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from step_calls import wandering_steps
@@ -13,6 +15,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.native import compiled
 from ergoqp.native import compiler as native_compiler
+from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import CompilerError, shared_library
 from ergoqp.native.daqp import NativeDaqp
 from ergoqp.qp import TOLERANCE
@@ -172,3 +175,17 @@ def test_a_library_that_cannot_be_loaded_is_one_sentence(monkeypatch, tmp_path):
     monkeypatch.setattr(compiled, "shared_library", lambda *_: other)
     with pytest.raises(CompilerError, match=r"compiled step: the library '.*other\.so' cannot be loaded: "):
         ergoqp.load_problem("forearm").stepper(compiled=True)
+
+
+def test_code_that_a_full_disk_cut_off_is_not_compiled():
+    """CasADi's generator does not say when it cannot write: half of the code went to the compiler."""
+    x = ca.SX.sym("x", 300)
+    function = ca.Function("f", [x], [ca.sin(x) + ca.cos(x)])
+    assert generated(function, "f")["f.c"].endswith("#endif\n")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with pytest.raises(CompilerError, match=r"cut off in .* allowed a folder with room"):
+            generated(function, "f")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -136,6 +136,41 @@ def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
     assert step.status in ("optimal", "recovering")
 
 
+class ReadOnce:
+    """Gives its values when it is read first, and raises from then on."""
+
+    def __init__(self, values):
+        self.values, self.read = values, False
+
+    def __array__(self, *_, **__):
+        if self.read:
+            raise RuntimeError("read twice")
+        self.read = True
+        return np.array(self.values)
+
+
+def test_what_is_read_is_read_once_and_a_lost_frame_with_a_wrong_mask_is_no_exception(near_the_thigh):
+    """A lost frame brakes and is not invalid, so the mask was read again, as the user gave it."""
+    problem, _, posture = near_the_thigh
+    whole = WholeBody(problem, posture=posture)
+    for mask in ("all", np.ones(3), object(), np.full(32, np.nan)):
+        assert whole.step(None, whole.start, observed=mask).status in ("braking", "invalid")
+    for arguments, options in (((ReadOnce(posture),), {}), ((posture,), {"observed": ReadOnce(np.ones(32))})):
+        whole.reset()
+        assert whole.step(*arguments, whole.start, **options).status in ("optimal", "recovering")
+
+
+def test_an_arm_that_is_masked_or_nowhere_is_not_known(near_the_thigh):
+    problem, _, posture = near_the_thigh
+    whole = WholeBody(problem, posture=posture)
+    with np.errstate(all="raise"):
+        for arm in (np.ma.array(whole.start, mask=True), np.full(7, 1e308), whole.start + 12.0 * np.eye(7)[2]):
+            step = whole.step(posture, arm)
+            assert step.status == "invalid"
+            assert "arm" in step.reason
+    assert "arm: joint3 is" in step.reason
+
+
 def test_what_cannot_be_built_is_said_in_one_sentence():
     problem = ergoqp.load_problem("screwing")
     far = np.eye(4)
