@@ -345,7 +345,10 @@ def test_a_side_wins_over_both_sides() -> None:
         ({"weights": {"tail": 1.0}}, "weights: got 'tail', allowed a joint such as"),
         ({"comfort_deg": {"elbow": 90}}, "comfort_deg: got 'elbow'"),
         ({"comfort_deg": {"elbow_flexion": 200}}, "comfort_deg: right_elbow_flexion: got .*, which is beyond its range"),
-        ({"comfort_deg": {"elbow_flexion": float("nan")}}, "comfort_deg: right_elbow_flexion: got .*, which is beyond its range"),
+        (
+            {"comfort_deg": {"elbow_flexion": float("nan")}},
+            "comfort_deg: right_elbow_flexion: got .*, which is beyond its range",
+        ),
     ],
 )
 def test_wrong_terms_are_named(terms: dict, sentence: str) -> None:
