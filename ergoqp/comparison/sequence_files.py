@@ -10,7 +10,7 @@ import numpy as np
 from ergoqp.errors import InputError, ModelError
 from ergoqp.npz_file import read_npz
 from ergoqp.solvers.sequence import Qp, QpSequence
-from ergoqp.whole_file import whole
+from ergoqp.whole_file import whole, write_whole
 
 _NAMES = ("P", "q", "G", "h", "lb", "ub", "feasible", "follows")
 
@@ -32,7 +32,7 @@ def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[
     folder.mkdir(parents=True, exist_ok=True)
     # As text: importing it needs qpbenchmark.
     test_set = Path(__file__).with_name("ergoqp_sequences.py")
-    (folder.parent / test_set.name).write_text(test_set.read_text(encoding="utf-8"), encoding="utf-8")
+    write_whole(folder.parent / test_set.name, test_set.read_text(encoding="utf-8"))
     paths = []
     for sequence in sequences:
         path = folder / f"{sequence.name}.npz"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import casadi as ca
 import numpy as np
@@ -12,6 +13,9 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, check_number, straight_margins
+
+_SLOWEST: Final = 1e-3
+"""Least rate of a joint that is one [deg/s]."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,7 @@ class JointLimit:
             least, greatest = np.degrees([LOWER[INDEX[name]], UPPER[INDEX[name]]])
             if not least - 1e-9 <= low < high <= greatest + 1e-9:
                 raise InputError(f"ranges_deg of {name}: got {low} to {high}, allowed within {least:.0f} to {greatest:.0f} deg")
-        for name in ("rate_deg", "recovery_time"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name}: got {getattr(self, name)!r}, allowed a positive number")
-        check_number("rate_deg", self.rate_deg, 0.0, 1e4)
+        check_number("rate_deg", self.rate_deg, _SLOWEST, 1e4)
         check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES)
         for name in ("yield_zone_deg", "tolerance_deg"):
             check_number(name, getattr(self, name), 0.0, 20.0)

@@ -136,7 +136,8 @@ def check_number(what: str, value: Any, low: float, high: float) -> None:
     Raises:
         InputError: if it is not a number from `low` to `high`.
     """
-    if not (isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high):
+    number: Any = value if isinstance(value, Real) and not isinstance(value, bool) else float("nan")
+    if not low <= number <= high:
         raise InputError(f"{what}: got {value!r:.40}, allowed a number from {low:g} to {high:g}")
 
 

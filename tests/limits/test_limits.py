@@ -301,12 +301,14 @@ def test_names_tell_rows_apart() -> None:
         (lambda: JointLimit(ranges_deg={"trunk_flexion": (40, -5)}), "ranges_deg of trunk_flexion: got 40 to -5"),
         (lambda: JointLimit(ranges_deg={"trunk_flexion": (0, 200)}), "allowed within -30 to 110 deg"),
         (lambda: JointLimit(ranges_deg={"trunk_flexion": (np.nan, 20)}), "ranges_deg of trunk_flexion: got nan"),
-        (lambda: JointLimit(rate_deg=0), "rate_deg: got 0, allowed a positive number"),
+        (lambda: JointLimit(rate_deg=0), "rate_deg: got 0, allowed a number from"),
         (lambda: JointLimit(rate_deg=np.nan), "rate_deg: got nan"),
         (lambda: JointLimit(recovery_time=-1), "recovery_time: got -1"),
-        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf, allowed a number from 0 to 10000"),
+        (lambda: JointLimit(rate_deg=np.inf), "rate_deg: got inf, allowed a number from 0.001 to 10000"),
         (lambda: JointLimit(yield_zone_deg=np.inf), "yield_zone_deg: got inf, allowed a number from 0 to 20"),
         (lambda: JointLimit(tolerance_deg=np.nan), "tolerance_deg: got nan"),
+        (lambda: JointLimit(rate_deg="a"), "rate_deg: got 'a'"),  # type: ignore[arg-type]
+        (lambda: TwistLimit(aside=10**400), "aside: got 1000"),
         (lambda: JointLimit(tolerance_deg="a"), "tolerance_deg: got 'a'"),  # type: ignore[arg-type]
         (
             lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), tolerance=np.nan),

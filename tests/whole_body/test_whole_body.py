@@ -164,7 +164,8 @@ def test_an_arm_that_is_masked_or_nowhere_is_not_known(near_the_thigh):
     problem, _, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture)
     with np.errstate(all="raise"):
-        for arm in (np.ma.array(whole.start, mask=True), np.full(7, 1e308), whole.start + 12.0 * np.eye(7)[2]):
+        far = 12.0 * np.eye(7)[2]
+        for arm in (np.ma.array(whole.start, mask=True), np.full(7, 1e308), whole.start - far, whole.start + far):
             step = whole.step(posture, arm)
             assert step.status == "invalid"
             assert "arm" in step.reason
