@@ -10,6 +10,11 @@ Every loop is run three times, from the same start and with the same noise:
 - ``PROBLEM.own_figure``: guided by ``problem.optimise`` for the very person who follows;
 - ``PROBLEM.alone_figure``: by descent alone.
 
+Beside them, from the same starts and for the same people, the object where nobody had to measure anything:
+
+- ``PROBLEM.rule_share_at_best``, ``PROBLEM.rule_mean_end``: carried straight to the height of the elbow, 0.40 m ahead, level
+  (`benchmarks.loops.rule_pose`); ``PROBLEM.placed_...``: to the optimum of the model, without a step that looks at the person.
+
 The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the object was drawn to the
 place, ``returned_share``: share in which it was drawn back, because the person was better off before.
 """
@@ -19,7 +24,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 
-from benchmarks.loops import Loops, figures_of, gather, optimum_of, run_loops
+import numpy as np
+
+from benchmarks.loops import Loops, figures_of, gather, optimum_of, placed_score, rule_pose, run_loops
 from benchmarks.report import Report, run
 from ergoqp.optimise.optimum import Optimum
 from ergoqp.problem_file import TASKS, load_problem
@@ -38,6 +45,8 @@ class GuidedLoops(Loops):
 
     travelled: list[bool] = field(default_factory=list)
     returned: list[bool] = field(default_factory=list)
+    rule: list[int] = field(default_factory=list)
+    placed: list[int] = field(default_factory=list)
 
     def beside(self, start: Start, seed: int, trace: Trace) -> None:
         """Note where the loop was drawn."""
@@ -53,8 +62,16 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
     own = optimum_of(problem, person)
     places = {"": model_optimum(name), "own_": own, "alone_": None}
     loops = {way: GuidedLoops() for way in WAYS}
+    rule, placed = rule_pose(problem), model_optimum(name).pose
+
+    def beside(start: Start, seed: int, trace: Trace) -> None:
+        loops[""].beside(start, seed, trace)
+        loops[""].rule.append(placed_score(problem, person, start, rule))
+        loops[""].placed.append(placed_score(problem, person, start, placed))
+
     for way, place in places.items():
-        run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), loops[way].beside, own)
+        told = loops[way].beside if way else beside
+        run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), told, own)
     return name, loops
 
 
@@ -82,6 +99,10 @@ def measure(report: Report) -> None:
             if loops.start and way != "alone_":
                 runs = len(loops.start)
                 figures |= {"travelled_share": sum(loops.travelled) / runs, "returned_share": sum(loops.returned) / runs}
+            if loops.start and not way:
+                for what, scores in (("rule", np.array(loops.rule)), ("placed", np.array(loops.placed))):
+                    figures[f"{what}_share_at_best"] = float(np.mean(scores <= np.array(loops.best)))
+                    figures[f"{what}_mean_end"] = float(scores.mean())
             for figure, value in figures.items():
                 report.figure(f"{name}.{way}{figure}", value)
 

@@ -7,13 +7,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
+from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.optimise.optimum import Optimum
 from ergoqp.optimise.population import person_of
 from ergoqp.problem import Problem
-from ergoqp.simulation.best import draw_starts, workspace_map
+from ergoqp.simulation.best import draw_starts, frame_of, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Start, Trace, power_above, run_loop, settle_time
 from ergoqp.simulation.person import Follower
@@ -107,6 +110,45 @@ def end_score(problem: Problem, person: Follower, start: Start, posture: np.ndar
     """Exact score of the rest posture where the object is now; of the posture itself where it is out of reach."""
     rest, reached = person.settle(posture, pose, start.grasp, start.soles)
     return int(problem.assess(rest if reached else posture).final[0])
+
+
+def placed_score(problem: Problem, person: Follower, start: Start, pose: np.ndarray) -> int:
+    """Exact score of the rest posture where the object is carried straight to a pose, by nobody's leave but the person's reach.
+
+    Where it is out of reach the object stays at the last place on the way that was not.
+    """
+    posture, parts = start.posture, 20
+    turn = Rotation.from_matrix(pose[:3, :3] @ start.pose[:3, :3].T).as_rotvec()
+    for part in range(1, parts + 1):
+        at = start.pose.copy()
+        at[:3, 3] += (pose[:3, 3] - start.pose[:3, 3]) * part / parts
+        at[:3, :3] = Rotation.from_rotvec(turn * part / parts).as_matrix() @ start.pose[:3, :3]
+        rest, reached = person.settle(posture, at, start.grasp, start.soles)
+        if not reached:
+            break
+        posture = rest
+    return int(problem.assess(posture).final[0])
+
+
+def rule_pose(problem: Problem) -> np.ndarray:
+    """Return where a rule of thumb puts the object: at the height of the elbow, 0.40 m before the person, tool level.
+
+    In front of the shoulder of the hand that holds it, or in the middle for both; within the workspace.
+    """
+    response, kinematics = problem.response, problem.response.kinematics
+    pelvis = np.array(response.contact()(response.comfort)[1])
+    q = ca.SX.sym("q", len(problem.coordinates))
+    at = [ca.vertcat(*(kinematics.at(f"{hand}_{part}", q)[0] for part in ("shoulder", "elbow"))) for hand in response.hands]
+    points = np.array(ca.Function("arms", [q], [ca.horzcat(*at)])(response.comfort)).mean(axis=1)
+    shoulder, elbow = (pelvis[:3, :3] @ part + pelvis[:3, 3] for part in (points[:3], points[3:]))
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    pose, toward = np.eye(4), np.array(cone.direction)
+    wished = np.array([shoulder[0] + 0.40, shoulder[1], elbow[2]])
+    pose[:3, 3] = np.clip(wished, box.lower, box.upper)
+    level = np.array([toward[0], toward[1], 0.0])
+    leans = np.degrees(np.arcsin(min(1.0, abs(toward[2]))))
+    pose[:3, :3] = frame_of(level / np.linalg.norm(level) if leans < cone.half_angle_deg else toward)
+    return pose
 
 
 def gather(report: Report, worker: Callable, jobs: Sequence[tuple], take: Callable[..., int]) -> None:

@@ -17,6 +17,8 @@ The true object, where a pose is reported or nothing but time is between the twi
   whatever is reported all the time; ``..._lost``: whose pose is lost for two thirds of the time;
 - ``outside_mm.undeclared``, ``outside_deg.undeclared``: all that do something else than declared, and are measured;
   ``..._unseen``: whose pose is not: the control of these figures;
+- ``outside_mm.untold``, ``outside_deg.untold``: the declared robots again, with a step that is told nothing of them and sees
+  nothing: what holds the others is what it is told;
 - ``at_wall_share``: how much of the time the objects of declared robots are within 2 mm of a wall or 0.4 deg of the cone's end.
 
 What is said, where a pose or a twist is reported:
@@ -24,6 +26,9 @@ What is said, where a pose or a twist is reported:
 - ``unnamed_faults``: motions in which reported and declared motion differ by more than 1 mm or 0.2 deg (beyond the declared
   noise) for 0.2 s and no ``robot: ...`` is said. Noise of the reported speed alone is no fault.
 - ``false_faults``: runs of robots that keep what is declared in which one is said.
+- ``unnamed_faults.silent``, ``false_faults.simple``: the controls. A watch that says nothing leaves so many unnamed; one
+  that knows nothing of a robot's delay and lag and says whatever differs from what was sent by that much, for that long,
+  blames so many of the runs of robots that keep what is declared.
 
 And ``path_share.declared``: path of the declared robots' objects over that of the ideal robot's, all together, driven in the
 problems' own workspaces; ``path_share.worst`` of the robot that loses most, ``path_share.narrow`` in the small box, where a
@@ -52,6 +57,9 @@ from ergoqp.simulation.starts import awkward_start
 
 REPORTS = ("pose", "twist", "both", "lost", "nothing")
 
+UNTOLD = "untold"
+"""Nothing is reported, and nothing is declared either."""
+
 OWN = "own workspace"
 """Beside the ways of reporting: with the pose, in the workspace of the problem."""
 
@@ -70,6 +78,10 @@ def runs_of(name: str, case: Case, seconds: float, seed: int, forms: tuple[str, 
         stepper = stepper_of(name, case.declared, narrow=False)
         stepper.reset()
         found[OWN] = drive(stepper.problem, case, "pose", stepper.step, stepper.brake, seconds, seed)
+        if case.declared != NONE:
+            stepper = stepper_of(name, NONE)
+            stepper.reset()
+            found[UNTOLD] = drive(stepper.problem, case, "nothing", stepper.step, stepper.brake, seconds, seed)
     for reports in REPORTS:
         stepper = stepper_of(name, case.declared)
         stepper.reset()
@@ -133,7 +145,8 @@ def _forms(report: Report, name: str, case: Case) -> tuple[str, ...]:
 
 
 def _figures(report: Report, results: list) -> None:
-    ran = [(name, case, reports, found) for name, case, every, _ in results for reports, found in every.items()]
+    every_run = [(name, case, reports, found) for name, case, every, _ in results for reports, found in every.items()]
+    untold, ran = ([one for one in every_run if (one[2] == UNTOLD) == told] for told in (True, False))
     for what in ("speed", "acceleration", "jerk"):
         report.figure(f"over_{what}", max(found.over[what] for *_, found in ran))
     kept = [
@@ -150,6 +163,7 @@ def _figures(report: Report, results: list) -> None:
     seen, unseen = ([one for one in others if (one[2] in ("pose", "both")) == told] for told in (True, False))
     groups = (
         ("declared", kept),
+        ("untold", untold),
         ("undeclared_20ms", slow),
         ("undeclared_20ms_lost", lost),
         ("undeclared", seen),
@@ -168,8 +182,11 @@ def _figures(report: Report, results: list) -> None:
     heard = [one for one in ran if one[2] != "nothing"]
     blamed = {f"{one[1].name} ({one[2]})" for one in heard if one[3].unnamed and not one[1].honest}
     report.figure("unnamed_faults", sum(one[3].unnamed for one in heard if not one[1].honest), ", ".join(sorted(blamed))[:150])
+    report.figure("unnamed_faults.silent", sum(one[3].apart for one in heard if not one[1].honest))
     wrong = {f"{one[1].name} ({one[2]}): {one[3].named[0]}" for one in ran if one[1].honest and one[3].named}
     report.figure("false_faults", sum(bool(one[3].named) for one in ran if one[1].honest), "; ".join(sorted(wrong))[:200])
+    honest = [one for one in heard if one[1].honest]
+    report.figure("false_faults.simple", sum(one[3].apart > 0 for one in honest), f"of {len(honest)} runs")
     _paths(report, kept)
     stepper = stepper_of("screwing", NONE)
     still = drive(stepper.problem, Case("ideal"), "pose", stepper.step, stepper.brake, 1.0, 0, enable=False)

@@ -22,6 +22,7 @@ class Found:
     moments: int = 0
     path: float = 0.0
     unnamed: int = 0
+    apart: int = 0
     named: list[str] = field(default_factory=list)
     twists: list[np.ndarray] = field(default_factory=list)
 
@@ -75,7 +76,9 @@ class Faults:
             apart.append(np.sign(self._drift) * np.maximum(np.abs(self._drift) - dt / 2 * np.abs(before), 0))
         sizes = [(np.linalg.norm(each[:3]) - self._noise[0]) / 0.001 for each in apart]
         sizes += [(np.linalg.norm(each[3:]) - self._noise[3]) / np.radians(0.2) for each in apart]
+        before_that = self._since
         self._since = self._since + lasted if max(sizes, default=0.0) > 1 else 0.0
+        self._found.apart += before_that <= 0.2 < self._since
         if reason.startswith("robot") or "; robot" in reason:
             self._found.named.append(reason)
             self._said = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from ergoqp.arguments import check_number
 from ergoqp.errors import ProblemError
 
 _LONGEST_AVERAGE: Final = 0.5
@@ -68,8 +69,7 @@ class Control:
             value = getattr(self, name)
             if name == "average" and value is None:
                 continue
-            if not (isinstance(value, (int, float)) and 0 <= value <= _LARGEST):
-                raise ProblemError(f"control.{name}: got {value!r}, allowed 0 to {_LARGEST:g}")
+            check_number(f"control.{name}", value, 0.0, _LARGEST, error=ProblemError)
         for name in ("look_ahead", "effort_linear", "effort_angular", "rest_filter", "max_age"):
             if getattr(self, name) == 0:
                 raise ProblemError(f"control.{name}: got 0, allowed a positive number")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from ergoqp.arguments import read_array
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
@@ -61,9 +62,7 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     posture = getattr(guide, "posture", None)
     if posture is None:
         return Guide(pose)
-    angles = np.asarray(posture, dtype=float)
-    if angles.shape != (len(JOINTS),) or not np.isfinite(angles).all():
-        raise InputError(f"guide: got a posture of shape {angles.shape}, allowed {len(JOINTS)} finite angles in radians")
+    angles = read_array("guide.posture", posture, (len(JOINTS),), f"{len(JOINTS)} finite angles in radians")
     return Guide(pose, float(problem.cost(angles)[0]))
 
 

@@ -24,6 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import check_kind, check_number
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 from ergoqp.kernels import Kernel, KernelSum
@@ -141,11 +142,10 @@ class OneClass:
         """
         names = coordinates if isinstance(coordinates, Coordinates) else Coordinates(coordinates)
         rows = _points(points, len(names))
-        gamma = 1 / len(names) if gamma is None else float(gamma)
-        if not 0 < nu < 1 or not 0 < gamma < np.inf:
-            raise ModelError(
-                f"one-class SVM: got nu {nu!r} and gamma {gamma!r}, allowed nu between 0 and 1 and a positive gamma"
-            )
+        gamma = 1 / len(names) if gamma is None else gamma
+        check_number("one-class SVM nu", nu, 1e-6, 0.999, error=ModelError)
+        check_number("one-class SVM gamma", gamma, 1e-9, 1e9, error=ModelError)
+        check_kind("one-class SVM scale", scale, bool, "True or False", ModelError)
         steps = [sklearn("preprocessing", "a one-class SVM").StandardScaler()] if scale else []
         svm = sklearn("svm", "a one-class SVM").OneClassSVM(nu=nu, gamma=gamma, tol=_TOLERANCE)
         estimator = sklearn("pipeline", "a one-class SVM").make_pipeline(*steps, svm)

@@ -19,6 +19,7 @@ from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
 from ergoqp.own_limits import OwnLimits
+from ergoqp.problem_kinds import check_kinds
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.robot import DeclaredRobot
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -65,11 +66,10 @@ class Problem:
     title: str = ""
 
     def __post_init__(self) -> None:
-        """Check that the terms fit together."""
+        """Check that the terms are what they are to be, and fit together."""
+        check_kinds(self)
         object.__setattr__(self, "limits", tuple(self.limits))
         self._check_state()
-        if not 1e-4 <= self.dt <= 0.1:
-            raise ProblemError(f"dt: got {self.dt!r} s, allowed 0.0001 to 0.1 s")
         count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
         if count != 1:
             raise ProblemError(f"limits: got {count} twist limits, allowed exactly one")

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import shown, unmasked
 from ergoqp.errors import InputError
 
 
@@ -66,9 +67,9 @@ def read_pose(what: str, value: Any) -> np.ndarray:
         InputError: if it is not a rigid motion within 100 m.
     """
     try:
-        pose = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what}: got {value!r:.60}, allowed a pose (4, 4)") from None
+        pose = np.array(unmasked(value), dtype=float)
+    except Exception:  # not an array, whatever it is
+        raise InputError(f"{what}: got {shown(value)}, allowed a pose (4, 4)") from None
     if pose.shape != (4, 4):
         raise InputError(f"{what}: got shape {pose.shape}, allowed a pose (4, 4)")
     read, rigid = _read_pose()(pose)

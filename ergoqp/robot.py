@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import check_number
 from ergoqp.errors import ProblemError
 
 _LARGEST: Final = {
@@ -51,9 +52,7 @@ class DeclaredRobot:
         """Check the numbers."""
         for entry in fields(self):
             value, most = getattr(self, entry.name), _LARGEST[entry.name]
-            known = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (known and 0 <= value <= most):
-                raise ProblemError(f"robot.{entry.name}: got {value!r}, allowed 0 to {most:g}")
+            check_number(f"robot.{entry.name}", value, 0.0, most, error=ProblemError)
 
     @property
     def dead_time(self) -> float:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from ergoqp.arguments import check_called, check_kind, check_number, read_array
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
+from ergoqp.problem_kinds import PERIODS
 from ergoqp.rest import STATES, stalled
 from ergoqp.step_answer import Step
 from ergoqp.step_causes import Cause, Status
@@ -61,8 +63,10 @@ class Stepper:
         guide: Any = None,
     ) -> None:
         """Build the step function once; this takes some tenths of a second, compiled the first time some ten seconds."""
-        if dt is not None and not 1e-4 <= dt <= 0.1:
-            raise InputError(f"dt: got {dt!r} s, allowed 0.0001 to 0.1 s")
+        if dt is not None:
+            check_number("dt", dt, *PERIODS, "s")
+        check_kind("compiled", compiled, bool, "True or False")
+        check_called("log", log, "a function that takes the record of a step")
         self.problem = problem if dt is None else problem.replace(dt=float(dt))
         self.dt = self.problem.dt
         self._state = (len(self.problem.coordinates),)
@@ -115,7 +119,7 @@ class Stepper:
         state = self._begin
         if twist is not None:
             speed = self.problem.twist_limit.speed
-            state = initial_state(self.problem, self._guided, np.clip(self._six(twist), -speed, speed))
+            state = initial_state(self.problem, self._guided, np.clip(_six(twist), -speed, speed))
         self._state_in[:] = state
         self._inputs["posture"][:] = 0.0
 
@@ -249,19 +253,10 @@ class Stepper:
         """
         if self.problem.average:
             raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
-        sent, speed = self._six(twist), self.problem.twist_limit.speed
+        sent, speed = _six(twist), self.problem.twist_limit.speed
         if np.any(np.abs(sent) > speed + _ROUNDING):
             raise InputError(f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}")
         self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
-
-    @staticmethod
-    def _six(twist: Any) -> np.ndarray:
-        numbers, notes = np.zeros(6), {}
-        put(numbers, twist, (6,), "twist", notes)
-        if notes or not np.isfinite(numbers).all():
-            said = notes.get("twist", "numbers that are not finite").split(", allowed")[0]
-            raise InputError(f"twist: got {said}, allowed 6 finite numbers")
-        return numbers
 
     def _brake(self, dt: float, enable: float = 1.0) -> Step:
         start = time.perf_counter()
@@ -289,6 +284,10 @@ class Stepper:
                 self._log({"loop": dict(self._loop), "notes": dict(notes), **entry})
         except Exception as error:  # the loop never stops for its log
             notes["log"] = f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
+
+
+def _six(twist: Any) -> np.ndarray:
+    return read_array("twist", twist, (6,), "6 finite numbers")
 
 
 __all__ = ["Cause", "Status", "Step", "Stepper"]

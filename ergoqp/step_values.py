@@ -6,6 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from ergoqp.arguments import unmasked
+
 _FLOAT: Final = np.dtype(float)
 
 
@@ -26,13 +28,6 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
     except Exception as error:  # whatever a user's object does when it is read, the loop goes on
         notes[name] = f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
     target[...] = np.nan
-
-
-def unmasked(value: Any) -> np.ndarray:
-    """Return an array; what a mask hides is not a number, nobody knows what is below it."""
-    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
-        return np.ma.filled(value.astype(float), np.nan)
-    return np.asarray(value)
 
 
 def number(value: Any) -> float:

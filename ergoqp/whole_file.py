@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -32,6 +33,39 @@ def whole(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError):
             error.filename, error.filename2 = str(path), None
         raise
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder to fill instead of `folder`, beside it; what is in it takes its place when all of it is there.
+
+    A folder that is there already keeps what else it holds. If the filling fails nothing has changed.
+
+    Args:
+        folder: that is to hold the files afterwards.
+
+    Raises:
+        OSError: naming `folder`, if they cannot be written.
+    """
+    target = folder.resolve()
+    scratch = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        scratch.mkdir(parents=True)
+        yield scratch
+        if not target.exists():
+            scratch.replace(target)
+            return
+        for made in sorted(scratch.rglob("*")):
+            place = target / made.relative_to(scratch)
+            if made.is_dir():
+                place.mkdir(exist_ok=True)
+            else:
+                made.replace(place)
+    except OSError as error:
+        error.filename, error.filename2 = str(folder), None
+        raise
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def write_whole(path: Path, text: str) -> None:

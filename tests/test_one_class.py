@@ -156,9 +156,9 @@ def test_other_files_are_named(tmp_path):
         (np.zeros((5, 2)), {}, r"shape \(5, 2\), allowed \(n, 3\)"),
         (np.zeros((1, 3)), {}, "n at least 2"),
         (np.array([[1, 2, 3], [1, np.nan, 3.0]]), {}, r"row 1 is not finite \(1 such rows\)"),
-        (np.eye(3), {"nu": 1.0}, "got nu 1.0"),
-        (np.eye(3), {"nu": 0.0}, "got nu 0.0"),
-        (np.eye(3), {"gamma": -1.0}, "gamma -1.0"),
+        (np.eye(3), {"nu": 1.0}, "nu: got 1.0"),
+        (np.eye(3), {"nu": 0.0}, "nu: got 0.0"),
+        (np.eye(3), {"gamma": -1.0}, "gamma: got -1.0"),
         (np.random.default_rng(0).normal(size=(300, 3)), {"gamma": 1e4}, "nothing is inside with nu 0.02 and gamma 10000"),
     ],
 )

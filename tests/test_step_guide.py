@@ -221,8 +221,8 @@ def wrong_places() -> list[tuple[Any, str]]:
         (2 * np.eye(4), "guide: got a pose that is not a rigid motion: its last row is"),
         (np.zeros(6), r"guide: got shape \(6,\), allowed a pose \(4, 4\)"),
         ("home", "guide: got 'home', allowed a pose"),
-        (SimpleNamespace(pose=held_pose("screwing"), posture=np.full(32, np.nan)), "guide: got a posture"),
-        (SimpleNamespace(pose=held_pose("screwing"), posture=np.zeros(3)), "guide: got a posture"),
+        (SimpleNamespace(pose=held_pose("screwing"), posture=np.full(32, np.nan)), "guide.posture: got"),
+        (SimpleNamespace(pose=held_pose("screwing"), posture=np.zeros(3)), "guide.posture: got"),
     ]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ergoqp.whole_file import whole, write_whole
+from ergoqp.whole_file import whole, whole_folder, write_whole
 
 
 @contextmanager
@@ -72,3 +72,31 @@ def test_what_ends_the_writing_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_is_filled_whole_or_not_at_all(tmp_path: Path, there: bool) -> None:
+    folder = tmp_path / "export"
+
+    def fill(text: str, size: int) -> None:
+        with whole_folder(folder) as scratch:
+            (scratch / "src").mkdir()
+            (scratch / "README").write_text(text)
+            (scratch / "src" / "step.c").write_text("x" * size)
+
+    def found() -> list[str]:
+        return sorted(str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*") if each.is_file())
+
+    if there:
+        folder.mkdir()
+        (folder / "README").write_text("before")
+        (folder / "mine").write_text("kept")
+    before = found()
+    with room_for(1000), pytest.raises(OSError, match="too large") as told:
+        fill("after", 5000)
+    assert told.value.filename == str(folder)
+    assert found() == before
+    fill("after", 500)
+    mine = ["export/mine"] if there else []
+    assert found() == ["export/README", *mine, "export/src/step.c"]
+    assert (folder / "README").read_text() == "after"

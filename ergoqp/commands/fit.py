@@ -13,11 +13,13 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.commands.common import console, make_folder, working, writing
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.data_file import read_data
 from ergoqp.costs.learned import KINDS, LearnedCost
+from ergoqp.costs.posture_data import MOST_PER_SCORE, posture_data
 from ergoqp.costs.quality import Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.errors import InputError
 from ergoqp.report.boxes import prediction_picture
@@ -91,15 +93,12 @@ def load_data(source: str, joints: str, per_score: int, seed: int, folds: int, p
     Raises:
         ErgoqpError: if there is none.
     """
-    if source in DATA and per_score < 1:
-        raise InputError(f"--per-score: got {per_score}, allowed 1 or more")
-    if folds < 2:
-        raise InputError(f"--folds: got {folds}, allowed 2 or more")
+    check_whole("--per-score", per_score, 1, MOST_PER_SCORE)
+    check_whole("--folds", folds, 2)
+    check_whole("--seed", seed, 0, LARGEST_SEED)
     if joints == "scored" and source != "sheet":
         raise InputError(f"--joints: got 'scored' with the data {source!r}, allowed only with 'sheet'")
     if source in ("sheet", "interval"):
-        from ergoqp.costs.posture_data import posture_data
-
         names = SCORED_JOINTS if joints == "scored" else REPORT_JOINTS
         return posture_data(per_score, labels=source, seed=seed, joints=names, progress=progress)
     if source == "forearm":
@@ -126,7 +125,7 @@ def read_settings(make: Callable[..., Any], settings: Sequence[str]) -> dict[str
             raise InputError(f"--set: got {text!r}, allowed NAME=VALUE with a name of {', '.join(allowed)}")
         try:
             options[name] = ast.literal_eval(value)
-        except (ValueError, SyntaxError):
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
             options[name] = value
     return options
 

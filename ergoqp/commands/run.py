@@ -70,6 +70,8 @@ def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
     pairs: dict[str, float] = {}
     for part in text.split(","):
         name, _, value = part.partition("=")
+        if name.strip() in pairs:
+            raise InputError(f"{option}: got {name.strip()} twice, allowed once")
         if name.strip() not in names:
             near = nearest_first(name.strip(), names)
             known = ", ".join(near) if len(near) < 10 else f"joints such as {near[0]}"

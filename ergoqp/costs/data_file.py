@@ -16,6 +16,9 @@ from ergoqp.joints import INDEX, JOINTS
 SCORE: Final = "score"
 """Name of the column with the labels."""
 
+MOST_POINTS: Final = 15
+"""Most points that the sheet gives; other scales are brought to it before: all thresholds of a loop are in points."""
+
 _DEGREES: Final = "_deg"
 
 
@@ -26,7 +29,7 @@ def read_data(path: Path | str) -> DataSet:
     the six coordinates of the forearm (metres), in any order and any number.
 
     Raises:
-        ModelError: naming the column or the row that cannot be read.
+        ModelError: naming the column or the line that cannot be read.
     """
     path = Path(path)
     try:
@@ -37,7 +40,8 @@ def read_data(path: Path | str) -> DataSet:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ModelError(f"{path.name}: is not a CSV file ({error})") from None
     if len(rows) < 2:
-        raise ModelError(f"{path.name}: got {len(rows)} rows, allowed a header and at least one posture")
+        found = "a header and no posture" if rows else "nothing"
+        raise ModelError(f"{path.name}: got {found}, allowed a header and at least one posture")
     header = [name.strip() for name in rows[0]]
     columns = [_joint(path, name) for name in header if name != SCORE]
     if header.count(SCORE) != 1:
@@ -49,6 +53,11 @@ def read_data(path: Path | str) -> DataSet:
     if beyond.size:
         line = beyond[0] + 2
         raise ModelError(f"{path.name}: line {line} has an angle beyond ±π rad, allowed radians, or columns that end in '_deg'")
+    if (wrong := np.flatnonzero((numbers[:, at] < 0) | (numbers[:, at] > MOST_POINTS))).size:
+        line, got = wrong[0] + 2, numbers[wrong[0], at]
+        raise ModelError(
+            f"{path.name}: line {line} has the score {got:g}, allowed 0 to {MOST_POINTS}, points of the REBA sheet"
+        )
     return DataSet(points, numbers[:, at], tuple(name for name, _ in columns), path.name)
 
 

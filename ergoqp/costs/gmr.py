@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import LARGEST_SEED, check_number, check_whole, check_word, numbers_of
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.errors import MissingExtraError, ModelError
@@ -102,23 +103,24 @@ class Gmr(LearnedCost):
             ModelError: for too few points, equal labels, or an option that is none.
             MissingExtraError: if scikit-learn is not installed.
         """
-        if variant not in get_args(Variant):
-            raise ModelError(f"variant: got {variant!r}, allowed {', '.join(get_args(Variant))}")
+        check_word("variant", variant, get_args(Variant), ModelError)
         per_score = variant == "per_score"
         covariance = ("diag" if per_score else "full") if covariance is None else covariance
-        if covariance not in get_args(Covariance):
-            raise ModelError(f"covariance: got {covariance!r}, allowed {', '.join(get_args(Covariance))}")
+        check_word("covariance", covariance, get_args(Covariance), ModelError)
         count = COMPONENTS[variant] if components is None else components
-        if not isinstance(count, (int, np.integer)) or count < 1:
-            raise ModelError(f"components: got {count!r}, allowed a whole number of at least 1")
-        if not (isinstance(regularisation, (int, float)) and 0 < regularisation < np.inf):
-            raise ModelError(f"regularisation: got {regularisation!r}, allowed a positive number")
+        check_whole("components", count, 1, error=ModelError)
+        check_whole("seed", seed, 0, LARGEST_SEED, ModelError)
+        check_number("regularisation", regularisation, 1e-12, 1e6, error=ModelError)
         # A full covariance needs d + 2 points to be more than its regularisation, a diagonal one a few.
         least = count * (data.points.shape[1] + 2 if covariance == "full" else 4)
         data.require(least, f"gmr with {count} Gaussians")
         temperatures = ((1.0, 8.0) if per_score else (1.0,)) if temperatures is None else temperatures
         shares = ((0.7, 0.3) if per_score else (1.0,)) if shares is None else shares
-        options = {"variant": variant, "temperatures": temperatures, "shares": shares}
+        options = {
+            "variant": variant,
+            "temperatures": numbers_of("temperatures", temperatures, 1e-3, 1e6, ModelError),
+            "shares": numbers_of("shares", shares, 0.0, 1.0, ModelError),
+        }
         lowest = float(data.labels.min())
         if not per_score:
             mixture = _em(np.column_stack([data.points, data.labels]), count, seed, covariance, regularisation, "kmeans")

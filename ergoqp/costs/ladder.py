@@ -30,6 +30,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import check_number
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.errors import ModelError
@@ -124,6 +125,14 @@ class OneClassLadder(LearnedCost):
             ModelError: for too few points of a label, or too many labels.
             MissingExtraError: if scikit-learn is not installed.
         """
+        for what, value, ends in (
+            ("nu", nu, (1e-6, 0.999)),
+            ("steepness", steepness, (1e-6, 1e6)),
+            ("pull", pull, (0.0, 0.999)),
+        ):
+            check_number(f"one_class_ladder {what}", value, *ends, error=ModelError)
+        if gamma is not None:
+            check_number("one_class_ladder gamma", gamma, 1e-9, 1e9, error=ModelError)
         data.require(2 * _LEAST, "one_class_ladder")
         scores, counts = np.unique(data.labels, return_counts=True)
         if len(scores) > _MOST or counts.min() < _LEAST:

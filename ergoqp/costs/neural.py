@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import MOST_WHOLE, check_number, check_whole, shown
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
@@ -29,6 +30,10 @@ from ergoqp.sheets.method import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
 _MOST_SCORES: Final = 30
+_MOST_LAYERS: Final = 8
+_WIDEST: Final = 4096
+_LARGEST_SIZE: Final = {"steps": 256, "curves": 64, "batch": 1_000_000, "epochs": 1_000_000}
+"""Beyond these a size is a slip of the hand."""
 _BATCH: Final = 512
 _LEAST_BATCH: Final = 64
 _LEAST_UPDATES: Final = 8000
@@ -105,13 +110,13 @@ class Neural(LearnedCost):
         """
         batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH) if batch is None else batch
         decay = _DECAY / max(len(data), 1) if decay is None else decay
-        _check(rate, hidden, steps=steps, curves=curves, batch=batch)
+        _check(rate, hidden, seed, steps=steps, curves=curves, batch=batch)
+        check_number("neural temperature", temperature, 1e-6, 1e6, error=ModelError)
         data.require(batch, "neural")
         per_epoch = len(data) // batch
         epochs = max(4, _LEAST_UPDATES // per_epoch) if epochs is None else epochs
-        _check(rate, hidden, epochs=epochs)
-        if not isinstance(decay, (int, float)) or not 0 <= decay < np.inf:
-            raise ModelError(f"neural: got the decay {decay!r}, allowed 0 or more")
+        _check(rate, hidden, seed, epochs=epochs)
+        check_number("neural decay", decay, 0.0, 1e9, error=ModelError)
         scores, classes = np.unique(data.labels, return_inverse=True)
         if len(scores) > _MOST_SCORES or (scores != np.round(scores)).any():
             raise ModelError(f"neural: got {len(scores)} different labels, allowed at most {_MOST_SCORES} whole numbers")
@@ -163,9 +168,8 @@ class Neural(LearnedCost):
             ModelError: for sizes that make no network.
             InputError: for an unknown joint, a score that no posture has, or scales and weights that do not fit together.
         """
-        _check(rate, hidden, steps=steps, curves=curves, batch=batch, count=count)
-        if count < batch:
-            raise ModelError(f"neural: got a count of {count}, allowed at least a batch, {batch}")
+        _check(rate, hidden, seed, steps=steps, curves=curves, batch=batch, count=count)
+        check_whole("neural count", count, batch, error=ModelError)
         rng = np.random.default_rng(seed)
         per_score = max(2000, -(-batch // max(1, len(scores))))
         noise = {"taus_deg": taus_deg, "weights": weights}
@@ -247,24 +251,21 @@ def _blocks(blocks: NDArray[np.float64]) -> ca.DM:
     return ca.sparsify(ca.DM(full.reshape(count * rows, count * columns)))
 
 
-def _check(rate: float, hidden: Sequence[int], **sizes: int) -> None:
+def _check(rate: float, hidden: Sequence[int], seed: int, **sizes: int) -> None:
     """Check the sizes of a network and of its training.
 
     Raises:
         ModelError: naming the one that is wrong.
     """
     layers = hidden if isinstance(hidden, Sequence) and not isinstance(hidden, str) else ()
-    if not layers or not all(_whole(size) for size in layers):
-        raise ModelError(f"neural: got hidden {hidden!r}, allowed the sizes of one or more layers, whole numbers from 1")
+    if not 1 <= len(layers) <= _MOST_LAYERS:
+        raise ModelError(f"neural hidden: got {shown(hidden)}, allowed the sizes of 1 to {_MOST_LAYERS} layers")
+    for size in layers:
+        check_whole("neural hidden", size, 1, _WIDEST, ModelError)
     for name, size in sizes.items():
-        if not _whole(size):
-            raise ModelError(f"neural: got {name} {size!r}, allowed a whole number from 1")
-    if not isinstance(rate, (int, float)) or not 0 < rate < np.inf:
-        raise ModelError(f"neural: got the rate {rate!r}, allowed a positive number")
-
-
-def _whole(size: Any) -> bool:
-    return isinstance(size, (int, np.integer)) and int(size) >= 1
+        check_whole(f"neural {name}", size, 1, _LARGEST_SIZE.get(name, MOST_WHOLE), ModelError)
+    check_whole("neural seed", seed, 0, error=ModelError)
+    check_number("neural rate", rate, 1e-9, 1e3, error=ModelError)
 
 
 def _batches(blocks: Iterator[tuple[NDArray, NDArray]], scores: NDArray, batch: int) -> Batches:

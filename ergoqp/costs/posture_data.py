@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import check_whole
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.data_cache import cached_data
@@ -28,6 +29,10 @@ _VERSION: Final = 1
 
 _BLOCK: Final = 20_000
 """Postures drawn at once."""
+
+
+MOST_PER_SCORE: Final = 200_000
+"""Most postures of each score that are kept in memory; more are streamed, see `ergoqp.costs.posture_stream`."""
 
 
 def posture_data(
@@ -63,6 +68,8 @@ def posture_data(
         InputError: for an unknown joint or kind of labels, a score that no posture has, or a method or task options with
             ``"interval"``, which has none.
     """
+    check_whole("per_score", per_score, 1, MOST_PER_SCORE)
+    check_whole("seed", seed, 0)
     coordinates = Coordinates(joints)
     sampler, rules = _sampler(labels, coordinates.names, method, task)
 
@@ -70,8 +77,7 @@ def posture_data(
         rng = np.random.default_rng(seed)
         per_block = max(1, _BLOCK // max(1, len(scores)))
         points, found = [], []
-        # A count that is not positive goes to the sampler as it is, which says what is allowed.
-        for first in range(0, max(1, per_score), per_block):
+        for first in range(0, per_score, per_block):
             postures, drawn = sampler.draw(min(per_block, per_score - first), rng, scores)
             points.append(postures[:, coordinates.indices])
             found.append(drawn)

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.errors import InputError
@@ -78,8 +79,10 @@ def cross_validate(
     Raises:
         InputError: for a number of folds that the data do not have.
     """
-    if not 2 <= folds <= len(data):
-        raise InputError(f"folds: got {folds}, allowed 2 to {len(data)}, the number of points")
+    if len(data) < 2:
+        raise InputError(f"folds: got data of {len(data)} points, allowed at least 2")
+    check_whole("folds", folds, 2, len(data))
+    check_whole("seed", seed, 0, LARGEST_SEED)
     fold = np.random.default_rng(seed).permutation(len(data)) % folds
     values, found = np.zeros(len(data)), []
     for number in range(folds):

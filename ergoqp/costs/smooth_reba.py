@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import shown
 from ergoqp.costs import distributions as d
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, SIDES
@@ -200,7 +201,7 @@ class _Reading:
 def _mixture(taus_deg: Sequence[float], weights: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     taus, shares = np.atleast_1d(np.asarray(taus_deg, float)), np.atleast_1d(np.asarray(weights, float))
     if taus.ndim != 1 or not taus.size or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all():
-        raise InputError(f"taus_deg: got {taus_deg!r}, allowed: scales from 0.001 to 180 deg")
+        raise InputError(f"taus_deg: got {shown(taus_deg)}, allowed: scales from 0.001 to 180 deg")
     if shares.shape != taus.shape or not (shares >= 0).all() or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9):
-        raise InputError(f"weights: got {weights!r}, allowed: one per tau ({taus.size}), not negative, adding up to 1")
+        raise InputError(f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative, adding up to 1")
     return tuple(taus.tolist()), tuple(shares.tolist())

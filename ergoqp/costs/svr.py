@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import LARGEST_SEED, check_number, check_whole, check_word, numbers_of
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.features import Columns, Steps, features_from
 from ergoqp.costs.learned import LearnedCost
@@ -25,6 +26,10 @@ from ergoqp.pipelines import dense, sklearn
 
 Choice = Literal["auto", "steps", "plain"]
 """What the kernels see: soft steps, the inputs themselves, or whichever makes the data more likely."""
+
+_LEAST_NUMBER: Final = 1e-9
+_LARGEST_NUMBER: Final = 1e9
+"""Ends of prices and scales that the solver of the fit can work with."""
 
 _LEAST: Final = 20
 """Fewest points that can be fitted."""
@@ -100,9 +105,14 @@ class Svr(LearnedCost):
             MissingExtraError: if scikit-learn is not installed.
         """
         data.require(_LEAST, "svr")
-        _check(C=C, epsilon=epsilon, gamma=gamma, max_vectors=max_vectors)
-        if features not in get_args(Choice):
-            raise ModelError(f"svr: got features {features!r}, allowed {', '.join(get_args(Choice))}")
+        for what, value, low in (("C", C, _LEAST_NUMBER), ("epsilon", epsilon, 0.0), ("gamma", gamma, _LEAST_NUMBER)):
+            check_number(f"svr {what}", value, low, _LARGEST_NUMBER, error=ModelError)
+        check_whole("svr seed", seed, 0, LARGEST_SEED, ModelError)
+        if max_vectors is not None:
+            check_whole("svr max_vectors", max_vectors, 1, error=ModelError)
+        check_word("svr features", features, get_args(Choice), ModelError)
+        widths = numbers_of("svr widths", widths, _LEAST_NUMBER, _LARGEST_NUMBER, ModelError)
+        shares = numbers_of("svr shares", shares, 0.0, 1.0, ModelError)
         best, scale = _metric(_candidates(data, features, widths, shares), data, seed)
         seen = best.values(data.points)
         mean = seen.mean(axis=0)
@@ -189,13 +199,3 @@ def _metric(candidates: Sequence[Columns | Steps], data: DataSet, seed: int) -> 
             best, lowest = features.part(np.flatnonzero(kept).tolist()), found.cost
             scale = (spread / np.sqrt(found.factors))[kept]
     return best, scale
-
-
-def _check(C: float, epsilon: float, gamma: float, max_vectors: int | None) -> None:
-    for name, number in (("C", C), ("gamma", gamma)):
-        if not 0 < number < np.inf:
-            raise ModelError(f"svr: got {name} {number!r}, allowed a positive number")
-    if not 0 <= epsilon < np.inf:
-        raise ModelError(f"svr: got epsilon {epsilon!r}, allowed a number of at least 0")
-    if max_vectors is not None and max_vectors < 1:
-        raise ModelError(f"svr: got max_vectors {max_vectors!r}, allowed 1 or more")

@@ -13,11 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.data_cache import cached_data
 from ergoqp.costs.dataset import balanced_postures
-from ergoqp.errors import InputError
+from ergoqp.costs.posture_data import MOST_PER_SCORE
 from ergoqp.forearm.geometry import forearm_length, forearm_points, read_points
 from ergoqp.human import Body
 from ergoqp.pipelines import sklearn
@@ -37,6 +38,7 @@ EMPTY_SLOPE: Final = 10.0
 _MARGIN: Final = 0.15
 """Empty points are looked for this far around the elbows of the base [m]."""
 _BLOCK: Final = 100_000
+_MOST_EMPTY: Final = 1_000_000
 
 
 def forearm_data(
@@ -70,13 +72,12 @@ def forearm_data(
         InputError: for numbers of postures, clusters or empty points that cannot be.
         MissingExtraError: if scikit-learn is not installed.
     """
+    check_whole("per_score", per_score, 1, MOST_PER_SCORE)
+    check_whole("seed", seed, 0, LARGEST_SEED)
     base = per_score * len(SCORES)
     clusters = max(1, base // 4) if clusters is None else clusters
-    if per_score < 1 or not 1 <= clusters <= base or empty < 0:
-        raise InputError(
-            f"forearm data: got per_score {per_score}, clusters {clusters} and empty {empty}, allowed per_score of at least 1, "
-            f"clusters from 1 to the number of postures, {base}, and empty of at least 0"
-        )
+    check_whole("clusters", clusters, 1, base)
+    check_whole("empty", empty, 0, _MOST_EMPTY)
     body, progress = body or Body(), progress or (lambda share: None)
 
     def make() -> DataSet:

@@ -10,6 +10,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from ergoqp.arguments import check_kind, check_number, check_real, shown
 from ergoqp.errors import InputError
 from ergoqp.paths import data_folder
 
@@ -74,12 +75,13 @@ class Body:
     def __post_init__(self) -> None:
         """Check the numbers and fill in what was not measured from the stature."""
         low, high = STATURE_RANGE
-        if not low <= self.stature <= high:
-            raise InputError(f"stature: got {self.stature!r} m, allowed {low} to {high} m")
-        if unknown := set(self.lengths) - set(FRACTIONS):
-            raise InputError(f"segment lengths: got {sorted(unknown)}, allowed {sorted(FRACTIONS)}")
+        check_number("stature", self.stature, low, high, "m")
+        check_kind("segment lengths", self.lengths, Mapping, "a table of segments, each with its length [m]")
+        if unknown := [name for name in self.lengths if name not in FRACTIONS]:
+            raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
         filled = {name: fraction * self.stature for name, fraction in FRACTIONS.items()}
         for name, length in self.lengths.items():
+            check_real(f"length of {name}", length, "metres")
             if not 0.4 <= length / filled[name] <= 2.0:
                 raise InputError(
                     f"length of {name}: got {length:.3f} m, allowed {0.4 * filled[name]:.3f} to {2 * filled[name]:.3f} m "
@@ -88,9 +90,9 @@ class Body:
             filled[name] = float(length)
         object.__setattr__(self, "lengths", filled)
         # 70 kg at 1.75 m, the same build at every stature.
+        check_real("mass", self.mass, "kilograms")
         mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
-        if not 20 <= mass <= 300:
-            raise InputError(f"mass: got {mass!r} kg, allowed 20 to 300 kg")
+        check_number("mass", mass, 20, 300, "kg")
         object.__setattr__(self, "mass", mass)
 
     @classmethod
@@ -100,7 +102,7 @@ class Body:
         Raises:
             InputError: if the stature or the mass is out of range.
         """
-        return cls(stature=float(stature), mass=mass)
+        return cls(stature=stature, mass=mass)
 
     @classmethod
     def of_lengths(cls, lengths: Mapping[str, float], mass: float = 0.0) -> Body:
@@ -113,6 +115,7 @@ class Body:
         Raises:
             InputError: if a name is unknown or a length is not that of a person.
         """
+        check_kind("segment lengths", lengths, Mapping, "a table of segments, each with its length [m]")
         if not lengths or (set(lengths) - set(FRACTIONS)):
             raise InputError(f"segment lengths: got {sorted(lengths)}, allowed a non-empty part of {sorted(FRACTIONS)}")
         return cls(stature=stature_of(lengths), lengths=lengths, mass=mass)

@@ -9,12 +9,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ergoqp.arguments import check_number, check_text
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import Expression, Rows, Situation
+from ergoqp.limits.limit import RECOVERY_TIMES, Expression, Rows, Situation
 from ergoqp.limits.twist import TwistLimit
 
 RETURN: Final = 0.05
 """Share of the acceleration with which a wrong length is mended."""
+
+_SHORTEST: Final = 1e-3
+_LONGEST: Final = 100.0
+"""Ends of lengths that keep the arithmetic of a step exact [m]."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +49,11 @@ class ArmLength:
     unit = "m"
 
     def __post_init__(self) -> None:
-        """Check the length."""
-        if not (np.isfinite(self.length) and self.length > 0):
-            raise InputError(f"arm length: got {self.length!r}, allowed a positive number")
+        """Check the numbers and the name."""
+        check_text("name", self.name)
+        check_number("arm length", self.length, _SHORTEST, _LONGEST, "m")
+        check_number(f"{self.name} tolerance", self.tolerance, 0.0, 1.0, "m")
+        check_number(f"{self.name} recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
 
     @property
     def names(self) -> tuple[str, ...]:

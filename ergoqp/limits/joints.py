@@ -10,9 +10,10 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import check_kind, check_number, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, check_number, straight_margins
+from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
 
 _SLOWEST: Final = 1e-3
 """Least rate of a joint that is one [deg/s]."""
@@ -50,12 +51,16 @@ class JointLimit:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        for name, (low, high) in self.ranges_deg.items():
+        check_kind("ranges_deg", self.ranges_deg, Mapping, "a table of joints, each with its (least, greatest) [deg]")
+        for name, ends in self.ranges_deg.items():
             if name not in INDEX:
-                raise InputError(f"ranges_deg: got {name!r}, allowed a joint such as 'trunk_flexion'")
+                raise InputError(f"ranges_deg: got {shown(name)}, allowed a joint such as 'trunk_flexion'")
+            low, high = read_array(f"ranges_deg of {name}", ends, (2,), "two numbers, (least, greatest) [deg]")
             least, greatest = np.degrees([LOWER[INDEX[name]], UPPER[INDEX[name]]])
             if not least - 1e-9 <= low < high <= greatest + 1e-9:
-                raise InputError(f"ranges_deg of {name}: got {low} to {high}, allowed within {least:.0f} to {greatest:.0f} deg")
+                raise InputError(
+                    f"ranges_deg of {name}: got {low:g} to {high:g}, allowed within {least:.0f} to {greatest:.0f} deg"
+                )
         check_number("rate_deg", self.rate_deg, _SLOWEST, 1e4)
         check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES)
         for name in ("yield_zone_deg", "tolerance_deg"):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from typing import Any, Final, Protocol
 
 import casadi as ca
 
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.errors import ProblemError
 
 Expression = Any
 """`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
@@ -128,17 +127,6 @@ class Rows:
 
 RECOVERY_TIMES: Final = (1e-3, 1e3)
 """Least and greatest `Limit.recovery_time` [s]."""
-
-
-def check_number(what: str, value: Any, low: float, high: float) -> None:
-    """Check a number of a limit.
-
-    Raises:
-        InputError: if it is not a number from `low` to `high`.
-    """
-    number: Any = value if isinstance(value, Real) and not isinstance(value, bool) else float("nan")
-    if not low <= number <= high:
-        raise InputError(f"{what}: got {value!r:.40}, allowed a number from {low:g} to {high:g}")
 
 
 class Limit(Protocol):

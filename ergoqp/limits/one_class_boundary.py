@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
+from ergoqp.arguments import check_kind, check_number, check_text, shown
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import Rows, Situation
+from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation
 
 if TYPE_CHECKING:
     from ergoqp.one_class import OneClass
@@ -47,10 +48,12 @@ class OneClassBoundary:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not self.recovery_time > 0:
-            raise InputError(f"recovery_time: got {self.recovery_time!r}, allowed a positive number")
-        if not self.tolerance >= 0:
-            raise InputError(f"tolerance: got {self.tolerance!r}, allowed a number of at least 0")
+        if not hasattr(self.model, "margin_and_slope"):
+            raise InputError(f"model: got {shown(self.model)}, allowed a one-class SVM, such as ergoqp.one_class.OneClass")
+        check_text("name", self.name)
+        check_kind("hard", self.hard, bool, "True or False")
+        check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
+        check_number("tolerance", self.tolerance, 0.0, 1e3)
 
     @property
     def returns(self) -> tuple[bool, ...]:

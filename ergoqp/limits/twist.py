@@ -7,11 +7,15 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import check_kind, check_number, shown
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import check_number
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 """The six axes of a twist: along and about the world's x, y and z."""
+
+_LEAST: Final = 1e-9
+_GREATEST: Final = 1e6
+"""What is beyond is no speed or acceleration of an object."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +45,13 @@ class TwistLimit:
     def __post_init__(self) -> None:
         """Check the numbers."""
         for name in ("linear_speed", "angular_speed", "linear_acceleration", "angular_acceleration"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name}: got {value!r}, allowed a positive number")
+            check_number(name, getattr(self, name), _LEAST, _GREATEST)
         check_number("aside", self.aside, 0.0, 1e3)
+        allowed = f"some of {', '.join(AXES)}, each once"
+        check_kind("axes", self.axes, (tuple, list), allowed)
+        if not self.axes or any(axis not in AXES for axis in self.axes) or len(set(self.axes)) != len(self.axes):
+            raise InputError(f"axes: got {shown(self.axes)}, allowed {allowed}")
         object.__setattr__(self, "axes", tuple(self.axes))
-        if not self.axes or set(self.axes) - set(AXES):
-            raise InputError(f"axes: got {self.axes!r}, allowed some of {', '.join(AXES)}")
 
     @property
     def speed(self) -> np.ndarray:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import check_number, read_array
 from ergoqp.errors import InputError
-from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, check_number, straight_margins
+from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
 from ergoqp.rigid import turned
+
+_NARROWEST: Final = 1e-6
+"""Least half opening of a cone that is one [deg]."""
 
 _AXIS_NAMES: Final = ("x", "y", "z")
 
@@ -97,8 +100,7 @@ class AxisCone:
         if not 1e-9 < length < np.inf:
             raise InputError(f"tool axis direction: got {self.direction}, allowed any vector from 1e-9 to 1e9 long")
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
-        if not 0 < self.half_angle_deg <= 170:
-            raise InputError(f"half_angle_deg: got {self.half_angle_deg!r}, allowed above 0 to 170 deg")
+        check_number("half_angle_deg", self.half_angle_deg, _NARROWEST, 170.0, "deg")
         check_number("tool axis tolerance", self.tolerance, 0.0, 1.0)
         check_number("tool axis recovery_time", self.recovery_time, *RECOVERY_TIMES)
 
@@ -217,8 +219,6 @@ def _beyond(turn: ca.SX, sine: ca.SX) -> ca.SX:
     return ca.fmin(turn, turn**2 / (2 * ca.fmax(sine - turn, 1e-6)))
 
 
-def _three(what: str, value: Sequence[float]) -> tuple[float, float, float]:
-    numbers = np.asarray(value, dtype=float)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise InputError(f"{what}: got {value!r}, allowed three finite numbers")
+def _three(what: str, value: Any) -> tuple[float, float, float]:
+    numbers = read_array(what, value, (3,), "three finite numbers")
     return float(numbers[0]), float(numbers[1]), float(numbers[2])

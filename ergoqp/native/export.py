@@ -19,7 +19,7 @@ from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, d
 from ergoqp.native.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
 from ergoqp.step_function import build_step
 from ergoqp.step_inputs import stand_in
-from ergoqp.whole_file import write_whole
+from ergoqp.whole_file import whole_folder
 
 if TYPE_CHECKING:
     from ergoqp.problem import Problem
@@ -72,23 +72,23 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
     }
     if licence := _own_licence():
         texts["LICENSE"] = licence
-    for name, text in texts.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / name, text)
-    return [*(folder / name for name in texts), *_daqp_files(folder)]
+    with whole_folder(folder) as scratch:
+        for name, text in texts.items():
+            (scratch / name).parent.mkdir(parents=True, exist_ok=True)
+            (scratch / name).write_text(text, encoding="utf-8")
+        copied = _daqp_files(scratch)
+    return [folder / name for name in (*texts, *copied)]
 
 
-def _daqp_files(folder: Path) -> list[Path]:
-    library = folder / "daqp/lib" / daqp_archive().name
-    headers = folder / "daqp/include/daqp"
-    for parent in (library.parent, headers):
-        parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(daqp_archive(), library)
-    written = [library]
+def _daqp_files(folder: Path) -> list[str]:
+    """Copy what DAQP is built into and called by; return the files' names in the folder."""
+    sources = {f"daqp/lib/{daqp_archive().name}": daqp_archive()}
     for source in sorted((daqp_include() / "daqp").glob("*.h")):
-        written.append(headers / source.name)
-        shutil.copyfile(source, written[-1])
-    return written
+        sources[f"daqp/include/daqp/{source.name}"] = source
+    for name, source in sources.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, folder / name)
+    return list(sources)
 
 
 def _filled(name: str, problem: Problem, memory: str) -> str:

@@ -91,8 +91,7 @@ def header(problem: Problem) -> str:
     statuses = ",\n    ".join(f"ERGOQP_{status.name.upper()} = {int(status)}" for status in Status)
     causes = ",\n    ".join(f"ERGOQP_CAUSE_{cause.name.upper()} = {int(cause)}" for cause in Cause)
     faults = ",\n    ".join(f"ERGOQP_FAULT_{fault.name.upper()} = {int(fault)}" for fault in Fault)
-    spoken = problem.name.replace("*/", "* /")
-    return f"""/* The control step of the problem "{spoken}", exported by ergoqp {__version__}.
+    return f"""/* The control step of the problem "{problem.name}", exported by ergoqp {__version__}.
  *
  * Axes: x forward, y left, z up; metres, radians, seconds. A twist is linear first, at the contact frame, along the axes of
  * the world. Nothing is allocated: all memory is in an ergoqp_stepper, which can be static. The only state is in there too, so

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from numbers import Real
 from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.optimise.checks import check_whole
 from ergoqp.optimise.ledger import Ledger, key_of
 from ergoqp.optimise.nlp_solvers import check_names
 from ergoqp.optimise.optimum import Optimum, Trial
@@ -79,10 +78,14 @@ def optimise(
         MissingExtraError: if what several processes or a cluster need is not installed.
         OSError: if `out` cannot be written.
     """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         check_whole(name, value, least)
-    if not (isinstance(tau_deg, Real) and 0.05 <= tau_deg <= 20):
-        raise InputError(f"tau_deg: got {tau_deg!r} deg, allowed 0.05 to 20 deg")
+    check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
+    check_kind("out", out, (str, Path, type(None)), "a folder or None")
+    check_kind("scheduler", scheduler, (str, type(None)), "the address of a Dask scheduler or None")
+    check_called("progress", progress, "a function of the share that is done")
+    assumptions = sentences("assumptions", assumptions)
     follower = _follower(problem, person)
     notes: list[str] = []
     # What is wrong with the task itself is said before anything is looked for.
@@ -127,8 +130,7 @@ def _follower(problem: Problem, person: Follower | Body | None) -> Follower:
         raise InputError(f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's")
     if isinstance(person, Follower):
         return person
-    if person is not None and not isinstance(person, Body):
-        raise InputError(f"person: got {type(person).__name__}, allowed a Follower, a Body or None")
+    check_kind("person", person, (Body, type(None)), "a Follower, a Body or None")
     return Follower(response if person is None else replace(response, body=person))
 
 

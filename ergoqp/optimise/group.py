@@ -15,8 +15,8 @@ from typing import get_args
 
 import numpy as np
 
+from ergoqp.arguments import check_whole, shown
 from ergoqp.errors import InputError
-from ergoqp.optimise.checks import check_whole
 from ergoqp.optimise.group_optimum import GroupOptimum, Member
 from ergoqp.optimise.parallel import in_order
 from ergoqp.optimise.people import Person, read_people
@@ -69,7 +69,7 @@ def best_for_group(
         MissingExtraError: if joblib is not installed and more than one process is wanted.
     """
     if objective not in get_args(Objective):
-        raise InputError(f"objective: got {objective!r}, allowed {', '.join(get_args(Objective))}")
+        raise InputError(f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}")
     check_whole("starts", starts, 1, 100)
     begin = time.perf_counter()
     crew = read_people(problem, people)

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import casadi as ca
 
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 
 MODES: Final = ("stackelberg", "cooperative")
@@ -46,8 +47,8 @@ def check_names(mode: str, solver: str) -> None:
         InputError: for one that is not known.
     """
     for what, value, allowed in (("mode", mode, MODES), ("solver", solver, SOLVERS)):
-        if value not in allowed:
-            raise InputError(f"{what}: got {value!r}, allowed {', '.join(allowed)}")
+        if not isinstance(value, str) or value not in allowed:
+            raise InputError(f"{what}: got {shown(value)}, allowed {', '.join(allowed)}")
     if not ca.has_nlpsol(solver):
         others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
         raise InputError(f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}")

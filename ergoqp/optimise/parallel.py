@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from ergoqp.arguments import check_whole
 from ergoqp.errors import MissingExtraError
-from ergoqp.optimise.checks import check_whole
 
 
 def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1) -> Iterator[Any]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 
+from ergoqp.arguments import as_tuple, check_whole
 from ergoqp.errors import InputError
-from ergoqp.optimise.checks import as_tuple, check_whole
 from ergoqp.optimise.population import person_of, variant
 from ergoqp.problem import Problem
 from ergoqp.simulation.people import sample_person

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Final
 
+from ergoqp.arguments import as_tuple, check_real, shown
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
-from ergoqp.optimise.checks import as_tuple, check_number
 from ergoqp.optimise.optimum import Optimum
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -117,11 +117,11 @@ def variant(
     """
     response = person_of(problem)
     if stature is not None:
-        check_number("stature", stature, "metres")
+        check_real("stature", stature, "metres")
         response = replace(response, body=Body.of_stature(stature))
     if hands is not None:
         if not isinstance(hands, str) or hands not in HANDS:
-            raise InputError(f"hands: got {hands!r}, allowed {', '.join(HANDS)}")
+            raise InputError(f"hands: got {shown(hands)}, allowed {', '.join(HANDS)}")
         response = replace(response, hands=HANDS[hands])
     changed = problem.replace(response=response)
     return changed if load_kg is None else _with_load(changed, load_kg)
@@ -140,7 +140,7 @@ def person_of(problem: Problem) -> IkResponse:
 
 
 def _with_load(problem: Problem, load_kg: float) -> Problem:
-    check_number("load_kg", load_kg, "kilograms")
+    check_real("load_kg", load_kg, "kilograms")
     if not isinstance(problem.cost, SmoothReba):
         raise InputError(f"load_kg: got {load_kg:g}, but the cost {problem.cost.name!r} was learned without; allowed None")
     task = TaskOptions(**{**problem.task, "load_kg": float(load_kg)})

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ergoqp.arguments import check_real, shown
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.optimise.checks import check_number
 from ergoqp.optimise.parallel import in_order
 from ergoqp.optimise.people import Person
 from ergoqp.problem import Problem
@@ -99,9 +99,9 @@ def shared_grid(
     """
     if missing := next((what for what, kind in _NEEDED.items() if problem.limit_of(kind) is None), None):
         raise InputError(f"problem {problem.name}: has no limits.{missing}, so nothing says where the object may be")
-    check_number("spacing", spacing, "metres")
+    check_real("spacing", spacing, "metres")
     if not 0.01 <= spacing <= 1.0:
-        raise InputError(f"spacing: got {spacing!r} m, allowed 0.01 to 1 m")
+        raise InputError(f"spacing: got {shown(spacing)} m, allowed 0.01 to 1 m")
     calls = [(problem, person.follower, spacing, cache) for person in people]
     parts = []
     for part in in_order(_of_person, calls, jobs):

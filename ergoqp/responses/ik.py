@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import check_kind, check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.kinematics import base_jacobian
@@ -88,21 +89,29 @@ class IkResponse:
 
     def __post_init__(self) -> None:
         """Check the terms; a wrong one raises here and not in the loop."""
+        check_kind("body", self.body, Body, "a Body")
+        allowed = "('right',), ('left',) or ('right', 'left')"
+        check_kind("hands", self.hands, (tuple, list), allowed)
         object.__setattr__(self, "hands", tuple(self.hands))
         if self.hands not in (("right",), ("left",), ("right", "left")):
-            raise InputError(f"hands: got {self.hands!r}, allowed ('right',), ('left',) or ('right', 'left')")
-        if self.stance not in ("standing", "seated"):
-            raise InputError(f"stance: got {self.stance!r}, allowed 'standing' or 'seated'")
-        if self.tool not in TOOL_AXES:
-            raise InputError(f"tool: got {self.tool!r}, allowed one of {', '.join(TOOL_AXES)}")
+            raise InputError(f"hands: got {shown(self.hands)}, allowed {allowed}")
+        if not isinstance(self.stance, str) or self.stance not in ("standing", "seated"):
+            raise InputError(f"stance: got {shown(self.stance)}, allowed 'standing' or 'seated'")
+        if not isinstance(self.tool, str) or self.tool not in TOOL_AXES:
+            raise InputError(f"tool: got {shown(self.tool)}, allowed one of {', '.join(TOOL_AXES)}")
+        check_kind("free_about_tool", self.free_about_tool, bool, "True or False")
+        for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
+            check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
         for name, low, high in (
             *(("seat_height", 0.2, 1.2), ("balance", 0.0, 1e6), ("relaxation_time", 1e-2, 1e3), ("damping", 1e-6, 1.0)),
         ):
             unset = name == "seat_height" and self.seat_height is None
-            if not unset and not low <= getattr(self, name) <= high:
-                raise InputError(f"{name}: got {getattr(self, name)!r}, allowed {low} to {high}")
-        if any(not weight > 0 or not np.isfinite(weight) for weight in self.weights.values()):
-            raise InputError(f"weights: got {dict(self.weights)!r}, allowed positive numbers")
+            if not unset:
+                check_number(name, getattr(self, name), low, high)
+        for joint, weight in self.weights.items():
+            check_number(f"weights of {joint}", weight, 1e-9, 1e9)
+        for joint, angle in self.comfort_deg.items():
+            check_number(f"comfort_deg of {joint}", angle, -360.0, 360.0, "deg")
         outside = ~((self.comfort >= LOWER - 1e-9) & (self.comfort <= UPPER + 1e-9))
         if outside.any():
             j = int(np.argmax(outside))

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ergoqp.arguments import check_kind, check_number, read_array, sentences
 from ergoqp.coordinates import FOREARM
 from ergoqp.errors import InputError
 
@@ -35,20 +36,17 @@ class LinearResponse:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
+        check_kind("coordinates", self.coordinates, (tuple, list), "a list of names")
         n = len(self.coordinates)
-        object.__setattr__(self, "coordinates", tuple(self.coordinates))
+        object.__setattr__(self, "coordinates", sentences("coordinates", self.coordinates))
         if self.matrix is None and n != 6:
             raise InputError(f"coordinates: got {n}, allowed 6 where no matrix is given")
         for name, value, shape in (
             ("matrix", np.eye(n, 6) if self.matrix is None else self.matrix, (n, 6)),
             ("comfort", np.zeros(n) if self.comfort is None else self.comfort, (n,)),
         ):
-            array = np.asarray(value, dtype=float)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise InputError(f"{name}: got shape {array.shape}, allowed {shape} of finite numbers")
-            object.__setattr__(self, name, array)
-        if not (np.isfinite(self.largest) and self.largest > 0):
-            raise InputError(f"largest: got {self.largest!r}, allowed a positive number")
+            object.__setattr__(self, name, read_array(name, value, shape, f"{shape} of finite numbers"))
+        check_number("largest", self.largest, 1e-9, 1e9)
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 from ergoqp.sheets.description import Sheet, load_description, read_sheet
 
@@ -124,7 +125,7 @@ class Method:
                 raise InputError(f"Method.{', '.join(names)}: got {values}, allowed: ascending values")
 
     def _check(self, name: str, value: Any) -> None:
-        where = f"Method.{name}: got {value!r}"
+        where = f"Method.{name}: got {shown(value)}"
         if name in _CHOICES:
             if not isinstance(value, str) or value not in _CHOICES[name]:
                 raise InputError(f"{where}, allowed: one of {', '.join(map(repr, _CHOICES[name]))}")
@@ -149,7 +150,7 @@ def read_method(method: Method | None) -> Method:
         InputError: for anything else.
     """
     if method is not None and not isinstance(method, Method):
-        raise InputError(f"method: got {method!r}, allowed: a reba.Method")
+        raise InputError(f"method: got {shown(method)}, allowed: a reba.Method")
     return Method() if method is None else method
 
 

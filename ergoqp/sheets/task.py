@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 from ergoqp.joints import SIDES
 from ergoqp.sheets.description import Sheet
@@ -138,7 +139,7 @@ def whole_numbers(name: str, value: ArrayLike, low: int, high: int, count: int |
 def _numbers(name: str, value: ArrayLike, count: int | None) -> NDArray[np.float64]:
     array = np.asarray(value)
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name}: got {value!r}, allowed: a number{_or_row(count)}")
+        raise InputError(f"{name}: got {shown(value)}, allowed: a number{_or_row(count)}")
     return _shaped(name, array.astype(float), count)
 
 
@@ -146,13 +147,13 @@ def _flags(name: str, value: ArrayLike, count: int | None) -> NDArray[np.bool_]:
     array = np.asarray(value)
     numeric = array.dtype.kind in "iuf" and bool(((array == 0) | (array == 1)).all())
     if array.dtype.kind != "b" and not numeric:
-        raise InputError(f"{name}: got {value!r}, allowed: True or False{_or_row(count)}")
+        raise InputError(f"{name}: got {shown(value)}, allowed: True or False{_or_row(count)}")
     return _shaped(name, array.astype(bool), count)
 
 
 def _pair(name: str, value: tuple[ArrayLike, ArrayLike], count: int | None) -> Pair:
     if not isinstance(value, (tuple, list)) or len(value) != 2:
-        raise InputError(f"{name}: got {value!r}, allowed: a pair (right, left)")
+        raise InputError(f"{name}: got {shown(value)}, allowed: a pair (right, left)")
     return _flags(f"{name} (right)", value[0], count), _flags(f"{name} (left)", value[1], count)
 
 

@@ -16,6 +16,9 @@ from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step import Step, Stepper
 
+LONGEST = 3600.0
+"""Longest run [s]."""
+
 LET_GO = 0.12
 """A grip this far behind has let go [m]: more than the delay explains at any allowed speed."""
 

@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import check_kind, check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS
 from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.person import Follower
+
+_ENDS: Final = {
+    "delay": (0.0, 2.0),
+    "hand_time": (1e-3, 10.0),
+    "noise_deg": (0.0, 90.0),
+    "drift_deg": (0.0, 90.0),
+    "drift_time": (1e-3, 3600.0),
+    "lost": (0.0, 1.0),
+}
+"""Least and greatest of each of the `Senses`."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +51,13 @@ class Senses:
 
     def __post_init__(self) -> None:
         """Check the joints that read wrong."""
+        for name, ends in _ENDS.items():
+            check_number(name, getattr(self, name), *ends)
+        check_kind("bias_deg", self.bias_deg, Mapping, "a table of joints, each with its error [deg]")
         for name, error in self.bias_deg.items():
             if name not in INDEX:
-                raise InputError(f"bias_deg: got {name!r}, allowed a joint such as 'right_knee_flexion'")
-            if not (isinstance(error, (int, float)) and -90 <= error <= 90):
-                raise InputError(f"bias_deg of {name}: got {error!r}, allowed -90 to 90 deg")
+                raise InputError(f"bias_deg: got {shown(name)}, allowed a joint such as 'right_knee_flexion'")
+            check_number(f"bias_deg of {name}", error, -90.0, 90.0, "deg")
 
     @property
     def bias(self) -> np.ndarray:

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ergoqp.arguments import check_kind, check_number, read_array
 from ergoqp.errors import InputError
 from ergoqp.problem import Problem
 from ergoqp.responses import LinearResponse
 from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import LONGEST
 from ergoqp.step import Stepper
 
 
@@ -57,11 +59,14 @@ def run_points(
     Raises:
         InputError: for another response, or a start of another size.
     """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     if not isinstance(problem.response, LinearResponse):
         raise InputError(f"problem {problem.name}: got a {type(problem.response).__name__}, allowed LinearResponse")
-    state = np.array(start, dtype=float)
-    if state.shape != (len(problem.coordinates),) or not np.isfinite(state).all():
-        raise InputError(f"start: got shape {state.shape}, allowed ({len(problem.coordinates)},) of finite numbers")
+    n = len(problem.coordinates)
+    state = read_array("start", start, (n,), f"{n} finite numbers")
+    check_number("duration", duration, problem.dt, LONGEST, "s")
+    if stop_when_still is not None:
+        check_number("stop_when_still", stop_when_still, 0.0, LONGEST, "s")
     stepper = stepper or problem.stepper()
     stepper.reset()
     checker, matrix, dt = Checker(problem), np.asarray(problem.response.matrix), stepper.dt

@@ -9,7 +9,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from ergoqp.errors import InputError
+from ergoqp.arguments import check_number
 from ergoqp.robot import DeclaredRobot
 
 _PART: Final = 0.002
@@ -43,8 +43,7 @@ class RobotKind:
         largest = {"gain": 10.0, "pose_noise": 1.0, "pose_noise_deg": 90.0, "speed_noise": 10.0}
         for entry in fields(self):
             value, most = getattr(self, entry.name), largest.get(entry.name, 10.0)
-            if not (isinstance(value, (int, float)) and 0 <= value <= most):
-                raise InputError(f"robot {entry.name}: got {value!r}, allowed 0 to {most:g}")
+            check_number(f"robot {entry.name}", value, 0.0, most)
 
     @classmethod
     def of(cls, declared: DeclaredRobot, rng: np.random.Generator, share: float = 1.0) -> Self:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences, shown, unmasked
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
 from ergoqp.human import Body
@@ -19,15 +19,12 @@ from ergoqp.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Start, outside_of_range, run_loop, settle_time, start_at
+from ergoqp.simulation.loop import LONGEST, Start, outside_of_range, run_loop, settle_time, start_at
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
-
-LONGEST = 3600.0
-"""Longest run [s]."""
 
 _SOLVER = "daqp"
 _AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
@@ -76,7 +73,20 @@ def simulate(
     Raises:
         InputError: if an argument is not usable, naming it.
     """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     check_numbers(problem, duration, seed)
+    none = type(None)
+    for what, value, kind, allowed in (
+        ("person", person, (Follower, Body, none), "a Follower, a Body or None"),
+        ("robot", robot, (RobotKind, none), "a RobotKind or None"),
+        ("senses", senses, (Senses, none), "Senses or None"),
+        ("recording", recording, (str, none), "the name of a recording or None"),
+    ):
+        check_kind(what, value, kind, allowed)
+    if start_time is not None:
+        check_number("start_time", start_time, 0.0, 1e9, "s")
+    check_called("progress", progress, "a function of the share that is done")
+    assumptions = sentences("assumptions", assumptions)
     model = problem.response
     if not isinstance(model, IkResponse):
         raise InputError(f"problem {problem.name}: got a response of type {type(model).__name__}, allowed IkResponse")
@@ -157,10 +167,8 @@ def check_numbers(problem: Problem, duration: float, seed: int) -> None:
     Raises:
         InputError: for a duration or a seed that no run can have.
     """
-    if not (isinstance(duration, Real) and problem.dt <= duration <= LONGEST):
-        raise InputError(f"duration: got {duration!r} s, allowed {problem.dt:g} to {LONGEST:g} s")
-    if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
-        raise InputError(f"seed: got {seed!r}, allowed a whole number of at least 0")
+    check_number("duration", duration, problem.dt, LONGEST, "s")
+    check_whole("seed", seed, 0)
 
 
 def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
@@ -170,8 +178,8 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
         InputError: if it is not one.
     """
     try:
-        angles = np.array(posture, dtype=float)
-    except (TypeError, ValueError):
+        angles = np.array(unmasked(posture), dtype=float)
+    except Exception:  # not an array, whatever it is
         raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} angles in radians") from None
     if angles.shape != (len(JOINTS),):
         raise InputError(f"posture: got shape {angles.shape}, allowed ({len(JOINTS)},), in the order of ergoqp.JOINTS")
@@ -190,10 +198,13 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
 def _read_observed(observed: ArrayLike | None) -> np.ndarray | None:
     if observed is None:
         return None
-    seen = np.asarray(observed)
-    if seen.shape != (len(JOINTS),) or seen.dtype != bool:
-        raise InputError(f"observed: got {seen.dtype} of shape {seen.shape}, allowed bool of shape ({len(JOINTS)},)")
-    return seen
+    try:
+        seen = unmasked(observed)
+        if seen.shape == (len(JOINTS),) and seen.dtype == bool:
+            return seen
+    except Exception:  # not an array, whatever it is
+        pass
+    raise InputError(f"observed: got {shown(observed)}, allowed bool of shape ({len(JOINTS)},)")
 
 
 def _robot(problem: Problem, robot: RobotKind | None) -> list[str]:

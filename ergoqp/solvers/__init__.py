@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.osqp import Osqp
@@ -20,6 +21,6 @@ def solver_named(name: str) -> QpSolver:
     Raises:
         InputError: if there is none of that name.
     """
-    if name not in SOLVERS:
-        raise InputError(f"solver: got {name!r}, allowed one of {', '.join(SOLVERS)}")
+    if not isinstance(name, str) or name not in SOLVERS:
+        raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(SOLVERS)}")
     return SOLVERS[name]()

@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from ergoqp.arguments import shown, unmasked
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
-from ergoqp.step_values import unmasked
 from ergoqp.whole_body.robot import Robot, load_robot
 
 _PLAUSIBLE: Final = 2.0
@@ -19,16 +19,6 @@ _TURN: Final = 2 * np.pi
 """Joints measured further out of their range are an error of the measurement [rad]."""
 
 
-def check_length(what: str, value: float, low: float, high: float) -> None:
-    """Check a length.
-
-    Raises:
-        InputError: if it is not a number from `low` to `high` [m].
-    """
-    if not (isinstance(value, (int, float)) and low <= value <= high):
-        raise InputError(f"{what}: got {value!r}, allowed {low} to {high} m")
-
-
 def size_of(value: Any) -> tuple[float, float, float]:
     """Return the side lengths of a box [m].
 
@@ -37,7 +27,7 @@ def size_of(value: Any) -> tuple[float, float, float]:
     """
     sides = numbers(value, 3)
     if sides is None or (sides < 0.001).any() or (sides > 1.0).any():
-        raise InputError(f"object_size: got {value!r}, allowed three side lengths from 0.001 to 1 m")
+        raise InputError(f"object_size: got {shown(value)}, allowed three side lengths from 0.001 to 1 m")
     return float(sides[0]), float(sides[1]), float(sides[2])
 
 
@@ -64,7 +54,7 @@ def robot_of(robot: Any, frame: str | None) -> Robot:
         return load_robot(robot, frame)
     if frame is not None:
         raise InputError(
-            f"frame: got {frame!r} beside a robot whose frame is {robot.frame!r}, allowed None: name it to load_robot"
+            f"frame: got {shown(frame)} beside a robot whose frame is {robot.frame!r}, allowed None: name it to load_robot"
         )
     return robot
 
@@ -77,7 +67,7 @@ def start_of(start: Any, robot: Robot) -> np.ndarray:
     """
     joints = numbers(start, len(robot.joints))
     if joints is None or (joints < robot.lower).any() or (joints > robot.upper).any():
-        raise InputError(f"start: got {start!r}, allowed {len(robot.joints)} joint positions within their ranges")
+        raise InputError(f"start: got {shown(start)}, allowed {len(robot.joints)} joint positions within their ranges")
     return joints
 
 

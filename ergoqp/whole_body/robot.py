@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ergoqp.arguments import check_kind, shown
 from ergoqp.errors import InputError
 from ergoqp.paths import data_folder
 
@@ -79,7 +80,7 @@ def load_robot(
     frame = DEFAULT_FRAME if frame is None else frame
     # MuJoCo looks for whatever it is given as if it were a text.
     if not isinstance(frame, str):
-        raise InputError(f"frame: got {frame!r}, allowed the name of a site or body, or None for {DEFAULT_FRAME!r}")
+        raise InputError(f"frame: got {shown(frame)}, allowed the name of a site or body, or None for {DEFAULT_FRAME!r}")
     path = _path_of(robot)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -110,6 +111,7 @@ def load_robot(
 
 
 def _path_of(robot: str | Path) -> Path:
+    check_kind("robot", robot, (str, Path), "'panda' or the path of an MJCF or URDF file")
     packaged = data_folder("models") / f"{robot}.xml"
     if isinstance(robot, str) and Path(robot).name == robot and packaged.is_file():
         return packaged
@@ -178,7 +180,7 @@ def _per_joint(
     try:
         values = np.broadcast_to(np.asarray(given, dtype=float), (len(joints),)).copy()
     except (TypeError, ValueError):
-        raise InputError(f"{what}: got {given!r}, allowed one number or {len(joints)}, one per joint") from None
+        raise InputError(f"{what}: got {shown(given)}, allowed one number or {len(joints)}, one per joint") from None
     if not np.isfinite(values).all() or (positive and not (values > 0).all()):
         raise InputError(f"{what}: got {values.tolist()}, allowed {'positive' if positive else 'finite'} numbers")
     return values

@@ -8,7 +8,8 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.arguments import check_kind
+from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.problem import Problem
 from ergoqp.qp import build_qp
@@ -33,8 +34,7 @@ def person_of(problem: Problem) -> IkResponse:
         ProblemError: if its state is not the posture of a person with a body.
         InputError: if it is no problem at all.
     """
-    if not isinstance(problem, Problem):
-        raise InputError(f"problem: got {problem!r:.60}, allowed a Problem, such as load_problem gives")
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     response = problem.response
     if not isinstance(response, IkResponse):
         raise ProblemError(f"whole body: got a response of type {type(response).__name__}, allowed IkResponse: a person's body")

@@ -10,6 +10,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from ergoqp.arguments import check_number
 from ergoqp.problem import Problem
 from ergoqp.qp import FREE
 from ergoqp.rigid import read_pose
@@ -18,7 +19,6 @@ from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
 from ergoqp.whole_body.inputs import (
-    check_length,
     implausible_position,
     implausible_speed,
     numbers,
@@ -113,24 +113,25 @@ class WholeBody:
     ) -> None:
         """Build the model, the functions and the QP's terms once; this takes about a second."""
         self._person = person_of(problem)
+        check_number("distance", distance if distance is not None else 0.0, 0.0, 0.5, "m")
+        check_number("reserve", reserve, 0.0, 0.2, "m")
+        self.distance, self.reserve, object_size = distance, reserve, size_of(object_size)
+        placed = default_base(problem, 0.20) if base is None else read_pose("base", base)
+        held = read_pose("tool_frame", tool_frame) if tool_frame is not None else None
+        begin = self._person.comfort if posture is None else posture_of(posture)
+        self.robot = robot_of(robot, frame)
+        joints = None if start is None else start_of(start, self.robot)
         # The object does what the arm can, and not always what its own step says: so nothing is averaged.
         self.stepper = problem.replace(control=replace(problem.control, average=0.0)).stepper(dt=dt)
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
-        self.robot, object_size = robot_of(robot, frame), size_of(object_size)
-        check_length("distance", distance if distance is not None else 0.0, 0.0, 0.5)
-        check_length("reserve", reserve, 0.0, 0.2)
-        self.distance, self.reserve = distance, reserve
-        placed = default_base(problem, 0.20) if base is None else read_pose("base", base)
-        held = read_pose("tool_frame", tool_frame) if tool_frame is not None else None
-        begin = self._person.comfort if posture is None else posture_of(posture)
         apart = None if distance is None else distance + reserve
-        if start is None:
+        if joints is None:
             self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
         else:
             load = Load(default_tool_frame(0.0) if held is None else held, object_size)
             self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
-            self.start = start_of(start, self.robot)
+            self.start = joints
         self._formulation = Formulation(self.scene)
         self._separation = Separation(self.scene)
         limit = self.problem.twist_limit

@@ -226,18 +226,20 @@ def test_mistakes_are_named(stairs):
     with pytest.raises(ModelError, match="whole numbers"):
         Neural.fit(DataSet(data.points, data.labels + 0.5, NAMES))
     for hidden in ((), (8, 0), 8, "8", (8, 2.5)):
-        with pytest.raises(ModelError, match=r"neural: got hidden .*, allowed the sizes of one or more layers"):
+        with pytest.raises(
+            ModelError, match=r"neural hidden: got .*, allowed (the sizes of 1 to 8 layers|a whole number from 1 to 4096)"
+        ):
             Neural.fit(data, hidden=hidden)
     for name in ("steps", "curves", "epochs", "batch"):
         for size in (0, 2.5, "many"):
-            with pytest.raises(ModelError, match=f"neural: got {name} {size!r}, allowed a whole number from 1"):
+            with pytest.raises(ModelError, match=f"neural {name}: got {size!r}, allowed a whole number from 1"):
                 Neural.fit(data, **{name: size})
     for rate in (0.0, np.nan, "fast"):
-        with pytest.raises(ModelError, match=f"neural: got the rate {rate!r}, allowed a positive number"):
+        with pytest.raises(ModelError, match=f"neural rate: got {rate!r}, allowed 1e-09 to 1000"):
             Neural.fit(data, rate=rate)
-    with pytest.raises(ModelError, match="neural: got the decay -1, allowed 0 or more"):
+    with pytest.raises(ModelError, match="neural decay: got -1, allowed 0 to 1e"):
         Neural.fit(data, decay=-1)
-    with pytest.raises(ModelError, match="neural: got a count of 100, allowed at least a batch, 512"):
+    with pytest.raises(ModelError, match="neural count: got 100, allowed a whole number of at least 512"):
         Neural.fit_sheet(100)
     with pytest.raises(ModelError, match=r"neural: got a network of 3 inputs .* allowed 2 coordinates"):
         Neural(cost.network, [2, 3, 4, 5], NAMES[:2], 2.0)

@@ -137,10 +137,10 @@ def test_a_most_of_support_vectors(tmp_path):
         (np.random.default_rng(0).normal(size=(30, 3)), np.arange(30), {"features": "steps"}, "no input has a step"),
         (np.random.default_rng(0).normal(size=(30, 3)), np.arange(30), {"features": "bands"}, "allowed auto, steps, plain"),
         (np.random.default_rng(0).normal(size=(30, 3)), np.arange(30), {"epsilon": 1e3}, "allowed a smaller epsilon"),
-        (np.eye(30)[:, :3], np.arange(30), {"C": 0.0}, "got C 0.0"),
-        (np.eye(30)[:, :3], np.arange(30), {"gamma": np.inf}, "got gamma inf"),
-        (np.eye(30)[:, :3], np.arange(30), {"epsilon": -1.0}, "got epsilon -1.0"),
-        (np.eye(30)[:, :3], np.arange(30), {"max_vectors": 0}, "got max_vectors 0"),
+        (np.eye(30)[:, :3], np.arange(30), {"C": 0.0}, "C: got 0.0"),
+        (np.eye(30)[:, :3], np.arange(30), {"gamma": np.inf}, "gamma: got inf"),
+        (np.eye(30)[:, :3], np.arange(30), {"epsilon": -1.0}, "epsilon: got -1.0"),
+        (np.eye(30)[:, :3], np.arange(30), {"max_vectors": 0}, "max_vectors: got 0"),
     ],
 )
 def test_what_does_not_do_is_named(points, labels, settings, sentence):

@@ -124,7 +124,10 @@ def test_names_of_any_letters_are_literals_of_c(tmp_path):
     subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True)
     assert subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout.decode() == wild
     assert c_string("\x1f ~\x7f") == '"\\037 ~\\177"'
-    assert "*/" not in header(replace(ergoqp.load_problem("screwing"), name=wild)).split("exported by")[0]
+    quoted = 'we"ird ?? é'
+    named = header(replace(ergoqp.load_problem("screwing"), name=quoted))
+    assert named.startswith(f'/* The control step of the problem "{quoted}", exported by')
+    assert f"#define ERGOQP_PROBLEM {c_string(quoted)}\n" in named
 
 
 def test_reset_starts_again_from_standstill(exported):

@@ -215,7 +215,7 @@ def test_people_of_the_same_stature_keep_their_names_apart(low_bin):
         ((1.7,), {"spacing": 0.0}, "spacing: got 0.0 m"),
         ((1.7,), {"starts": 0}, "starts: got 0"),
         ((1.7,), {"jobs": 0}, "jobs: got 0"),
-        (3, {}, "group: got a int, allowed a list"),
+        (3, {}, "group: got 3, allowed a list"),
         ((1.7,), {"starts": "a"}, "starts: got 'a', allowed a whole number from 1 to 100"),
         ((1.7,), {"starts": 1.5}, r"starts: got 1\.5, allowed a whole number"),
         ((1.7,), {"spacing": "a"}, "spacing: got 'a', allowed a number of metres"),

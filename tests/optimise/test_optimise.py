@@ -131,7 +131,7 @@ class TestMistakes:
             (dict(posture=np.zeros(32), pose=np.zeros((4, 4))), "pose: got"),
             (dict(posture=np.zeros(32), pose="abc"), "pose: got 'abc', allowed a"),
             (dict(posture=np.zeros(32), pose=[[1], [1, 2]]), "pose: got .*, allowed a"),
-            (dict(person="me"), "person: got str"),
+            (dict(person="me"), "person: got 'me', allowed a Follower"),
         ],
     )
     def test_arguments(self, problem, wrong, words):

@@ -62,7 +62,7 @@ def test_a_problem_goes_to_another_process(screwing):
         ({"hands": ("three",)}, "hands: got 'three', allowed right, left, both"),
         ({"loads_kg": (-1.0,)}, "load"),
         ({"statures": ("x",)}, "stature: got 'x', allowed a number of metres"),
-        ({"statures": 1.7}, "statures: got a float, allowed a list"),
+        ({"statures": 1.7}, "statures: got 1.7, allowed a list"),
         ({"hands": (["right"],)}, r"hands: got \['right'\], allowed right, left, both"),
         ({"loads_kg": ("x",)}, "load_kg: got 'x', allowed a number of kilograms"),
     ],

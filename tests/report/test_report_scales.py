@@ -34,7 +34,8 @@ def test_ticks_are_round_and_inside(low, width, count):
         return
     ticks = round_ticks(low, high, count)
     assert len(ticks) <= count + 1
-    assert all(low - 1e-6 * width <= tick <= high + 1e-6 * width for tick in ticks)
+    rounding = 1e-6 * width + 4 * np.spacing(max(abs(low), abs(high)))
+    assert all(low - rounding <= tick <= high + rounding for tick in ticks)
 
 
 def test_ticks_of_a_score_axis():

@@ -178,7 +178,7 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
     far[:3, 3] = [3.0, 0, 0]
     with pytest.raises(InputError, match=r"from a base at \[3\.0, 0\.0, 0\.0\] the arm cannot hold the object"):
         WholeBody(problem, base=far)
-    with pytest.raises(InputError, match="distance: got -1, allowed 0"):
+    with pytest.raises(InputError, match="distance: got -1 m, allowed 0"):
         WholeBody(problem, distance=-1)
     with pytest.raises(InputError, match="tool_frame: got a pose that is not a rigid motion"):
         WholeBody(problem, tool_frame=np.zeros((4, 4)))

@@ -1,0 +1,196 @@
+"""The judgement of what users hand to the package's own functions: one sentence for what is of another kind or range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.errors import ErgoqpError, InputError
+
+MOST_WHOLE: Final = 2**63 - 1
+"""Largest whole number that arrays and seeds take."""
+
+_FEW: Final = 6
+"""Arrays of more entries are told by their shape."""
+
+LARGEST_SEED: Final = 2**32 - 1
+"""Largest seed of what is learned: scikit-learn takes no more."""
+
+
+def shown(value: Any, most: int = 40) -> str:
+    """Return a value as a message shows it: short, and never an exception of its own."""
+    try:
+        if isinstance(value, np.ndarray) and value.size > _FEW:
+            return f"an array of {value.dtype} of shape {value.shape}"
+        return f"{value!r:.{most}}"
+    except Exception:  # a number of thousands of digits, or whatever a user's object does when it is shown
+        return f"a {type(value).__name__} that cannot be shown"
+
+
+def check_number(what: str, value: Any, low: float, high: float, unit: str = "", error: type[ErgoqpError] = InputError) -> None:
+    """Check a real number.
+
+    Args:
+        what: it is, for the message.
+        value: anything.
+        low: least allowed.
+        high: greatest allowed.
+        unit: for the message.
+        error: to raise.
+
+    Raises:
+        ErgoqpError: `error`, if it is not a number from `low` to `high`.
+    """
+    if not (_is_real(value) and low <= value <= high):
+        end = f" {unit}" if unit else ""
+        raise error(f"{what}: got {shown(value)}{end if _is_real(value) else ''}, allowed {low:g} to {high:g}{end}")
+
+
+def check_real(what: str, value: Any, unit: str) -> None:
+    """Check that something is a real number; its range is judged where its meaning is known.
+
+    Raises:
+        InputError: if it is none.
+    """
+    if not _is_real(value):
+        raise InputError(f"{what}: got {shown(value)}, allowed a number of {unit}")
+
+
+def check_whole(what: str, value: Any, least: int, most: int = MOST_WHOLE, error: type[ErgoqpError] = InputError) -> None:
+    """Check a whole number.
+
+    Raises:
+        ErgoqpError: `error`, if it is none, or is not from `least` to `most`.
+    """
+    if isinstance(value, bool) or not (isinstance(value, Integral) and least <= int(value) <= most):
+        allowed = f"of at least {least}" if most == MOST_WHOLE else f"from {least} to {most}"
+        raise error(f"{what}: got {shown(value)}, allowed a whole number {allowed}")
+
+
+def check_word(what: str, value: Any, words: Iterable[str], error: type[ErgoqpError] = InputError) -> None:
+    """Check that something is one of some words.
+
+    Raises:
+        ErgoqpError: `error`, if it is none of them.
+    """
+    words = tuple(words)
+    if not (isinstance(value, str) and value in words):
+        raise error(f"{what}: got {shown(value)}, allowed {', '.join(words)}")
+
+
+def numbers_of(what: str, values: Any, low: float, high: float, error: type[ErgoqpError] = InputError) -> tuple[float, ...]:
+    """Return a list of one number or more.
+
+    Raises:
+        ErgoqpError: `error`, if it is none, or one of them is not from `low` to `high`.
+    """
+    if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable) or not (numbers := tuple(values)):
+        raise error(f"{what}: got {shown(values)}, allowed a list of numbers from {low:g} to {high:g}")
+    for number in numbers:
+        check_number(what, number, low, high, error=error)
+    return tuple(float(number) for number in numbers)
+
+
+def unmasked(value: Any) -> np.ndarray:
+    """Return an array; what a mask hides is not a number, nobody knows what is below it."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
+        return np.ma.filled(value.astype(float), np.nan)
+    return np.asarray(value)
+
+
+def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+    """Return finite numbers as an array of a shape.
+
+    Args:
+        what: it is, for the message.
+        value: anything.
+        shape: that it must have.
+        allowed: in words.
+
+    Raises:
+        InputError: if it is not that.
+    """
+    found = shown(value)
+    try:
+        array = unmasked(value)
+        if array.shape == shape and array.dtype.kind in "iuf":
+            numbers = array.astype(float)
+            if np.isfinite(numbers).all():
+                return numbers
+            if array.size > _FEW:
+                found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
+    except Exception:  # not an array, whatever it is
+        pass
+    raise InputError(f"{what}: got {found}, allowed {allowed}")
+
+
+def check_kind(
+    what: str, value: Any, kind: type | tuple[type, ...], allowed: str, error: type[ErgoqpError] = InputError
+) -> None:
+    """Check what something is.
+
+    Args:
+        what: it is, for the message.
+        value: anything.
+        kind: one or several types.
+        allowed: in words.
+        error: to raise.
+
+    Raises:
+        ErgoqpError: `error`, if it is none of that kind.
+    """
+    if not isinstance(value, kind):
+        raise error(f"{what}: got {shown(value)}, allowed {allowed}")
+
+
+def check_text(what: str, value: Any, least: int = 1, most: int = 100, error: type[ErgoqpError] = InputError) -> None:
+    """Check a name or a short text.
+
+    Raises:
+        ErgoqpError: `error`, if it is not one line of `least` to `most` characters.
+    """
+    if not (isinstance(value, str) and least <= len(value) <= most and value.isprintable()):
+        raise error(f"{what}: got {shown(value)}, allowed a text of one line, {least} to {most} characters")
+
+
+def check_called(what: str, value: Any, allowed: str) -> None:
+    """Check that something can be called, or is None.
+
+    Raises:
+        InputError: if it is neither.
+    """
+    if value is not None and not callable(value):
+        raise InputError(f"{what}: got {shown(value)}, allowed {allowed}, or None")
+
+
+def sentences(what: str, values: Any) -> tuple[str, ...]:
+    """Return texts, one of each entry.
+
+    Raises:
+        InputError: if it is no list of texts.
+    """
+    texts = as_tuple(what, values)
+    for text in texts:
+        check_kind(what, text, str, "a list of texts")
+    return texts
+
+
+def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the entries of anything that can be gone through; a text and a table are none of many.
+
+    Raises:
+        InputError: if it cannot.
+    """
+    try:
+        if not isinstance(values, (str, bytes, Mapping)):
+            return tuple(values)
+    except TypeError:
+        pass
+    raise InputError(f"{what}: got {shown(values)}, allowed a list")
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)

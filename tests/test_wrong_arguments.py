@@ -1,0 +1,226 @@
+"""Arguments of another kind or range: one sentence that says what, got and allowed, and nothing else."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from step_samples import comfort_of, problem_of
+
+from ergoqp.control import Control
+from ergoqp.errors import ErgoqpError
+from ergoqp.human import Body
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
+from ergoqp.optimise.find import optimise
+from ergoqp.problem import Problem
+from ergoqp.responses import IkResponse, LinearResponse
+from ergoqp.robot import DeclaredRobot
+from ergoqp.simulation.people import Senses
+from ergoqp.simulation.points import run_points
+from ergoqp.simulation.robot import RobotKind
+from ergoqp.simulation.simulate import simulate
+from ergoqp.whole_body import WholeBody
+
+THOUSANDS_OF_DIGITS = 10**5000
+
+
+class Hostile:
+    """Raises whatever is done with it."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        raise RuntimeError
+
+    def __float__(self) -> float:
+        raise RuntimeError
+
+
+WRONG: dict[str, Any] = {
+    "none": None,
+    "text": "a",
+    "no text": "",
+    "not finite": float("nan"),
+    "infinite": float("inf"),
+    "negative": -1,
+    "digits": 10**400,
+    "thousands of digits": THOUSANDS_OF_DIGITS,
+    "complex": 0.01j,
+    "list": [],
+    "list of lists": [[1], [2, 3]],
+    "list of texts": ["a"],
+    "table": {},
+    "odd table": {3: "a"},
+    "table of texts": {"trunk_flexion": "a"},
+    "array": np.array([0.01]),
+    "masked": np.ma.masked_all(32),
+    "object": object(),
+    "hostile": Hostile(),
+    "class": dict,
+    "fraction": Fraction(1, 100),
+}
+
+
+def terms(**changed: Any) -> dict[str, Any]:
+    given = problem_of("screwing")
+    return {"cost": given.cost, "response": given.response, "limits": given.limits, "task": given.task} | changed
+
+
+def screwing(function: Callable[..., Any], **given: Any) -> Callable[..., Any]:
+    def call(**changed: Any) -> Any:
+        return function(**({"problem": problem_of("screwing"), "posture": comfort_of("screwing")} | given | changed))
+
+    return call
+
+
+CHEAP: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "Problem": (Problem, terms()),
+    "TwistLimit": (TwistLimit, {}),
+    "WorkspaceBox": (WorkspaceBox, {"lower": (0, 0, 0), "upper": (1, 1, 1)}),
+    "AxisCone": (AxisCone, {"direction": (1, 0, 0), "half_angle_deg": 30}),
+    "JointLimit": (JointLimit, {}),
+    "ArmLength": (ArmLength, {"length": 0.25}),
+    "OneClassBoundary": (OneClassBoundary, {"model": 3}),
+    "Control": (Control, {}),
+    "DeclaredRobot": (DeclaredRobot, {}),
+    "RobotKind": (RobotKind, {}),
+    "Senses": (Senses, {}),
+    "Body": (Body, {}),
+    "Body.of_stature": (Body.of_stature, {"stature": 1.7}),
+    "Body.of_lengths": (Body.of_lengths, {"lengths": {"upper_arm": 0.3}}),
+    "IkResponse": (IkResponse, {}),
+    "LinearResponse": (LinearResponse, {}),
+}
+
+
+def answer(call: Callable[..., Any], given: dict[str, Any]) -> str | None:
+    """The sentence of a refusal, None where there is none; anything else goes through."""
+    try:
+        call(**given)
+    except ErgoqpError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_whatever_a_constructor_is_given_it_answers_with_one_sentence(name: str) -> None:
+    call, given = CHEAP[name]
+    refused = 0
+    for parameter in inspect.signature(call).parameters:
+        for kind, value in WRONG.items():
+            said = answer(call, given | {parameter: value})
+            if said is not None:
+                refused += 1
+                assert "\n" not in said, f"{name}({parameter}={kind})"
+                assert "allowed" in said, f"{name}({parameter}={kind}): {said}"
+                assert len(said) < 700, f"{name}({parameter}={kind}): {said}"
+    assert refused > 10
+
+
+LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
+    "stepper": (
+        lambda **given: problem_of("screwing").stepper(**given),
+        {},
+        ("solver", "compiled", "dt", "log", "guide"),
+    ),
+    "simulate": (
+        simulate,
+        {"problem": problem_of("screwing"), "posture": comfort_of("screwing"), "duration": 0.02},
+        (
+            *("problem", "posture", "duration", "seed", "person", "observed", "recording", "start_time", "assumptions"),
+            *("progress", "guide", "robot", "senses"),
+        ),
+    ),
+    "optimise": (
+        optimise,
+        {"problem": problem_of("screwing"), "posture": comfort_of("screwing"), "starts": 1},
+        (
+            *("problem", "posture", "starts", "seed", "jobs", "mode", "solver", "pose", "person", "tau_deg"),
+            *("scheduler", "out", "assumptions", "progress"),
+        ),
+    ),
+    "run_points": (
+        run_points,
+        {"problem": problem_of("forearm"), "start": [0.3, -0.2, 1.0, 0.5, -0.2, 1.1], "duration": 0.02},
+        ("problem", "start", "duration", "stop_when_still"),
+    ),
+    "WholeBody": (
+        WholeBody,
+        {"problem": problem_of("screwing")},
+        (
+            *("problem", "robot", "frame", "tool_frame", "base", "posture", "start", "distance", "reserve"),
+            *("object_size", "dt"),
+        ),
+    ),
+}
+
+TAKEN = {("recording", "text"), ("assumptions", "list of texts"), ("scheduler", "text"), ("out", "text")}
+"""What is of the right kind after all."""
+
+NOT_TRIED = ("none", "fraction", "class", "table", "list", "odd table", "no text")
+"""What is taken here and there, by what then takes its time."""
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_whatever_a_loop_is_given_it_answers_with_one_sentence(name: str) -> None:
+    call, given, parameters = LOOPS[name]
+    for parameter in parameters:
+        for kind, value in WRONG.items():
+            if kind in NOT_TRIED or (parameter, kind) in TAKEN:
+                continue
+            said = answer(call, given | {parameter: value})
+            assert said is not None, f"{name}({parameter}={kind}) was taken"
+            assert "\n" not in said, f"{name}({parameter}={kind})"
+            assert "allowed" in said, f"{name}({parameter}={kind}): {said}"
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"task": {"nonsense": 1}}, "task: got 'nonsense', allowed load_kg, shock, coupling"),
+        ({"task": {"load_kg": float("nan")}}, "task.load_kg: got nan, allowed: a finite mass"),
+        ({"task": {"load_kg": -5.0}}, "task.load_kg: got -5, allowed: a finite mass"),
+        ({"task": {"load_kg": "a"}}, "task.load_kg: got 'a', allowed: a number"),
+        ({"task": {"load_kg": [1.0]}}, "task.load_kg: got [1.0], allowed a single value"),
+        ({"task": {"coupling": 9}}, "task.coupling: got 9, allowed: a whole number from 0 to 3"),
+        ({"task": {"coupling": 1.5}}, "task.coupling: got 1.5, allowed: a whole number from 0 to 3"),
+        ({"method": None}, "method: got None, allowed a Method"),
+        ({"name": "../x"}, "name: got '../x', allowed one that a folder can have"),
+        ({"name": ".x"}, "name: got '.x', allowed one that a folder can have"),
+        ({"name": None}, "name: got None, allowed a text of one line, 1 to 100 characters"),
+        ({"title": 3}, "title: got 3, allowed a text of one line, 0 to 1000 characters"),
+        ({"dt": "0.01"}, "dt: got '0.01', allowed 0.0001 to 0.1 s"),
+        ({"limits": None}, "limits: got None, allowed a list"),
+        ({"limits": [3]}, "limits: got 3, allowed a limit with names, unit, hard"),
+        ({"control": "a"}, "control: got 'a', allowed a Control"),
+        ({"robot": None}, "robot: got None, allowed a DeclaredRobot"),
+        ({"cost": None}, "cost: got None, allowed a cost with name, minimum, expression, __call__"),
+        ({"response": None}, "response: got None, allowed a response with coordinates"),
+    ],
+)
+def test_terms_that_are_none_are_named_when_the_problem_is_made(changed: dict[str, Any], sentence: str) -> None:
+    said = answer(Problem, terms(**changed))
+    assert said is not None
+    assert said.startswith(sentence)
+    assert answer(problem_of("screwing").replace, changed) == said
+
+
+def test_a_cost_that_lacks_a_member_is_refused_by_its_name() -> None:
+    class Unbounded:
+        name = "unbounded"
+
+        def expression(self, q: Any) -> Any:
+            return q[0]
+
+        def __call__(self, postures: Any) -> Any:
+            return np.atleast_2d(postures)[:, 0]
+
+    said = answer(Problem, terms(cost=Unbounded()))
+    assert said is not None
+    assert "without minimum, allowed a cost with name, minimum" in said
+    assert answer(Problem, terms(cost=Unbounded)) is not None
