@@ -135,7 +135,8 @@ def rule_pose(problem: Problem) -> np.ndarray:
 
     In front of the shoulder of the hand that holds it, or in the middle for both; within the workspace.
     """
-    response, kinematics = problem.response, problem.response.kinematics
+    response = person_of(problem)
+    kinematics = response.kinematics
     pelvis = np.array(response.contact()(response.comfort)[1])
     q = ca.SX.sym("q", len(problem.coordinates))
     at = [ca.vertcat(*(kinematics.at(f"{hand}_{part}", q)[0] for part in ("shoulder", "elbow"))) for hand in response.hands]
