@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable, Mapping
-from numbers import Integral, Real
+from numbers import Integral
+from os import PathLike
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -45,18 +48,18 @@ def check_number(what: str, value: Any, low: float, high: float, unit: str = "",
         ErgoqpError: `error`, if it is not a number from `low` to `high`.
     """
     if not (_is_real(value) and low <= value <= high):
-        end = f" {unit}" if unit else ""
-        raise error(f"{what}: got {shown(value)}{end if _is_real(value) else ''}, allowed {low:g} to {high:g}{end}")
+        end, kind = f" {unit}" if unit else "", "" if _is_real(value) else "a number from "
+        raise error(f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to {high:g}{end}")
 
 
-def check_real(what: str, value: Any, unit: str) -> None:
+def check_real(what: str, value: Any, unit: str, error: type[ErgoqpError] = InputError) -> None:
     """Check that something is a real number; its range is judged where its meaning is known.
 
     Raises:
-        InputError: if it is none.
+        ErgoqpError: `error`, if it is none.
     """
     if not _is_real(value):
-        raise InputError(f"{what}: got {shown(value)}, allowed a number of {unit}")
+        raise error(f"{what}: got {shown(value)}, allowed a number of {unit}")
 
 
 def check_whole(what: str, value: Any, least: int, most: int = MOST_WHOLE, error: type[ErgoqpError] = InputError) -> None:
@@ -146,14 +149,66 @@ def check_kind(
         raise error(f"{what}: got {shown(value)}, allowed {allowed}")
 
 
-def check_text(what: str, value: Any, least: int = 1, most: int = 100, error: type[ErgoqpError] = InputError) -> None:
-    """Check a name or a short text.
+def check_text(what: str, value: Any, error: type[ErgoqpError] = InputError) -> None:
+    """Check a name.
 
     Raises:
-        ErgoqpError: `error`, if it is not one line of `least` to `most` characters.
+        ErgoqpError: `error`, if it is not one line of 1 to 250 characters.
     """
-    if not (isinstance(value, str) and least <= len(value) <= most and value.isprintable()):
-        raise error(f"{what}: got {shown(value)}, allowed a text of one line, {least} to {most} characters")
+    if not (isinstance(value, str) and 1 <= len(value) <= 250 and not any(unicodedata.category(c) == "Cc" for c in value)):
+        raise error(f"{what}: got {shown(value)}, allowed a text of one line, 1 to 250 characters")
+
+
+def flag(what: str, value: Any, error: type[ErgoqpError] = InputError) -> bool:
+    """Return a yes or no, also as NumPy has it, or as 0 and 1.
+
+    Raises:
+        ErgoqpError: `error`, if it is none.
+    """
+    if isinstance(value, (bool, np.bool_)) or (isinstance(value, (int, np.integer)) and value in (0, 1)):
+        return bool(value)
+    raise error(f"{what}: got {shown(value)}, allowed True or False")
+
+
+def names_of(what: str, values: Any, allowed: str, error: type[ErgoqpError] = InputError) -> tuple[str, ...]:
+    """Return names from a list, a tuple, an array or anything else that can be gone through.
+
+    Raises:
+        ErgoqpError: `error`, if one of them is no text, or there are none.
+    """
+    try:
+        names = () if isinstance(values, (str, bytes, Mapping)) else tuple(values)
+    except Exception:  # nothing that can be gone through
+        names = ()
+    if not names or not all(isinstance(name, str) for name in names):
+        raise error(f"{what}: got {shown(values)}, allowed {allowed}")
+    return tuple(str(name) for name in names)
+
+
+def path_of(what: str, value: Any, error: type[ErgoqpError] = InputError) -> Path:
+    """Return the path of a file or folder.
+
+    Raises:
+        ErgoqpError: `error`, if it is not one.
+    """
+    if not isinstance(value, (str, PathLike)) or not str(value) or "\0" in str(value):
+        raise error(f"{what}: got {shown(value)}, allowed a path")
+    return Path(value)
+
+
+def table_of_numbers(what: str, values: Any, error: type[ErgoqpError] = InputError) -> np.ndarray:
+    """Return numbers of any shape as an array; what a mask hides is NaN.
+
+    Raises:
+        ErgoqpError: `error`, if they are texts, complex or no numbers at all.
+    """
+    try:
+        array = unmasked(values)
+        if array.dtype.kind in "biuf":
+            return array.astype(float)
+    except Exception:  # not an array, whatever it is
+        pass
+    raise error(f"{what}: got {shown(values)}, allowed real numbers")
 
 
 def check_called(what: str, value: Any, allowed: str) -> None:
@@ -193,4 +248,5 @@ def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _is_real(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+    """Whether it is a number as arithmetic of floats takes it: of Python or NumPy, and no fraction."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

@@ -67,7 +67,7 @@ def execute(arguments: Sequence[str]) -> int:
     except Exception as error:
         # A usage error of the command line's own library, whichever version of it carries the class.
         if hasattr(error, "format_message"):
-            words = " ".join(error.format_message().split())  # type: ignore[attr-defined]
+            words = _with_got(" ".join(error.format_message().split()), error, arguments)  # type: ignore[attr-defined]
             command = getattr(getattr(error, "ctx", None), "command_path", "ergoqp")
             return _complain(f"{words.rstrip('.')}; see `{command} --help`", MISTAKE)
         if os.environ.get("ERGOQP_DEBUG") == "1":
@@ -75,6 +75,19 @@ def execute(arguments: Sequence[str]) -> int:
         kind = type(error).__name__
         return _complain(f"internal fault, {kind}: {error}; set ERGOQP_DEBUG=1 to see where, and please report it", FAULT)
     return status if isinstance(status, int) else DONE
+
+
+def _with_got(words: str, error: Exception, arguments: Sequence[str]) -> str:
+    """Return the words of a usage error with what was found, where its library does not tell."""
+    options = getattr(getattr(error, "param", None), "opts", ())
+    given = [*arguments, ""]
+    for option in options:
+        found = [given[i + 1] for i, each in enumerate(given[:-1]) if each == option]
+        found += [each.partition("=")[2] for each in arguments if each.startswith(f"{option}=")]
+        if found and "got" not in words and repr(found[-1]) not in words:
+            allowed = words.partition(": ")[2].removeprefix("Input should be ").partition(",")[0].rstrip(".")
+            return f"{option}: got {found[-1]!r}, allowed {allowed}"
+    return words
 
 
 def _complain(words: str, status: int) -> int:

@@ -68,10 +68,10 @@ def out_option(*folders: str) -> Any:
         folders: names of the folders in ``ergoqp-out`` that take its place if it is not given.
     """
     default = "ergoqp-out/" + ", ".join(folders)
-    return typer.Option("--out", metavar="DIR", parser=_folder, help=f"Folder for the results [{default}].")
+    return typer.Option("--out", metavar="DIR", parser=folder_of, help=f"Folder for the results [{default}].")
 
 
-def _folder(text: str) -> Path:
+def folder_of(text: str) -> Path:
     """Return the folder of a text; an empty one would be the current folder without a word."""
     if not text:
         raise typer.BadParameter("got an empty text, allowed a folder")

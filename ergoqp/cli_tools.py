@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli_app import AnyProblem, app, out_option
+from ergoqp.cli_app import AnyProblem, app, folder_of, out_option
 
 _ABOUT_FIT = """Learn a cost from labelled postures, test it on postures that it has not seen, and keep it.
 
@@ -101,7 +101,9 @@ def _compare(
 @app.command("export", help=_ABOUT_EXPORT, short_help="Write the control step of a problem as C99.")
 def _export(
     problem: AnyProblem,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the sources.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", parser=folder_of, help="Folder for the sources.", show_default=False)
+    ],
     dt: Annotated[float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")] = None,
 ) -> None:
     from ergoqp.commands.export import export

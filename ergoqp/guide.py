@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import read_array
+from ergoqp.arguments import check_number, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
@@ -39,6 +39,10 @@ class Guide:
         return UNKNOWN if self.promise is None else self.promise
 
 
+RECORDED: Final = Guide(np.eye(4))
+"""Stands for the place of a recorded loop, which comes with every entry of its log."""
+
+
 def read_guide(problem: Problem, guide: Any) -> Guide:
     """Return the place that a user gives.
 
@@ -52,13 +56,17 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
         InputError: if it is not a rigid pose, is outside the problem's workspace or cone, is of another problem or mode, or the
             problem does not move a pose.
     """
-    if isinstance(guide, Guide):
+    if guide is RECORDED:
         return guide
     if tuple(problem.coordinates) != JOINTS:
         raise InputError(f"guide: problem {problem.name} moves {', '.join(problem.coordinates)}, allowed problems of a person")
     _check_origin(problem, guide)
     pose = read_pose("guide", getattr(guide, "pose", guide))
     _check_place(problem, pose)
+    if isinstance(guide, Guide):
+        if guide.promise is not None:
+            check_number("guide.promise", guide.promise, -1e6, 1e6, "points")
+        return guide
     posture = getattr(guide, "posture", None)
     if posture is None:
         return Guide(pose)
@@ -69,7 +77,7 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
 def _check_origin(problem: Problem, guide: Any) -> None:
     found, mode = getattr(guide, "problem", problem.name), getattr(guide, "mode", "stackelberg")
     if found != problem.name:
-        raise InputError(f"guide: got a place of problem {found}, allowed one of problem {problem.name}")
+        raise InputError(f"guide: got a place of problem {shown(found)}, allowed one of problem {problem.name}")
     if mode != "stackelberg":
         raise InputError(f"guide: got a place of mode {mode}, whose posture nobody has to take, allowed stackelberg")
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import path_of
 from ergoqp.errors import ModelError
 from ergoqp.npz_file import read_npz
 from ergoqp.whole_file import whole
@@ -32,7 +33,7 @@ def save_model(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str,
     Raises:
         ModelError: if the file cannot be written.
     """
-    path = Path(path)
+    path = path_of("model", path, ModelError)
     numbers = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
     full = {"format": FORMAT, **header, "checksum": _checksum(header, numbers)}
     text = np.frombuffer(json.dumps(full, sort_keys=True).encode(), dtype=np.uint8)
@@ -49,7 +50,7 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     Raises:
         ModelError: if the file is not there, not a model, cut, changed, or holds what is not a number.
     """
-    path = Path(path)
+    path = path_of("model", path, ModelError)
     arrays = read_npz(path, [_HEADER])
     try:
         header = json.loads(arrays.pop(_HEADER).tobytes())

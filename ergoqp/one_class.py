@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ergoqp.arguments import check_kind, check_number
+from ergoqp.arguments import check_number, check_real, flag, names_of, table_of_numbers
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 from ergoqp.kernels import Kernel, KernelSum
@@ -77,10 +77,17 @@ class OneClass:
         Raises:
             ModelError: if they do not fit together, rho is not positive, or no support vector is left.
         """
-        self.coordinates = coordinates if isinstance(coordinates, Coordinates) else Coordinates(coordinates)
-        weights, centres = np.asarray(weights, dtype=float), np.asarray(centres, dtype=float)
+        self.coordinates = _coordinates(coordinates)
+        weights, centres = (
+            table_of_numbers(f"one-class SVM {what}", of, ModelError)
+            for what, of in (("weights", weights), ("centres", centres))
+        )
+        check_number("one-class SVM gamma", gamma, 1e-300, 1e300, error=ModelError)
+        check_real("one-class SVM rho", rho, "the kernels' sum", ModelError)
         if not rho > 0:
             raise ModelError(f"one-class SVM: got rho {rho!r}, allowed a positive number: without it nothing is outside")
+        if weights.shape != (len(centres),):
+            raise ModelError(f"one-class SVM: got weights of shape {weights.shape}, allowed ({len(centres)},), one per centre")
         if (weights < 0).any():
             raise ModelError("one-class SVM: got negative weights, allowed weights of at least 0")
         kept = weights > 0
@@ -140,12 +147,12 @@ class OneClass:
             ModelError: if the points cannot be used, or nothing is inside the fit.
             MissingExtraError: if scikit-learn is not installed.
         """
-        names = coordinates if isinstance(coordinates, Coordinates) else Coordinates(coordinates)
+        names = _coordinates(coordinates)
         rows = _points(points, len(names))
         gamma = 1 / len(names) if gamma is None else gamma
         check_number("one-class SVM nu", nu, 1e-6, 0.999, error=ModelError)
         check_number("one-class SVM gamma", gamma, 1e-9, 1e9, error=ModelError)
-        check_kind("one-class SVM scale", scale, bool, "True or False", ModelError)
+        scale = flag("one-class SVM scale", scale, ModelError)
         steps = [sklearn("preprocessing", "a one-class SVM").StandardScaler()] if scale else []
         svm = sklearn("svm", "a one-class SVM").OneClassSVM(nu=nu, gamma=gamma, tol=_TOLERANCE)
         estimator = sklearn("pipeline", "a one-class SVM").make_pipeline(*steps, svm)
@@ -267,12 +274,18 @@ def load_one_class(path: Path | str) -> OneClass:
         raise ModelError(f"{Path(path).name}: does not hold what a one-class SVM needs ({error})") from None
 
 
+def _coordinates(names: Coordinates | Sequence[str]) -> Coordinates:
+    return (
+        names if isinstance(names, Coordinates) else Coordinates(names_of("coordinates", names, "a list of names", ModelError))
+    )
+
+
 def _vector(values: ArrayLike) -> Array:
     return np.asarray(values, dtype=float).ravel()
 
 
 def _points(points: ArrayLike, width: int) -> Array:
-    rows = np.asarray(points, dtype=float)
+    rows = table_of_numbers("points", points, ModelError)
     if rows.ndim != 2 or rows.shape[1] != width or len(rows) < 2:
         raise ModelError(f"one-class SVM: got points of shape {rows.shape}, allowed (n, {width}) with n at least 2")
     if not np.isfinite(rows).all():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from ergoqp.errors import ErgoqpError, ProblemError
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, OneClassBoundary, Situation, WorkspaceBox
 
 if TYPE_CHECKING:
@@ -70,6 +71,33 @@ class OwnLimits:
                     return name
         return ""
 
+    def judge(self) -> None:
+        """Check that every limit gives its rows, one for each name.
+
+        Raises:
+            ProblemError: if one does not, with what it raised.
+        """
+        for limit in self.limits:
+            first = limit.names[0]
+            allowed = f"ergoqp.limits.limit.Rows of {len(limit.names)}, and as many margins"
+            try:
+                found = [self._functions[first].numel_out(0), self._margins_of(limit)]
+            except ErgoqpError:
+                raise
+            except Exception as error:  # whatever the code of a user's own limit does
+                words = " ".join(str(error).split())[:100]
+                raise ProblemError(
+                    f"limits: rows of {first}: got {type(error).__name__} ({words}), allowed {allowed}"
+                ) from None
+            if found != [len(limit.names)] * 2:
+                raise ProblemError(f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed {allowed}")
+
+    def _margins_of(self, limit: Limit) -> int:
+        place, measure = self._place(), limit.measure()
+        if measure is not None:
+            place = replace(place, readings={limit.names[0]: ca.SX.sym("readings", measure.numel_out(0))})
+        return limit.margins(place, ca.SX(6, 1)).numel()
+
     @cached_property
     def ends(self) -> ca.Function | None:
         """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite, at least 0 where all holds; or None."""
@@ -90,13 +118,17 @@ class OwnLimits:
     def _functions(self) -> dict[str, ca.Function]:
         return {limit.names[0]: self._ends_of(limit) for limit in self.limits}
 
+    def _place(self) -> Situation:
+        """Somewhere, with nothing under way."""
+        n, still = len(self.problem.coordinates), ca.SX(6, 1)
+        posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
+        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.problem.surface)
+        return replace(place, shift=ca.SX(n, 1))
+
     def _ends_of(self, limit: Limit) -> ca.Function:
         """``(posture, pose) -> (below, above)`` of one limit."""
-        n, measure = len(self.problem.coordinates), limit.measure()
-        posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
-        still = ca.SX(6, 1)
-        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.problem.surface)
-        place = replace(place, shift=ca.SX(n, 1))
+        n, measure, place = len(self.problem.coordinates), limit.measure(), self._place()
+        posture, pose = place.posture, place.pose
         if measure is None:
             rows = limit.rows(place)
             return ca.Function("ends", [posture, pose], [ca.densify(rows.below), ca.densify(rows.above)])

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ergoqp.arguments import as_tuple
 from ergoqp.control import Control
 from ergoqp.coordinates import FOREARM, Coordinates
 from ergoqp.costs.cost import Cost
@@ -67,8 +68,11 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Check that the terms are what they are to be, and fit together."""
+        try:
+            object.__setattr__(self, "limits", as_tuple("limits", self.limits))
+        except InputError as error:
+            raise ProblemError(str(error)) from None
         check_kinds(self)
-        object.__setattr__(self, "limits", tuple(self.limits))
         self._check_state()
         count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
         if count != 1:
@@ -77,6 +81,7 @@ class Problem:
         if doubled := sorted({name for name in names if names.count(name) > 1}):
             raise ProblemError(f"limits: got more than one row named {', '.join(doubled)}, allowed one each")
         self._check_room()
+        self.own_limits.judge()
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from ergoqp.arguments import path_of, shown
 from ergoqp.control import Control
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
@@ -65,7 +66,7 @@ def load_problem(name: str | Path) -> Problem:
     Raises:
         ProblemError: if there is no such problem, or the file is not one; the message lists every mistake.
     """
-    path = _find(name)
+    path = _find(path_of("problem", name, ProblemError))
     try:
         raw = read_toml(path, "problem")
     except InputError as error:
@@ -165,10 +166,17 @@ def find_model(name: str, folder: Path) -> Path:
 
 def _find(name: str | Path) -> Path:
     path = Path(name)
+    try:
+        return _found(path, str(name))
+    except OSError as error:
+        raise ProblemError(f"problem: got {shown(str(name))}: {error.strerror}, allowed the path of a .toml file") from None
+
+
+def _found(path: Path, name: str) -> Path:
     if path.suffix != ".toml" and len(path.parts) == 1:
         path = data_folder("problems") / f"{name}.toml"
         if not path.is_file():
-            raise ProblemError(f"problem: got {str(name)!r}, allowed {', '.join(problem_names())} or the path of a .toml file")
+            raise ProblemError(f"problem: got {name!r}, allowed {', '.join(problem_names())} or the path of a .toml file")
     elif not path.is_file():
-        raise ProblemError(f"problem: {str(name)!r} is {'a directory' if path.is_dir() else 'not there'}, allowed a .toml file")
+        raise ProblemError(f"problem: {name!r} is {'a directory' if path.is_dir() else 'not there'}, allowed a .toml file")
     return path

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_called, check_kind, check_number, read_array
+from ergoqp.arguments import check_called, check_kind, check_number, flag, read_array
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
+from ergoqp.problem import Problem
 from ergoqp.problem_kinds import PERIODS
 from ergoqp.rest import STATES, stalled
 from ergoqp.step_answer import Step
@@ -21,9 +22,6 @@ from ergoqp.step_parts import count
 from ergoqp.step_state import initial_state, state_sizes
 from ergoqp.step_stop import longest_stop
 from ergoqp.step_values import number, put, truth
-
-if TYPE_CHECKING:
-    from ergoqp.problem import Problem
 
 _ROUNDING: Final = 1e-9
 """What is beyond a speed limit by less is within it [m/s, rad/s]."""
@@ -65,7 +63,8 @@ class Stepper:
         """Build the step function once; this takes some tenths of a second, compiled the first time some ten seconds."""
         if dt is not None:
             check_number("dt", dt, *PERIODS, "s")
-        check_kind("compiled", compiled, bool, "True or False")
+        check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+        compiled = flag("compiled", compiled)
         check_called("log", log, "a function that takes the record of a step")
         self.problem = problem if dt is None else problem.replace(dt=float(dt))
         self.dt = self.problem.dt

@@ -6,10 +6,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from ergoqp.arguments import as_tuple, check_kind
 from ergoqp.errors import InputError
-from ergoqp.guide import Guide
+from ergoqp.guide import RECORDED
 from ergoqp.step import Stepper
 from ergoqp.step_answer import Step
 
@@ -31,6 +30,8 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
         InputError: if an entry is not one of such a loop.
         CompilerError: if the logged step was compiled, and there is no compiler here.
     """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+    log = as_tuple("log", log)
     steppers: dict[str, Stepper] = {}
     steps = []
     for number, entry in enumerate(log):
@@ -39,7 +40,7 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
             guided = "guide" in entry
             stepper = steppers.get(key := repr((sorted(loop.items()), guided)))
             if stepper is None:
-                stepper = steppers[key] = Stepper(problem, **loop, guide=Guide(np.eye(4)) if guided else None)
+                stepper = steppers[key] = Stepper(problem, **loop, guide=RECORDED if guided else None)
             for name, values in stepper._inputs.items():
                 values[:] = entry[name]
         except (KeyError, TypeError, ValueError) as error:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.arguments import shown
+from ergoqp.errors import ProblemError
 from ergoqp.linear import is_set
 from ergoqp.rest import HUNTING
 from ergoqp.step_inputs import stand_in
@@ -69,6 +71,8 @@ def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
     if _is_dense(problem):
         return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue] (what dense costs have)
     value = problem.cost.expression(q)
+    if getattr(value, "shape", None) != (1, 1):
+        raise ProblemError(f"cost: got the expression {shown(value)} of {problem.cost.name}, allowed a scalar of CasADi")
     return value, ca.gradient(value, q)
 
 

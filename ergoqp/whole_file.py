@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_COUNT = itertools.count()
 
 
 @contextmanager
@@ -23,7 +27,7 @@ def whole(path: Path) -> Iterator[Path]:
     """
     target = path.resolve()
     # The ending stays: some writers add their own to a name without it.
-    scratch = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    scratch = target.with_name(f"{_own_name()}{target.suffix[-20:]}")
     try:
         yield scratch
         scratch.replace(target)
@@ -39,7 +43,8 @@ def whole(path: Path) -> Iterator[Path]:
 def whole_folder(folder: Path) -> Iterator[Path]:
     """Give a folder to fill instead of `folder`, beside it; what is in it takes its place when all of it is there.
 
-    A folder that is there already keeps what else it holds. If the filling fails nothing has changed.
+    A folder that is there already keeps what else it holds. If the filling fails, or what is there stands in the way, nothing
+    has changed.
 
     Args:
         folder: that is to hold the files afterwards.
@@ -48,24 +53,34 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         OSError: naming `folder`, if they cannot be written.
     """
     target = folder.resolve()
-    scratch = target.with_name(f".{target.name}.{os.getpid()}")
+    # Within what is there already: it may be another disk than the folder around it, or the only one that can be written.
+    scratch = (target if target.exists() else target.parent) / _own_name()
     try:
         scratch.mkdir(parents=True)
         yield scratch
         if not target.exists():
             scratch.replace(target)
             return
-        for made in sorted(scratch.rglob("*")):
-            place = target / made.relative_to(scratch)
-            if made.is_dir():
+        made = [(each, target / each.relative_to(scratch)) for each in sorted(scratch.rglob("*"))]
+        for each, place in made:
+            if place.exists() and place.is_dir() != each.is_dir():
+                raise OSError(errno.EEXIST, os.strerror(errno.EEXIST), str(folder / place.relative_to(target)))
+        for each, place in made:
+            if each.is_dir():
                 place.mkdir(exist_ok=True)
             else:
-                made.replace(place)
+                each.replace(place)
     except OSError as error:
-        error.filename, error.filename2 = str(folder), None
+        if error.errno != errno.EEXIST:
+            error.filename, error.filename2 = str(folder), None
         raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _own_name() -> str:
+    """Return a name that nobody else writes to, in this process or another."""
+    return f".ergoqp-{os.getpid()}-{next(_COUNT)}"
 
 
 def write_whole(path: Path, text: str) -> None:

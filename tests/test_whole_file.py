@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -100,3 +101,39 @@ def test_a_folder_is_filled_whole_or_not_at_all(tmp_path: Path, there: bool) -> 
     mine = ["export/mine"] if there else []
     assert found() == ["export/README", *mine, "export/src/step.c"]
     assert (folder / "README").read_text() == "after"
+
+
+def test_what_stands_in_the_way_is_named_before_anything_is_changed(tmp_path: Path) -> None:
+    folder = tmp_path / "export"
+    (folder / "src" / "step.c").mkdir(parents=True)
+    (folder / "README").write_text("before")
+
+    def fill() -> None:
+        with whole_folder(folder) as scratch:
+            (scratch / "src").mkdir()
+            (scratch / "README").write_text("after")
+            (scratch / "src" / "step.c").write_text("x")
+
+    with pytest.raises(OSError, match="File exists") as told:
+        fill()
+    assert str(told.value.filename) == str(folder / "src" / "step.c")
+    assert (folder / "README").read_text() == "before"
+    assert sorted(each.name for each in folder.iterdir()) == ["README", "src"]
+
+
+def test_a_folder_that_is_there_is_filled_from_within(tmp_path: Path) -> None:
+    """It may be a disk of its own, from which nothing can be moved in one go, in a folder that cannot be written."""
+    folder = tmp_path / "mounted"
+    folder.mkdir()
+    with whole_folder(folder) as scratch:
+        assert scratch.parent == folder
+        (scratch / "step.c").write_text("x")
+    assert [each.name for each in folder.iterdir()] == ["step.c"]
+
+
+def test_many_threads_write_the_same_file(tmp_path: Path) -> None:
+    path = tmp_path / "run.json"
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda number: write_whole(path, f"{number}" * 1000), range(10, 99)))
+    assert len(set(path.read_text()[i : i + 2] for i in range(0, 2000, 2))) == 1
+    assert [each.name for each in tmp_path.iterdir()] == ["run.json"]

@@ -7,14 +7,20 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
-from step_samples import comfort_of, problem_of
+from step_samples import comfort_of, held_pose, problem_of
 
+import ergoqp
 from ergoqp.control import Control
+from ergoqp.costs.data import DataSet
 from ergoqp.errors import ErgoqpError
+from ergoqp.guide import Guide
 from ergoqp.human import Body
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
+from ergoqp.limits.limit import Rows, Situation, straight_margins
+from ergoqp.one_class import OneClass, load_one_class
 from ergoqp.optimise.find import optimise
 from ergoqp.problem import Problem
 from ergoqp.responses import IkResponse, LinearResponse
@@ -159,7 +165,13 @@ LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
     ),
 }
 
-TAKEN = {("recording", "text"), ("assumptions", "list of texts"), ("scheduler", "text"), ("out", "text")}
+TAKEN = {
+    ("recording", "text"),
+    ("start_time", "negative"),
+    ("assumptions", "list of texts"),
+    ("scheduler", "text"),
+    ("out", "text"),
+}
 """What is of the right kind after all."""
 
 NOT_TRIED = ("none", "fraction", "class", "table", "list", "odd table", "no text")
@@ -191,10 +203,10 @@ def test_whatever_a_loop_is_given_it_answers_with_one_sentence(name: str) -> Non
         ({"task": {"coupling": 1.5}}, "task.coupling: got 1.5, allowed: a whole number from 0 to 3"),
         ({"method": None}, "method: got None, allowed a Method"),
         ({"name": "../x"}, "name: got '../x', allowed one that a folder can have"),
-        ({"name": ".x"}, "name: got '.x', allowed one that a folder can have"),
-        ({"name": None}, "name: got None, allowed a text of one line, 1 to 100 characters"),
-        ({"title": 3}, "title: got 3, allowed a text of one line, 0 to 1000 characters"),
-        ({"dt": "0.01"}, "dt: got '0.01', allowed 0.0001 to 0.1 s"),
+        ({"name": ".."}, "name: got '..', allowed one that a folder can have"),
+        ({"name": None}, "name: got None, allowed a text of one line, 1 to 250 characters"),
+        ({"title": 3}, "title: got 3, allowed a text"),
+        ({"dt": "0.01"}, "dt: got '0.01', allowed a number from 0.0001 to 0.1 s"),
         ({"limits": None}, "limits: got None, allowed a list"),
         ({"limits": [3]}, "limits: got 3, allowed a limit with names, unit, hard"),
         ({"control": "a"}, "control: got 'a', allowed a Control"),
@@ -224,3 +236,141 @@ def test_a_cost_that_lacks_a_member_is_refused_by_its_name() -> None:
     assert said is not None
     assert "without minimum, allowed a cost with name, minimum" in said
     assert answer(Problem, terms(cost=Unbounded)) is not None
+
+
+class Shelf:
+    """A limit of one's own: the object stays behind x = 2 m, far away."""
+
+    names = ("shelf",)
+    unit = "m"
+    hard = True
+    returns = (True,)
+    tolerance = 1e-6
+    recovery_time = 1.0
+    yield_zone = 0.0
+    proven = False
+
+    def measure(self) -> None:
+        pass
+
+    def rows(self, situation: Situation) -> Any:
+        matrix = ca.SX(1, 6)
+        matrix[0, 0] = 1
+        free = ca.SX([ca.inf])
+        return situation.counted(self.names[0], Rows(matrix, free, ca.SX(2.0) - situation.pose[0, 3], free, ca.SX(1, 1)))
+
+    def margins(self, situation: Situation, displacement: Any) -> Any:
+        return straight_margins(self.rows(situation), displacement)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"tolerance": float("nan")}, "limits: tolerance of shelf: got nan, allowed 0 to 1e+06"),
+        ({"tolerance": "x"}, "limits: tolerance of shelf: got 'x', allowed a number from 0 to 1e+06"),
+        ({"recovery_time": 0.0}, "limits: recovery_time of shelf: got 0.0, allowed 0.001 to 1000"),
+        ({"yield_zone": None}, "limits: yield_zone of shelf: got None, allowed a number from"),
+        ({"hard": "no"}, "limits: hard of shelf: got 'no', allowed True or False"),
+        ({"names": "shelf"}, "limits: names: got 'shelf', allowed a name for each row"),
+        ({"names": ()}, "limits: names: got (), allowed a name for each row"),
+        ({"names": (5,)}, "limits: names: got (5,), allowed a name for each row"),
+        ({"names": ("a", "b"), "returns": (True, True)}, "limits: rows of a: got 1 rows and 1 margins, allowed"),
+        ({"returns": True}, "limits: returns of shelf: got True, allowed one True or False for each row"),
+        ({"returns": (True,) * 3}, "limits: returns of shelf: got (True, True, True), allowed one"),
+        ({"measure": None}, "limits: rows of shelf: got TypeError ("),
+        ({"rows": lambda situation: None}, "limits: rows of shelf: got AttributeError ("),
+        ({"margins": lambda situation, displacement: None}, "limits: rows of shelf: got AttributeError ("),
+        ({"rows": lambda situation: Rows(ca.SX(1, 6), 1.0, 1.0, 1.0, 1.0)}, "limits: got rows whose below has shape None"),
+    ],
+)
+def test_a_limit_of_ones_own_is_judged_when_the_problem_is_made(changed: dict[str, Any], sentence: str) -> None:
+    shelf = Shelf()
+    assert answer(Problem, terms(limits=[*problem_of("screwing").limits, shelf])) is None
+    for name, value in changed.items():
+        setattr(shelf, name, value)
+    said = answer(Problem, terms(limits=[*problem_of("screwing").limits, shelf]))
+    assert said is not None
+    assert said.startswith(sentence)
+
+
+class Bowl:
+    """A cost of one's own."""
+
+    name = "bowl"
+    minimum = 1.0
+
+    def expression(self, q: Any) -> Any:
+        return 1 + ca.sumsqr(q)
+
+    def __call__(self, postures: Any) -> Any:
+        return 1 + (np.atleast_2d(postures) ** 2).sum(axis=1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"minimum": float("nan")}, "cost.minimum: got nan, allowed -1e+06 to 1e+06"),
+        ({"minimum": float("inf")}, "cost.minimum: got inf, allowed"),
+        ({"minimum": "x"}, "cost.minimum: got 'x', allowed a number from"),
+        ({"name": 5}, "cost.name: got 5, allowed a text of one line"),
+        ({"expression": lambda q: None}, "cost: got the expression None of bowl, allowed a scalar of CasADi"),
+        ({"expression": lambda q: q}, "cost: got the expression MX(q) of bowl, allowed a scalar of CasADi"),
+    ],
+)
+def test_a_cost_of_ones_own_is_judged_before_the_loop(changed: dict[str, Any], sentence: str) -> None:
+    bowl = Bowl()
+    for name, value in changed.items():
+        setattr(bowl, name, value)
+    said = answer(lambda: Problem(**terms(cost=bowl)).stepper(), {})
+    assert said is not None
+    assert said.startswith(sentence)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: problem_of("screwing").replace(limits=(limit for limit in problem_of("screwing").limits)),
+        lambda: problem_of("screwing").replace(name="visser : dix", title="visser\u00a0: dix\nlignes"),
+        lambda: IkResponse(free_about_tool=np.bool_(True), hands=np.array(["right"])),
+        lambda: TwistLimit(axes={"x"}),
+        lambda: problem_of("screwing").stepper(compiled=np.bool_(False), dt=np.float32(0.01)),
+        lambda: DataSet(np.eye(30)[:, :3], np.arange(30), ("trunk_flexion", "neck_flexion", "trunk_twist")),
+        lambda: Senses(delay=np.float64(0.1), lost=0),
+    ],
+)
+def test_what_is_right_is_taken_however_it_is_written(call: Callable[[], Any]) -> None:
+    assert call() is not None
+
+
+def test_what_a_mask_hides_and_what_is_complex_is_not_learned_from() -> None:
+    points = np.random.default_rng(0).normal(size=(40, 2))
+    hidden = np.ma.masked_where(points > 1.5, points)
+    for wrong in (hidden, points + 1j, points.astype(str)):
+        for make in (
+            lambda wrong=wrong: OneClass.fit(wrong, ["neck_flexion", "trunk_flexion"]),
+            lambda wrong=wrong: DataSet(wrong, np.ones(40), ("neck_flexion", "trunk_flexion")),
+        ):
+            said = answer(make, {})
+            assert said is not None
+            assert "allowed" in said
+
+
+def test_a_place_is_judged_in_whatever_it_comes() -> None:
+    problem = problem_of("screwing")
+    for place in (
+        np.eye(4),
+        Guide(np.eye(4)),
+        Guide(np.eye(3)),
+        Guide(np.full((4, 4), np.nan)),
+        Guide(held_pose("screwing"), "x"),
+    ):  # pyright: ignore
+        assert answer(problem.stepper, {"guide": place}) is not None
+    assert answer(problem.stepper, {"guide": Guide(held_pose("screwing"), 3.0)}) is None
+
+
+@pytest.mark.parametrize("path", [5, None, b"screwing", "", "x" * 5000 + ".toml"])
+def test_what_is_no_path_is_one_sentence(path: Any) -> None:
+    for load in (ergoqp.load_problem, ergoqp.load_cost, ergoqp.load_recording, load_one_class):
+        said = answer(load, {"name" if load is ergoqp.load_problem else "path": path})
+        assert said is not None
+        assert "allowed" in said

@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from ergoqp.arguments import check_whole
 from ergoqp.commands.common import (
     RecordingOptions,
     console,
@@ -58,6 +59,8 @@ def optimise_command(
     """
     problem = load_person_problem(problem_name)
     check_names(settings["mode"], settings["solver"])
+    for name, least in (("starts", 1), ("seed", 0), ("jobs", 1)):
+        check_whole(name, settings[name], least)
     posture, person, notes = _who(problem, recording_path, at, options)
     folder = make_folder(out, f"optimise-{problem.name}")
     settings = settings | {"person": person, "assumptions": notes, "out": folder}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import names_of, table_of_numbers
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 
@@ -33,8 +34,13 @@ class DataSet:
         Raises:
             ModelError: naming the row or the shape.
         """
-        points, labels = np.asarray(self.points, dtype=float), np.asarray(self.labels, dtype=float)
-        width = len(Coordinates(self.coordinates))
+        points, labels = (
+            table_of_numbers("points", self.points, ModelError),
+            table_of_numbers("labels", self.labels, ModelError),
+        )
+        names = names_of("coordinates", self.coordinates, "a list of names", ModelError)
+        object.__setattr__(self, "coordinates", names)
+        width = len(Coordinates(names))
         if points.ndim != 2 or points.shape[1] != width:
             raise ModelError(f"data: got points of shape {points.shape}, allowed (n, {width}): {', '.join(self.coordinates)}")
         if labels.shape != (len(points),):
@@ -44,7 +50,6 @@ class DataSet:
             raise ModelError(f"data: row {bad[0]} is not finite ({bad.size} such rows), allowed numbers only")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "labels", labels)
-        object.__setattr__(self, "coordinates", tuple(self.coordinates))
 
     def __len__(self) -> int:
         """Count the points."""

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import LARGEST_SEED, check_number, check_whole, check_word, numbers_of
+from ergoqp.arguments import LARGEST_SEED, check_kind, check_number, check_whole, check_word, numbers_of
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.errors import MissingExtraError, ModelError
@@ -103,6 +103,7 @@ class Gmr(LearnedCost):
             ModelError: for too few points, equal labels, or an option that is none.
             MissingExtraError: if scikit-learn is not installed.
         """
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
         check_word("variant", variant, get_args(Variant), ModelError)
         per_score = variant == "per_score"
         covariance = ("diag" if per_score else "full") if covariance is None else covariance

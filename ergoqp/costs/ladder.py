@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import check_number
+from ergoqp.arguments import check_kind, check_number
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.errors import ModelError
@@ -125,6 +125,7 @@ class OneClassLadder(LearnedCost):
             ModelError: for too few points of a label, or too many labels.
             MissingExtraError: if scikit-learn is not installed.
         """
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
         for what, value, ends in (
             ("nu", nu, (1e-6, 0.999)),
             ("steepness", steepness, (1e-6, 1e6)),

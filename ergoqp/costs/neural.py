@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import MOST_WHOLE, check_number, check_whole, shown
+from ergoqp.arguments import MOST_WHOLE, check_kind, check_number, check_whole, shown
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
@@ -108,6 +108,7 @@ class Neural(LearnedCost):
         Raises:
             ModelError: for too little data, or labels that are not a few whole numbers.
         """
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
         batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH) if batch is None else batch
         decay = _DECAY / max(len(data), 1) if decay is None else decay
         _check(rate, hidden, seed, steps=steps, curves=curves, batch=batch)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.arguments import check_kind
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.errors import MissingExtraError, ModelError
@@ -54,6 +55,7 @@ class Quadratic(LearnedCost):
             ModelError: for too little data.
             MissingExtraError: without scipy.
         """
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
         width = data.points.shape[1]
         data.require(3 * width, "quadratic")
         try:

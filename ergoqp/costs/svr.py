@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import LARGEST_SEED, check_number, check_whole, check_word, numbers_of
+from ergoqp.arguments import LARGEST_SEED, check_kind, check_number, check_whole, check_word, numbers_of
 from ergoqp.costs.data import DataSet
 from ergoqp.costs.features import Columns, Steps, features_from
 from ergoqp.costs.learned import LearnedCost
@@ -104,6 +104,7 @@ class Svr(LearnedCost):
             ModelError: for too little data, labels that are all the same, or a number out of its range.
             MissingExtraError: if scikit-learn is not installed.
         """
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
         data.require(_LEAST, "svr")
         for what, value, low in (("C", C, _LEAST_NUMBER), ("epsilon", epsilon, 0.0), ("gamma", gamma, _LEAST_NUMBER)):
             check_number(f"svr {what}", value, low, _LARGEST_NUMBER, error=ModelError)

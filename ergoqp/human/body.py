@@ -81,7 +81,7 @@ class Body:
             raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
         filled = {name: fraction * self.stature for name, fraction in FRACTIONS.items()}
         for name, length in self.lengths.items():
-            check_real(f"length of {name}", length, "metres")
+            check_number(f"length of {name}", length, 0.0, 10.0, "m")
             if not 0.4 <= length / filled[name] <= 2.0:
                 raise InputError(
                     f"length of {name}: got {length:.3f} m, allowed {0.4 * filled[name]:.3f} to {2 * filled[name]:.3f} m "
@@ -117,7 +117,9 @@ class Body:
         """
         check_kind("segment lengths", lengths, Mapping, "a table of segments, each with its length [m]")
         if not lengths or (set(lengths) - set(FRACTIONS)):
-            raise InputError(f"segment lengths: got {sorted(lengths)}, allowed a non-empty part of {sorted(FRACTIONS)}")
+            raise InputError(f"segment lengths: got {shown(list(lengths))}, allowed a non-empty part of {sorted(FRACTIONS)}")
+        for name, length in lengths.items():
+            check_number(f"length of {name}", length, 0.01, 10.0, "m")
         return cls(stature=stature_of(lengths), lengths=lengths, mass=mass)
 
     @cached_property

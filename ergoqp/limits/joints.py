@@ -10,7 +10,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, read_array, shown
+from ergoqp.arguments import check_kind, check_number, flag, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
@@ -61,6 +61,7 @@ class JointLimit:
                 raise InputError(
                     f"ranges_deg of {name}: got {low:g} to {high:g}, allowed within {least:.0f} to {greatest:.0f} deg"
                 )
+        object.__setattr__(self, "recover", flag("recover", self.recover))
         check_number("rate_deg", self.rate_deg, _SLOWEST, 1e4)
         check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES)
         for name in ("yield_zone_deg", "tolerance_deg"):

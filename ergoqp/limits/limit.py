@@ -120,7 +120,7 @@ class Rows:
         """
         one = (self.matrix.shape[0], 1)
         for name, part in vars(self).items():
-            if (shape := part.shape) != ((one[0], 6) if name == "matrix" else one):
+            if (shape := getattr(part, "shape", None)) != ((one[0], 6) if name == "matrix" else one):
                 allowed = "(m, 6)" if name == "matrix" else f"{one}, a number for each row of the matrix"
                 raise ProblemError(f"limits: got rows whose {name} has shape {shape}, allowed {allowed}")
 

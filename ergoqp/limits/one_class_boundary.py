@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from ergoqp.arguments import check_kind, check_number, check_text, shown
+from ergoqp.arguments import check_number, check_text, flag, shown
 from ergoqp.errors import InputError
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation
 
@@ -48,10 +48,10 @@ class OneClassBoundary:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not hasattr(self.model, "margin_and_slope"):
+        if isinstance(self.model, type) or not hasattr(self.model, "margin_and_slope"):
             raise InputError(f"model: got {shown(self.model)}, allowed a one-class SVM, such as ergoqp.one_class.OneClass")
         check_text("name", self.name)
-        check_kind("hard", self.hard, bool, "True or False")
+        object.__setattr__(self, "hard", flag("hard", self.hard))
         check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
         check_number("tolerance", self.tolerance, 0.0, 1e3)
 

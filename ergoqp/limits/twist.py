@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, shown
+from ergoqp.arguments import check_number, names_of, shown
 from ergoqp.errors import InputError
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -48,10 +48,9 @@ class TwistLimit:
             check_number(name, getattr(self, name), _LEAST, _GREATEST)
         check_number("aside", self.aside, 0.0, 1e3)
         allowed = f"some of {', '.join(AXES)}, each once"
-        check_kind("axes", self.axes, (tuple, list), allowed)
-        if not self.axes or any(axis not in AXES for axis in self.axes) or len(set(self.axes)) != len(self.axes):
+        object.__setattr__(self, "axes", names_of("axes", self.axes, allowed))
+        if set(self.axes) - set(AXES) or len(set(self.axes)) != len(self.axes):
             raise InputError(f"axes: got {shown(self.axes)}, allowed {allowed}")
-        object.__setattr__(self, "axes", tuple(self.axes))
 
     @property
     def speed(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ergoqp import __version__
+from ergoqp.arguments import path_of
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.native.compiled import generated
@@ -46,6 +47,7 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
         CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP library.
     """
     compiler()
+    folder = path_of("folder", folder)
     if folder.exists() and (
         not folder.is_dir() or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
     ):

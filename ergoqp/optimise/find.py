@@ -9,7 +9,7 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences
+from ergoqp.arguments import check_called, check_kind, check_number, check_whole, path_of, sentences
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
@@ -82,7 +82,7 @@ def optimise(
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
         check_whole(name, value, least)
     check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
-    check_kind("out", out, (str, Path, type(None)), "a folder or None")
+    out = None if out is None else path_of("out", out)
     check_kind("scheduler", scheduler, (str, type(None)), "the address of a Dask scheduler or None")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)

@@ -92,6 +92,7 @@ def _on_cluster(key: str, task: Task, numbers: Sequence[int], address: str) -> I
     except ImportError:
         raise MissingExtraError("solving starts on a cluster", "optimise", "distributed") from None
     try:
+        _check_address(address)
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
@@ -99,6 +100,15 @@ def _on_cluster(key: str, task: Task, numbers: Sequence[int], address: str) -> I
         ) from None
     with client:
         yield from _collected(client, [client.submit(solve_start, key, sent, number, pure=False) for number in numbers])
+
+
+def _check_address(address: str) -> None:
+    """Raise ValueError for an address without a host and a port, of which a client would not get rid any more."""
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    scheme, place = parse_address(address)
+    if scheme in ("tcp", "tls"):
+        parse_host_port(place)
 
 
 def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:

@@ -108,7 +108,7 @@ def _decoded(path: Path) -> str:
     try:
         # Opening a pipe or a device would wait for someone to write.
         if path.exists() and not path.is_file():
-            raise RecordingError(f"{str(path)!r} is not a file; give the recording file itself")
+            raise RecordingError(f"{str(path)!r} is not a file, allowed the recording file itself")
         content = path.read_bytes()
     except FileNotFoundError:
         raise RecordingError(f"{path.name}: got no file {str(path)!r}, allowed a recording") from None

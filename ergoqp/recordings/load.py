@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping
 from numbers import Real
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.arguments import path_of
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
@@ -58,7 +60,7 @@ def load_recording(
         InputError: another argument is not usable.
         MissingExtraError: the format's reader is not installed.
     """
-    path = Path(path)
+    path = path_of("recording", path)
     _check_arguments(unit_to_m, up)
     naming = None if mapping is None else read_mapping(Path(mapping))
     body = None if person is None else given_person(person)
@@ -108,9 +110,9 @@ def _reader(path: Path) -> Callable[[Path], JointMotion]:
     try:
         return READERS[path.suffix.lower()]
     except KeyError:
-        if path.is_dir():
-            raise RecordingError(f"{str(path)!r} is a folder; give the recording file itself") from None
-        raise RecordingError(f"{path.name}: got the ending {path.suffix!r}, recordings end in {', '.join(READERS)}") from None
+        if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
+            raise RecordingError(f"{str(path)!r} is a folder, allowed the recording file itself") from None
+        raise RecordingError(f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join(READERS)}") from None
 
 
 def _vertical(path: Path, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]) -> str:

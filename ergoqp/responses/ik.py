@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import check_kind, check_number, shown
+from ergoqp.arguments import check_kind, check_number, flag, names_of, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.kinematics import base_jacobian
@@ -91,15 +91,14 @@ class IkResponse:
         """Check the terms; a wrong one raises here and not in the loop."""
         check_kind("body", self.body, Body, "a Body")
         allowed = "('right',), ('left',) or ('right', 'left')"
-        check_kind("hands", self.hands, (tuple, list), allowed)
-        object.__setattr__(self, "hands", tuple(self.hands))
+        object.__setattr__(self, "hands", names_of("hands", self.hands, allowed))
         if self.hands not in (("right",), ("left",), ("right", "left")):
             raise InputError(f"hands: got {shown(self.hands)}, allowed {allowed}")
         if not isinstance(self.stance, str) or self.stance not in ("standing", "seated"):
             raise InputError(f"stance: got {shown(self.stance)}, allowed 'standing' or 'seated'")
         if not isinstance(self.tool, str) or self.tool not in TOOL_AXES:
             raise InputError(f"tool: got {shown(self.tool)}, allowed one of {', '.join(TOOL_AXES)}")
-        check_kind("free_about_tool", self.free_about_tool, bool, "True or False")
+        object.__setattr__(self, "free_about_tool", flag("free_about_tool", self.free_about_tool))
         for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
             check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
         for name, low, high in (

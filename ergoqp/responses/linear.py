@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_kind, check_number, read_array, sentences
+from ergoqp.arguments import check_number, names_of, read_array, shown
 from ergoqp.coordinates import FOREARM
 from ergoqp.errors import InputError
 
@@ -36,9 +36,10 @@ class LinearResponse:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
-        check_kind("coordinates", self.coordinates, (tuple, list), "a list of names")
+        object.__setattr__(self, "coordinates", names_of("coordinates", self.coordinates, "a list of names"))
         n = len(self.coordinates)
-        object.__setattr__(self, "coordinates", sentences("coordinates", self.coordinates))
+        if len(set(self.coordinates)) < n:
+            raise InputError(f"coordinates: got {shown(self.coordinates)}, allowed each name once")
         if self.matrix is None and n != 6:
             raise InputError(f"coordinates: got {n}, allowed 6 where no matrix is given")
         for name, value, shape in (

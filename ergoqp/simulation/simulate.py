@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences, shown, unmasked
+from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences, shown, table_of_numbers, unmasked
 from ergoqp.errors import InputError
 from ergoqp.guide import Guide, read_guide
 from ergoqp.human import Body
@@ -41,7 +42,7 @@ def simulate(
     *,
     person: Follower | Body | None = None,
     observed: ArrayLike | None = None,
-    recording: str | None = None,
+    recording: str | Path | None = None,
     start_time: float | None = None,
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
@@ -80,11 +81,11 @@ def simulate(
         ("person", person, (Follower, Body, none), "a Follower, a Body or None"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
         ("senses", senses, (Senses, none), "Senses or None"),
-        ("recording", recording, (str, none), "the name of a recording or None"),
+        ("recording", recording, (str, Path, none), "the name of a recording or None"),
     ):
         check_kind(what, value, kind, allowed)
     if start_time is not None:
-        check_number("start_time", start_time, 0.0, 1e9, "s")
+        check_number("start_time", start_time, -1e9, 1e9, "s")
     check_called("progress", progress, "a function of the share that is done")
     assumptions = sentences("assumptions", assumptions)
     model = problem.response
@@ -130,7 +131,7 @@ def simulate(
         let_go=trace.let_go,
         options=options_of(problem, _SOLVER),
         assumptions=[*assumptions, *beyond, *_assumptions(model, follower, senses, unobserved, place), *_robot(problem, robot)],
-        recording=recording,
+        recording=None if recording is None else str(recording),
         start_time=start_time,
         unobserved=unobserved,
         reba_standing_still=_standing_still(problem, follower, start),
@@ -178,8 +179,8 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
         InputError: if it is not one.
     """
     try:
-        angles = np.array(unmasked(posture), dtype=float)
-    except Exception:  # not an array, whatever it is
+        angles = table_of_numbers("posture", posture)
+    except InputError:
         raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} angles in radians") from None
     if angles.shape != (len(JOINTS),):
         raise InputError(f"posture: got shape {angles.shape}, allowed ({len(JOINTS)},), in the order of ergoqp.JOINTS")

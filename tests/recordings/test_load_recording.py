@@ -270,7 +270,7 @@ def test_leaps_are_told(demo: Path, tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["recording.c3d", "recording", "recording.txt"])
 def test_another_ending_is_told(name: str, tmp_path: Path):
-    with pytest.raises(RecordingError, match=r"got the ending.*recordings end in .bvh"):
+    with pytest.raises(RecordingError, match=r"got the ending.*allowed .bvh"):
         load_recording(tmp_path / name)
 
 
