@@ -57,7 +57,7 @@ PINNED: Final = "tests/test_pinned.py"
 
 READS: Final = {
     "ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py",
-    "ergoqp/sheets/interval.toml": "ergoqp/sheets/score.py",
+    "ergoqp/sheets/interval.toml": "ergoqp/sheets/interval.py",
     "ergoqp/step_causes.py": "ergoqp/reasons.py",
 }
 """Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""

@@ -322,6 +322,7 @@ def test_names_tell_rows_apart() -> None:
         (lambda: AxisCone((1, 0, 0), 20, tolerance=None), "tool axis tolerance: got None"),  # type: ignore[arg-type]
         (lambda: AxisCone((1, 0, 0), 20, recovery_time=-1.0), "tool axis recovery_time: got -1.0"),
         (lambda: TwistLimit(aside=-1.0), "aside: got -1.0"),
+        (lambda: TwistLimit(aside=1000.5), "aside: got 1000.5, allowed 0 to 1000"),
     ],
 )
 def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
