@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ergoqp.arguments import as_tuple, check_kind
 from ergoqp.errors import InputError
 from ergoqp.guide import RECORDED
+from ergoqp.problem import Problem
 from ergoqp.step import Stepper
 from ergoqp.step_answer import Step
-
-if TYPE_CHECKING:
-    from ergoqp.problem import Problem
 
 
 def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:

@@ -268,7 +268,7 @@ def test_what_a_place_promises_is_the_cost_of_its_posture() -> None:
 @pytest.mark.parametrize(
     ("what", "words"),
     [
-        ({"problem": "desk"}, "guide: got a place of problem desk, allowed one of problem screwing"),
+        ({"problem": "desk"}, "guide: got a place of problem 'desk', allowed one of problem screwing"),
         ({"problem": "screwing", "mode": "cooperative"}, "guide: got a place of mode cooperative, .* allowed stackelberg"),
     ],
 )

@@ -374,3 +374,12 @@ def test_what_is_no_path_is_one_sentence(path: Any) -> None:
         said = answer(load, {"name" if load is ergoqp.load_problem else "path": path})
         assert said is not None
         assert "allowed" in said
+
+
+def test_a_log_that_is_none_is_one_sentence() -> None:
+    problem: Any = problem_of("screwing")
+    for given in ((3, []), (problem, None), (problem, "a"), (problem, [3])):
+        said = answer(lambda given=given: ergoqp.replay(*given), {})
+        assert said is not None
+        assert "allowed" in said or "of such a loop" in said
+    assert ergoqp.replay(problem, []) == []

@@ -43,7 +43,7 @@ def test_mistakes(ergoqp, tmp_path, optimum):
     (tmp_path / "group.json").write_text('{"problem": "desk", "people": 2}', encoding="utf-8")
     told = mistake(ergoqp("run", "desk", "--guide", "group.json"))
     assert f"--guide: 'group.json' cannot be read as an optimum, {allowed}" in told
-    assert "guide: got a place of problem desk, allowed one of problem screwing" in mistake(
+    assert "guide: got a place of problem 'desk', allowed one of problem screwing" in mistake(
         ergoqp("run", "screwing", "--guide", folder)
     )
     assert not (tmp_path / "ergoqp-out").exists()
