@@ -42,7 +42,9 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
             for name, values in stepper._inputs.items():
                 values[:] = entry[name]
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"log: entry {number} is not one of a loop of this problem: {error}") from None
+            raise InputError(
+                f"log: entry {number} is not one of a loop of this problem ({error}), allowed the dicts that its log sink got"
+            ) from None
         stepper._call()
         steps.append(stepper._answer(notes, time.perf_counter()))
     return steps

@@ -688,7 +688,7 @@ def test_an_entry_that_is_none_is_named(broken: Any) -> None:
     stepper = problem_of("desk").stepper(log=log.append)
     stepper.step(comfort_of("desk"))
     second = {**log[0], **broken} if broken and "posture" in broken else broken
-    with pytest.raises(InputError, match="log: entry 1 is not one of a loop of this problem: "):
+    with pytest.raises(InputError, match=r"log: entry 1 is not one of a loop of this problem .*allowed"):
         ergoqp.replay(problem_of("desk"), [log[0], second])
 
 

@@ -381,5 +381,5 @@ def test_a_log_that_is_none_is_one_sentence() -> None:
     for given in ((3, []), (problem, None), (problem, "a"), (problem, [3])):
         said = answer(lambda given=given: ergoqp.replay(*given), {})
         assert said is not None
-        assert "allowed" in said or "of such a loop" in said
+        assert "allowed" in said
     assert ergoqp.replay(problem, []) == []

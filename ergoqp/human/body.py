@@ -81,7 +81,7 @@ class Body:
             raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
         filled = {name: fraction * self.stature for name, fraction in FRACTIONS.items()}
         for name, length in self.lengths.items():
-            check_number(f"length of {name}", length, 0.0, 10.0, "m")
+            check_number(f"length of {name}", length, 0.0, 1e6, "m")
             if not 0.4 <= length / filled[name] <= 2.0:
                 raise InputError(
                     f"length of {name}: got {length:.3f} m, allowed {0.4 * filled[name]:.3f} to {2 * filled[name]:.3f} m "

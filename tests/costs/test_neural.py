@@ -235,7 +235,7 @@ def test_mistakes_are_named(stairs):
             with pytest.raises(ModelError, match=f"neural {name}: got {size!r}, allowed a whole number from 1"):
                 Neural.fit(data, **{name: size})
     for rate in (0.0, np.nan, "fast"):
-        with pytest.raises(ModelError, match=f"neural rate: got {rate!r}, allowed 1e-09 to 1000"):
+        with pytest.raises(ModelError, match=f"neural rate: got {rate!r}, allowed (a number from )?1e-09 to 1000"):
             Neural.fit(data, rate=rate)
     with pytest.raises(ModelError, match="neural decay: got -1, allowed 0 to 1e"):
         Neural.fit(data, decay=-1)

@@ -213,7 +213,7 @@ def test_mass_is_that_of_the_person() -> None:
         (lambda: Body(lengths={"thigh": float("nan")}), "length of thigh: got nan m"),
         (lambda: Body.of_lengths({}), r"segment lengths: got \[\], allowed a non-empty part"),
         (lambda: Body.of_lengths({"tail": 0.2}), r"segment lengths: got \['tail'\]"),
-        (lambda: Body.of_lengths({"thigh": 0.43, "trunk": 0.53, "shank": 0.0}), "length of shank: got 0.000 m"),
+        (lambda: Body.of_lengths({"thigh": 0.43, "trunk": 0.53, "shank": 0.0}), "length of shank: got 0.0 m"),
     ],
 )
 def test_a_body_that_is_not_one_is_refused(make, sentence: str) -> None:
