@@ -32,6 +32,7 @@ def test_points_of_the_forearm(tmp_path):
         ("score,score,trunk_flexion\n1,1,0.1\n", "got 2 columns named 'score'"),
         ("score,trunk_flexion\n", "got a header and no posture, allowed a header and at least"),
         ("", "got nothing, allowed a header and at least one posture"),
+        ("score,trunk_flexion\n1,0.1\n-1,0.2\n", "line 3 has the score -1, allowed 0 to 15"),
         ("score,trunk_flexion\n1,0.1\n102,0.2\n", "line 3 has the score 102, allowed 0 to 15"),
         ("score,trunk_flexion\n1,a\n", "line 2 holds 'a', allowed numbers"),
         ("score,trunk_flexion\n1,0.1\n1\n", "line 3 has 1 entries, allowed 2"),

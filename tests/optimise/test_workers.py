@@ -130,3 +130,17 @@ def test_awkward_start_is_that_of_run(problem, alone):
     from ergoqp.simulation.person import Follower
 
     np.testing.assert_array_equal(alone.posture_before, awkward_start(problem, Follower(problem.response), 3))
+
+
+@pytest.mark.parametrize("address", ["", " ", "nonsense"])
+def test_an_address_without_a_port_never_becomes_a_client(problem, alone, monkeypatch, address):
+    """A client that failed half-way printed a traceback behind the sentence when it was cleared away."""
+
+    def client(*_, **__):
+        raise AssertionError("a client was made")
+
+    monkeypatch.setattr("distributed.Client", client)
+    with pytest.raises(
+        InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers: missing port"
+    ):
+        problem.optimise(alone.posture_before, starts=2, scheduler=address)
