@@ -40,13 +40,13 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Report, run
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES, JointLimit
-from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import Start, Trace, run_loop, start_at
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.starts import awkward_start
-from ergoqp.step import Stepper
+from ergoqp.step.stepper import Stepper
 
 SIZES_DEG = (2.0, 5.0, 10.0)
 MOVED = 0.01

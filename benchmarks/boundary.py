@@ -25,10 +25,10 @@ import casadi as ca
 import numpy as np
 
 from benchmarks.report import Report, run
-from ergoqp.control import Control
+from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit
-from ergoqp.one_class import OneClass
-from ergoqp.problem import Problem
+from ergoqp.problem.control import Control
+from ergoqp.problem.problem import Problem
 from ergoqp.responses import LinearResponse
 
 DIMENSIONS = (3, 4, 6, 8, 12, 16, 20, 26, 32)

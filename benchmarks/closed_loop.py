@@ -25,8 +25,8 @@ import numpy as np
 
 from benchmarks.loops import Loops, end_score, figures_of, gather, optimum_of, run_loops
 from benchmarks.report import Report, run
-from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import Senses, frames, sample_person

@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.costs.data import DataSet
-from ergoqp.costs.data_cache import cached_data
 from ergoqp.costs.learned import load_cost
+from ergoqp.datasets.cache import cached_data
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.model_file import load_model, save_model
-from ergoqp.one_class import load_one_class
-from ergoqp.optimise.ledger import FILE as LEDGER
-from ergoqp.optimise.ledger import Ledger
-from ergoqp.optimise.optimum import Optimum, Trial
+from ergoqp.learning.model_file import load_model, save_model
+from ergoqp.learning.one_class import load_one_class
 from ergoqp.paths import data_folder
-from ergoqp.problem_file import load_problem
+from ergoqp.placing.ledger import FILE as LEDGER
+from ergoqp.placing.ledger import Ledger
+from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.problem_files.load import load_problem
 from ergoqp.recordings import load_recording
-from ergoqp.recordings.write_bvh import write_bvh
+from ergoqp.recordings.bvh.write import write_bvh
 
 Rng = np.random.Generator
 
@@ -156,7 +156,7 @@ def ledgers(folder: Path) -> Kind:
     """Ledgers of finished starts."""
 
     def made(rng: Rng) -> bytes:
-        from ergoqp.optimise.poses import pose_as_dict
+        from ergoqp.placing.poses import pose_as_dict
 
         trials = [_trial(rng) for _ in range(4)]
         del pose_as_dict
@@ -182,7 +182,7 @@ def ledgers(folder: Path) -> Kind:
 
 def optima(folder: Path) -> Kind:
     """Optima, and the guides that they are read as."""
-    from ergoqp.guide import read_guide
+    from ergoqp.step.place import read_guide
 
     problem = load_problem("screwing")
     best = problem.optimise(problem.response.comfort, starts=1, seed=0)  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,7 +1,7 @@
 """Where a led forearm ends, judged by truth: the report's ways and the constraints. ``python -m benchmarks.forearm``.
 
 Starts are unseen points of every true cost that there is inside the boundary; ``true`` is the lowest sheet score of any
-whole-body posture whose elbow and wrist are there (`ergoqp.forearm.true_cost`), 0 if there is none, and such an end counts as
+whole-body posture whose elbow and wrist are there (`ergoqp.studies.forearm.true_cost`), 0 if there is none, and such an end counts as
 failed and as worse.
 
 Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length maintained), ``svr_added`` (the
@@ -29,17 +29,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
-from ergoqp.costs.data import DataSet
-from ergoqp.costs.dataset import balanced_postures
 from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.learned import LearnedCost
-from ergoqp.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
-from ergoqp.forearm.descent import added, descend, slope_of, toward_class_below
-from ergoqp.forearm.models import ForearmModels, fit_forearm_models
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.limits import ArmLength, OneClassBoundary
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
+from ergoqp.studies.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
+from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
+from ergoqp.studies.forearm.models import ForearmModels, fit_forearm_models
 
 Array = NDArray[np.float64]
 

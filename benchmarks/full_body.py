@@ -30,12 +30,12 @@ from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
 from ergoqp.costs.learned import LearnedCost, load_cost
-from ergoqp.costs.posture_data import posture_data
+from ergoqp.datasets.postures import posture_data
+from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary
-from ergoqp.one_class import OneClass
 from ergoqp.paths import data_folder
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.fuzz_problems import moving, rotation, somewhere
 from benchmarks.fuzz_world import moved
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 
 Rng = np.random.Generator
 Arguments = dict[str, Any]

@@ -18,9 +18,9 @@ from benchmarks.fuzz_robot import RobotReckoning
 from benchmarks.fuzz_world import TrueObject, moved, turned
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
-from ergoqp.step import Step
+from ergoqp.step.stepper import Step
 
 _BRAKES: Final = ("braking", "invalid")
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from benchmarks.fuzz_judge import Law, Sent, Tally
 from benchmarks.fuzz_world import TrueObject, Way
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
-from ergoqp.step import Stepper
+from ergoqp.step.stepper import Stepper
 
 _ALLOWED: Final = 1e-8
 """Rounding of a place [m, rad]."""

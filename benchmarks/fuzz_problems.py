@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.control import Control
 from ergoqp.errors import ErgoqpError
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import AXES, AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.control import Control
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import TASKS, load_problem
 
 Rng = np.random.Generator
 

@@ -11,8 +11,8 @@ from benchmarks.fuzz_judge import Joints, Tally
 from benchmarks.fuzz_robot import RobotReckoning
 from benchmarks.fuzz_world import HardRows
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.problem import Problem
-from ergoqp.step import Step
+from ergoqp.problem.problem import Problem
+from ergoqp.step.stepper import Step
 
 _STOPS: Final = ("braking", "invalid")
 

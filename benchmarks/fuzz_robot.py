@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.fuzz_world import turned
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 
 _UNIT: Final = np.repeat([1e-3, np.radians(0.2)], 3)
 _FEW: Final = 0.8

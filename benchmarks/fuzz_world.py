@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
 
 _PART: Final = 0.005

@@ -26,11 +26,11 @@ import time
 import numpy as np
 
 from benchmarks.report import Report, run
-from ergoqp.optimise.group import best_for_group
-from ergoqp.optimise.people import read_people
-from ergoqp.optimise.place_search import PlaceSearch
-from ergoqp.optimise.shared_grid import shared_grid
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.placing.group.grid import shared_grid
+from ergoqp.placing.group.optimise import best_for_group
+from ergoqp.placing.group.people import read_people
+from ergoqp.placing.group.search import PlaceSearch
+from ergoqp.problem_files.load import TASKS, load_problem
 
 STATURES = (1.55, 1.65, 1.75, 1.85, 1.95)
 """Of the people [m]: about from the 5th percentile of women to the 95th of men."""

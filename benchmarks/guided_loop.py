@@ -28,11 +28,11 @@ import numpy as np
 
 from benchmarks.loops import Loops, figures_of, gather, optimum_of, placed_score, rule_pose, run_loops
 from benchmarks.report import Report, run
-from ergoqp.optimise.optimum import Optimum
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.placing.optimum import Optimum
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import sample_person
-from ergoqp.step_guide import BACK, THERE
+from ergoqp.step.guide import BACK, THERE
 
 FIRST_PERSON = 20
 """Seed of the first person: none whom anything was chosen on."""

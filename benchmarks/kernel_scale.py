@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
-from ergoqp.costs.features import Columns
-from ergoqp.costs.posture_data import posture_data
-from ergoqp.costs.quality import evaluation_time
 from ergoqp.costs.svr import Svr
-from ergoqp.kernels import Kernel, KernelSum
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
+from ergoqp.datasets.postures import posture_data
+from ergoqp.datasets.quality import evaluation_time
+from ergoqp.learning.features import Columns
+from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
 
 COUNTS = (30, 100, 300, 1000, 3000, 10_000)
 

@@ -13,14 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.optimise.optimum import Optimum
-from ergoqp.optimise.population import person_of
-from ergoqp.problem import Problem
+from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.population import person_of
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best import draw_starts, frame_of, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Start, Trace, power_above, run_loop, settle_time
 from ergoqp.simulation.person import Follower
-from ergoqp.step import Stepper
+from ergoqp.step.stepper import Stepper
 
 DURATION = 30.0
 """Longest time of a loop [s]; it ends earlier after `STILL` seconds at rest."""

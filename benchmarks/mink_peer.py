@@ -20,9 +20,9 @@ import mink
 import mujoco
 import numpy as np
 
-from ergoqp.problem import Problem
-from ergoqp.step import Stepper
-from ergoqp.step_data import qp_data
+from ergoqp.problem.problem import Problem
+from ergoqp.step.data import qp_data
+from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body.formulation import SETTINGS, SOLVER, Formulation
 from ergoqp.whole_body.limits import ArmBounds, StepRows, TwistBounds
 from ergoqp.whole_body.moment import Moment

@@ -43,7 +43,7 @@ from benchmarks.report import Report, run
 ROOT: Final = Path(__file__).resolve().parents[1]
 
 MUTATED: Final = (
-    *("ergoqp/step*.py", "ergoqp/certification.py", "ergoqp/qp.py", "ergoqp/rest.py", "ergoqp/limits/*.py"),
+    *("ergoqp/step*.py", "ergoqp/step/certification.py", "ergoqp/step/qp.py", "ergoqp/step/rest.py", "ergoqp/limits/*.py"),
     *("ergoqp/native/layout.py", "ergoqp/simulation/check.py", "ergoqp/sheets/*.py", "ergoqp/sheets/*.toml"),
 )
 
@@ -58,7 +58,7 @@ PINNED: Final = "tests/test_pinned.py"
 READS: Final = {
     "ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py",
     "ergoqp/sheets/interval.toml": "ergoqp/sheets/interval.py",
-    "ergoqp/step_causes.py": "ergoqp/reasons.py",
+    "ergoqp/step/causes.py": "ergoqp/step/reasons.py",
 }
 """Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""
 

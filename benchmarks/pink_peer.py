@@ -18,8 +18,8 @@ from pink.tasks import Task
 
 from benchmarks.mink_peer import ArmColumns, Call, PeerTimes, resting, timed
 from ergoqp.paths import data_folder
-from ergoqp.problem import Problem
-from ergoqp.step_data import qp_data
+from ergoqp.problem.problem import Problem
+from ergoqp.step.data import qp_data
 from ergoqp.whole_body.formulation import SETTINGS, SOLVER
 from ergoqp.whole_body.limits import ArmBounds, StepRows, TwistBounds
 from ergoqp.whole_body.scene import default_tool_frame

@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 
 from ergoqp.coordinates import REPORT_JOINTS
-from ergoqp.costs.dataset import balanced_postures
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.joints import INDEX
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 
 SAMPLES = 2000
 """Labelled postures that the machines are fitted to, a fifth of the report's."""

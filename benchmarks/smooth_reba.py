@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
 from ergoqp import reba
-from ergoqp.costs.dataset import balanced_postures
 from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.joints import JOINTS
 
 Array = NDArray[np.float64]

@@ -48,15 +48,15 @@ from ergoqp.comparison.figures import figures_of
 from ergoqp.comparison.record import Recording, record
 from ergoqp.comparison.trial import Trial, try_solver
 from ergoqp.limits import WorkspaceBox
-from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.qp import FREE, TOLERANCE, build_qp
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Array, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions
+from ergoqp.step.qp import FREE, TOLERANCE, build_qp
 
 PROBLEMS = (*TASKS, "screwing_learned", "forearm")
 ACCURACY = 1e-6

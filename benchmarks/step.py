@@ -34,12 +34,12 @@ from benchmarks.report import Report, run
 from benchmarks.step_c import c_times
 from benchmarks.step_phases import phases_us
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
-from ergoqp.step import Stepper
-from ergoqp.step_data import qp_data
+from ergoqp.step.data import qp_data
+from ergoqp.step.stepper import Stepper
 
 Call = tuple[Any, Any, float]
 

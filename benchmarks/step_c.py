@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ergoqp.native.export import export_step
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 
 Call = tuple[Any, Any, float]
 

@@ -13,11 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ergoqp.problem import Problem
-from ergoqp.qp import build_qp
+from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
-from ergoqp.step_data import QP_DATA, qp_data
-from ergoqp.step_objective import cost_function, gain_function
+from ergoqp.step.data import QP_DATA, qp_data
+from ergoqp.step.objective import cost_function, gain_function
+from ergoqp.step.qp import build_qp
 
 
 def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict[str, float]:

@@ -29,7 +29,7 @@ def main(folder: str, form: str, declared: str, seconds: str) -> None:
 
     problem: Any = ergoqp.load_problem("screwing")
     if declared == "1":
-        from ergoqp.robot import DeclaredRobot
+        from ergoqp.problem.robot import DeclaredRobot
 
         problem = problem.replace(robot=DeclaredRobot(**ALL))
     calls = of_version.trajectory(problem, problem.stepper(), float(seconds)).calls

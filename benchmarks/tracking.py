@@ -49,8 +49,8 @@ from benchmarks.report import Report, run
 from benchmarks.tracking_judges import Found
 from benchmarks.tracking_loops import drive, driven, stepper_of
 from benchmarks.tracking_robots import NONE, Case, cases
-from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start

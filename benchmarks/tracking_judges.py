@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.tracking_robots import Case, moved
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 
 
 @dataclass

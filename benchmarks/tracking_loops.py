@@ -15,11 +15,11 @@ from benchmarks.tracking_judges import Faults, Found, Sent, outside
 from benchmarks.tracking_robots import Case, OddRobot, period, told
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
-from ergoqp.step_inputs import stand_in
+from ergoqp.step.inputs import stand_in
 
 JUMP = 0.6
 """Every so often the posture is another one [s]."""

@@ -38,8 +38,8 @@ from benchmarks.mink_peer import mink_steps
 from benchmarks.report import Report, run
 from benchmarks.step import time_calls, trajectory
 from ergoqp.errors import InputError
-from ergoqp.problem import Problem
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower

@@ -19,15 +19,15 @@ from ergoqp.sheets import reba as reba
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
-    from ergoqp.control import Control as Control
     from ergoqp.costs.learned import load_cost as load_cost
-    from ergoqp.problem import Problem as Problem
-    from ergoqp.problem_file import load_problem as load_problem
+    from ergoqp.problem.control import Control as Control
+    from ergoqp.problem.problem import Problem as Problem
+    from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
+    from ergoqp.problem_files.load import load_problem as load_problem
     from ergoqp.recordings import load_recording as load_recording
-    from ergoqp.robot import DeclaredRobot as DeclaredRobot
-    from ergoqp.step import Stepper as Stepper
-    from ergoqp.step_answer import Step as Step
-    from ergoqp.step_log import replay as replay
+    from ergoqp.step.answer import Step as Step
+    from ergoqp.step.log import replay as replay
+    from ergoqp.step.stepper import Stepper as Stepper
 
 __version__ = "0.1.0"
 
@@ -49,16 +49,16 @@ __all__ = [
 ]
 
 _LATER = {
-    "Control": "ergoqp.control",
-    "DeclaredRobot": "ergoqp.robot",
-    "Problem": "ergoqp.problem",
-    "Step": "ergoqp.step",
-    "Stepper": "ergoqp.step",
+    "Control": "ergoqp.problem.control",
+    "DeclaredRobot": "ergoqp.problem.robot",
+    "Problem": "ergoqp.problem.problem",
+    "Step": "ergoqp.step.stepper",
+    "Stepper": "ergoqp.step.stepper",
     "compare": "ergoqp.comparison.compare",
     "load_cost": "ergoqp.costs.learned",
-    "load_problem": "ergoqp.problem_file",
+    "load_problem": "ergoqp.problem_files.load",
     "load_recording": "ergoqp.recordings",
-    "replay": "ergoqp.step_log",
+    "replay": "ergoqp.step.log",
 }
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import ergoqp
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.posture_data import posture_data
-from ergoqp.costs.quality import quality_of
 from ergoqp.costs.svr import Svr
+from ergoqp.datasets.postures import posture_data
+from ergoqp.datasets.quality import quality_of
+from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary
-from ergoqp.one_class import OneClass
 
 # Random postures, as many of each score from 1 to 10; your own labelled postures make a `DataSet` too.
 data = posture_data(per_score=60, seed=0, joints=SCORED_JOINTS)

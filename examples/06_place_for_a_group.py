@@ -1,7 +1,7 @@
 """One fixed place of the object for several people, and what each of them pays for sharing it."""
 
 import ergoqp
-from ergoqp.optimise import best_for_group, variant
+from ergoqp.placing import best_for_group, variant
 
 # The same task with a heavier drill; `hands=` and `stature=` are there too.
 problem = variant(ergoqp.load_problem("overhead"), load_kg=3.0)

@@ -19,8 +19,8 @@ import studies
 from matplotlib import pyplot as plt
 from matplotlib.patches import Ellipse
 
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.gmr import Gmr
+from ergoqp.datasets.data import DataSet
 
 
 def draw_gaussians(axes, cost, colours):

@@ -12,9 +12,9 @@ import studies
 from matplotlib import pyplot as plt
 from matplotlib.patches import Ellipse
 
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.gmr import Gmr
-from ergoqp.policy import RadialFeatures, solve, train
+from ergoqp.datasets.data import DataSet
+from ergoqp.studies.policy import RadialFeatures, solve, train
 
 LOW, HIGH, BEST = -6.0, 6.0, np.sqrt(15)
 GAUSSIANS, BUMPS = 8, 10

@@ -13,11 +13,11 @@ from descents import balanced_rows, follow, joint_ranges, nearest_scores, slopes
 from matplotlib import pyplot as plt
 
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.gmr import Gmr, bic_curve
-from ergoqp.costs.posture_data import interval_labels, posture_data
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.mixture import MixtureRegression
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.postures import interval_labels, posture_data
+from ergoqp.learning.mixture import MixtureRegression
 
 PER_SCORE = studies.size(80, 1000)
 GAUSSIANS = studies.size(8, 24)

@@ -16,12 +16,12 @@ import numpy as np
 import studies
 from matplotlib import pyplot as plt
 
-from ergoqp.forearm import forearm_data, forearm_length, nearest_sample_cost, true_cost
-from ergoqp.forearm.descent import added, descend, slope_of, toward_class_below
-from ergoqp.forearm.models import fit_forearm_models
 from ergoqp.limits import ArmLength, OneClassBoundary
-from ergoqp.problem_file import load_problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
+from ergoqp.studies.forearm import forearm_data, forearm_length, nearest_sample_cost, true_cost
+from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
+from ergoqp.studies.forearm.models import fit_forearm_models
 
 models = fit_forearm_models(per_score=studies.size(150, 3000), rows=studies.size(200, 3000))
 data = forearm_data(studies.size(150, 1000))

@@ -13,9 +13,9 @@ import studies
 from matplotlib import pyplot as plt
 
 from ergoqp import load_problem
-from ergoqp.policy import RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
 from ergoqp.simulation.best import workspace_map
 from ergoqp.simulation.people import sample_person
+from ergoqp.studies.policy import RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
 
 problem = load_problem("screwing")
 SPACING = studies.size(0.5, 0.2)

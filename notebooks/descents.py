@@ -11,8 +11,8 @@ from scipy.optimize import minimize
 from scipy.spatial import KDTree
 
 from ergoqp.coordinates import Coordinates
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
+from ergoqp.datasets.data import DataSet
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.sheets import reba
 

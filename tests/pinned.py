@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
-from ergoqp.step import Step, Stepper
+from ergoqp.step.stepper import Step, Stepper
+from ergoqp.studies.forearm import forearm_length, forearm_points
 
 FILE = Path(__file__).with_suffix(".npz")
 EVERY = 8

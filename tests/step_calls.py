@@ -10,9 +10,9 @@ from step_samples import held_pose
 
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.limits import ArmLength, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step import Step, Stepper
+from ergoqp.step.stepper import Step, Stepper
 
 
 def wandering_steps(problem: Problem, stepper: Stepper, count: int, seed: int) -> Iterator[tuple[dict[str, Any], Step]]:

@@ -10,11 +10,11 @@ import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step import Step, Stepper
+from ergoqp.step.stepper import Step, Stepper
 
 NAMES = ("dentist", "desk", "low_bin", "overhead", "screwing")
 

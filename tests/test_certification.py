@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from step_samples import bold_stepper, held_pose, near_comfort, problem_of
 
-from ergoqp.certification import GIVES_WAY, HELD, _floor, _rate_excess
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
-from ergoqp.qp import FREE
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
+from ergoqp.step.certification import GIVES_WAY, HELD, _floor, _rate_excess
+from ergoqp.step.qp import FREE
 
 
 def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:

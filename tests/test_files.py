@@ -12,13 +12,13 @@ import pytest
 
 from ergoqp.costs.learned import load_cost
 from ergoqp.errors import ErgoqpError, InputError, ModelError
-from ergoqp.model_file import load_model, save_model
-from ergoqp.npz_file import LARGEST, read_npz
-from ergoqp.optimise.ledger import FILE, Ledger
-from ergoqp.optimise.optimum import Optimum, Trial
+from ergoqp.files.npz import LARGEST, read_npz
+from ergoqp.files.text import json_of, read_json, read_toml
+from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.paths import data_folder
-from ergoqp.problem_file import load_problem
-from ergoqp.text_file import json_of, read_json, read_toml
+from ergoqp.placing.ledger import FILE, Ledger
+from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.problem_files.load import load_problem
 
 
 def npy(shape: str, data: bytes, kind: str = "<f8") -> bytes:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ergoqp.errors import ModelError
-from ergoqp.kernels import PRODUCT, RADIAL, Kernel, KernelSum
+from ergoqp.learning.kernels import PRODUCT, RADIAL, Kernel, KernelSum
 
 pairwise = pytest.importorskip("sklearn.metrics.pairwise")
 gaussian = pytest.importorskip("sklearn.gaussian_process.kernels")

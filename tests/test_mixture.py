@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ergoqp.errors import ModelError
-from ergoqp.mixture import MixtureRegression
+from ergoqp.learning.mixture import MixtureRegression
 
 
 def mixture(columns=5, count=4, seed=0):

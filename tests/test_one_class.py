@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from ergoqp.coordinates import FOREARM, REPORT_JOINTS
 from ergoqp.errors import ErgoqpError, ModelError
-from ergoqp.model_file import save_model
-from ergoqp.one_class import OneClass, load_one_class
+from ergoqp.learning.model_file import save_model
+from ergoqp.learning.one_class import OneClass, load_one_class
 
 svm = pytest.importorskip("sklearn.svm")
 preprocessing = pytest.importorskip("sklearn.preprocessing")

@@ -130,7 +130,7 @@ def test_readme_names_what_is_there():
 def test_problem_of_the_readme():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    from ergoqp.problem_file import problem_from_dict
+    from ergoqp.problem_files.load import problem_from_dict
 
     whole = next(block for block in blocks if "title" in block)
     robot = next(block for block in blocks if block.startswith("[robot]"))

@@ -8,7 +8,7 @@ import pytest
 
 from ergoqp import load_problem
 from ergoqp.errors import InputError
-from ergoqp.policy import Policy, RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
+from ergoqp.studies.policy import Policy, RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
 
 
 def draw(rng, count):

@@ -9,11 +9,11 @@ import pytest
 from step_samples import NAMES, Held, comfort_of, held_pose, problem_of
 
 from ergoqp import reba
-from ergoqp.control import Control
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.control import Control
+from ergoqp.problem.problem import Problem
 
 
 def terms(**changed: Any) -> dict[str, Any]:

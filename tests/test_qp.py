@@ -13,8 +13,8 @@ from scipy.sparse import csc_matrix
 from step_samples import NAMES, Held, bold_stepper, held_pose, near_comfort, problem_of
 
 from ergoqp.limits import WorkspaceBox
-from ergoqp.qp import ELBOW, FREE, PENALTY, TOLERANCE, _residual, build_qp
 from ergoqp.solvers import solver_named
+from ergoqp.step.qp import ELBOW, FREE, PENALTY, TOLERANCE, _residual, build_qp
 
 
 @cache

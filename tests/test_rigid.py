@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from step_samples import comfort_of, held_pose, near_comfort, problem_of
 
 from ergoqp.errors import InputError
+from ergoqp.expressions.rigid import read_pose
 from ergoqp.limits import AxisCone
-from ergoqp.rigid import read_pose
 from ergoqp.simulation.robot import moved
 
 MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])

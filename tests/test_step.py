@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_comfort, plain_of, problem_of, stepper_of
 
-import ergoqp.step
+import ergoqp.step.stepper
 from ergoqp.errors import InputError
+from ergoqp.expressions.linear import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
-from ergoqp.linear import is_set
-from ergoqp.qp import TOLERANCE
 from ergoqp.simulation.robot import moved
-from ergoqp.step import Cause, Status, Stepper
-from ergoqp.step_asked import asked_update
-from ergoqp.step_counted import way_size
-from ergoqp.step_data import pass_data
-from ergoqp.step_function import _newly_locked, build_step
-from ergoqp.step_rows import STEADY_RETURN, limit_values
+from ergoqp.step.asked import asked_update
+from ergoqp.step.bounds import STEADY_RETURN, limit_values
+from ergoqp.step.counted import way_size
+from ergoqp.step.data import pass_data
+from ergoqp.step.function import _newly_locked, build_step
+from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.stepper import Cause, Status, Stepper
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
 
@@ -584,7 +584,7 @@ def test_a_joint_at_its_end_is_locked_and_the_object_goes_on() -> None:
 # --- state ---------------------------------------------------------------------------------------------------------------
 
 
-def walk(name: str, steps: int, seed: int, log: Any = None) -> list[ergoqp.step.Step]:
+def walk(name: str, steps: int, seed: int, log: Any = None) -> list[ergoqp.step.stepper.Step]:
     """A loop with noise, lost frames, late frames, odd periods, reported twists, masks, and the robot's own watchdog."""
     rng = np.random.default_rng(seed)
     stepper = problem_of(name).stepper(log=log) if log is not None else stepper_of(name)
@@ -786,7 +786,7 @@ def test_a_twist_that_cannot_be_taken_over_is_refused_and_changes_nothing(wrong:
 # --- the robot's own watchdog ---------------------------------------------------------------------------------------------
 
 
-def moving_stepper(plain: bool = False, share: float = 0.5) -> ergoqp.step.Stepper:
+def moving_stepper(plain: bool = False, share: float = 0.5) -> ergoqp.step.stepper.Stepper:
     """A stepper that has just sent a twist of about half the largest speed, in a known place."""
     stepper = stepper_of("screwing", plain=plain)
     stepper.reset(twist=share * problem_of("screwing").twist_limit.speed)

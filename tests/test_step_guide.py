@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from step_samples import NAMES, comfort_of, held_pose, near_comfort, problem_of
 
-import ergoqp.step
+import ergoqp.step.stepper
 from ergoqp.errors import InputError
-from ergoqp.guide import Guide, read_guide
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import moved
-from ergoqp.step import Step, Stepper
-from ergoqp.step_guide import AFTER, BACK, DESCENT, THERE, TRIAL, pull_function
+from ergoqp.step.guide import AFTER, BACK, DESCENT, THERE, TRIAL, pull_function
+from ergoqp.step.place import Guide, read_guide
+from ergoqp.step.stepper import Step, Stepper
 
 STEPPERS: dict[str, Stepper] = {}
 

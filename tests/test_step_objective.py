@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
-from ergoqp.step_data import qp_data
-from ergoqp.step_objective import gain_function
+from ergoqp.step.data import qp_data
+from ergoqp.step.objective import gain_function
 
 
 def curvature(name: str, stalled: float) -> np.ndarray:

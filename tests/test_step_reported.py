@@ -8,11 +8,11 @@ import pytest
 from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, outside, problem_of, small
 
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step_parts import count
-from ergoqp.step_story import watch_blocks
-from ergoqp.step_watch import reckoned
+from ergoqp.step.parts import count
+from ergoqp.step.story import watch_blocks
+from ergoqp.step.watch import reckoned
 
 
 @pytest.mark.parametrize("kind", [RobotKind(delay=0.02), RobotKind(lag=0.02)], ids=["delay", "lag"])

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ergoqp.control import Control
-from ergoqp.rest import STATES, rest_update, stalled
+from ergoqp.problem.control import Control
+from ergoqp.step.rest import STATES, rest_update, stalled
 
 
 def compiled(control: Control) -> ca.Function:

@@ -12,13 +12,13 @@ from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, pla
 
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
-from ergoqp.problem import Problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step import Stepper
-from ergoqp.step_data import away_function
-from ergoqp.step_readings import readings_function
-from ergoqp.step_watch import _rotation
+from ergoqp.step.data import away_function
+from ergoqp.step.readings import readings_function
+from ergoqp.step.stepper import Stepper
+from ergoqp.step.watch import _rotation
 
 
 def outside(problem: Problem, pose: np.ndarray) -> float:

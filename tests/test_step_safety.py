@@ -16,13 +16,13 @@ from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.solvers.daqp import Daqp
-from ergoqp.step import Step
-from ergoqp.step_function import build_step
-from ergoqp.step_state import initial_state
+from ergoqp.step.function import build_step
+from ergoqp.step.state import initial_state
+from ergoqp.step.stepper import Step
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 periods = st.floats(0.001, 0.05)

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ergoqp.control import Control
-from ergoqp.rest import STATES
-from ergoqp.step_guide import AFTER, BACK, DESCENT, LOOK, THERE, TRIAL, UNKNOWN, trial_update
+from ergoqp.problem.control import Control
+from ergoqp.step.guide import AFTER, BACK, DESCENT, LOOK, THERE, TRIAL, UNKNOWN, trial_update
+from ergoqp.step.rest import STATES
 
 CONTROL = Control()
 

@@ -12,13 +12,13 @@ from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
 from ergoqp.limits import AxisCone, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import straight_margins
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step_counted import split_way, way_of
-from ergoqp.step_history import history_sizes, initial_history, next_history
-from ergoqp.step_parts import count
-from ergoqp.step_stop import Stop
-from ergoqp.step_way import under_way
+from ergoqp.step.braking import Stop
+from ergoqp.step.counted import split_way, way_of
+from ergoqp.step.history import history_sizes, initial_history, next_history
+from ergoqp.step.parts import count
+from ergoqp.step.way import under_way
 
 DT = 0.01
 

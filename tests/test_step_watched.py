@@ -10,11 +10,11 @@ from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, out
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step_explained import explained_function
-from ergoqp.step_parts import split
-from ergoqp.step_story import STORY
+from ergoqp.step.explained import explained_function
+from ergoqp.step.parts import split
+from ergoqp.step.story import STORY
 
 UNASKED = "robot: moves although nothing was sent"
 

@@ -13,22 +13,22 @@ import pytest
 from step_samples import comfort_of, held_pose, problem_of
 
 import ergoqp
-from ergoqp.control import Control
-from ergoqp.costs.data import DataSet
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ErgoqpError
-from ergoqp.guide import Guide
 from ergoqp.human import Body
+from ergoqp.learning.one_class import OneClass, load_one_class
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
 from ergoqp.limits.limit import Rows, Situation, straight_margins
-from ergoqp.one_class import OneClass, load_one_class
-from ergoqp.optimise.find import optimise
-from ergoqp.problem import Problem
+from ergoqp.placing.find import optimise
+from ergoqp.problem.control import Control
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import IkResponse, LinearResponse
-from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.people import Senses
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
+from ergoqp.step.place import Guide
 from ergoqp.whole_body import WholeBody
 
 THOUSANDS_OF_DIGITS = 10**5000

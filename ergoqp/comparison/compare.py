@@ -13,10 +13,10 @@ from ergoqp.comparison.figures import figures_of
 from ergoqp.comparison.record import Recording, record
 from ergoqp.comparison.trial import Trial, try_solver
 from ergoqp.errors import InputError
-from ergoqp.problem import Problem
+from ergoqp.files.whole import write_whole
+from ergoqp.problem.problem import Problem
 from ergoqp.solvers.sequence import QpSequence
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
-from ergoqp.whole_file import write_whole
 
 STEPS: Final = 300
 """Control steps that are recorded by default."""

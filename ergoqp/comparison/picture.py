@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ergoqp.errors import MissingExtraError
+from ergoqp.files.whole import whole
 from ergoqp.solvers.judge import TOLERANCES, tidy
 from ergoqp.solvers.sessions import SESSIONS
-from ergoqp.whole_file import whole
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import Comparison

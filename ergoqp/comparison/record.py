@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.costs.dataset import balanced_postures
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError
-from ergoqp.forearm import forearm_points
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, OneClassBoundary
-from ergoqp.problem import Problem
-from ergoqp.qp import FREE, TOLERANCE
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.points import run_points
@@ -25,8 +23,10 @@ from ergoqp.simulation.starts import awkward_start
 from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.solvers.sequence import PARTS, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
-from ergoqp.step_function import build_step
-from ergoqp.step_inputs import OUTPUTS, input_sizes
+from ergoqp.step.function import build_step
+from ergoqp.step.inputs import OUTPUTS, input_sizes
+from ergoqp.step.qp import FREE, TOLERANCE
+from ergoqp.studies.forearm import forearm_points
 
 STILL: Final = 1.0
 """A loop is over when the object rested for so long [s]: all QPs after that are the same."""

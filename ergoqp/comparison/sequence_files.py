@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ergoqp.errors import InputError, ModelError
-from ergoqp.npz_file import read_npz
+from ergoqp.files.npz import read_npz
+from ergoqp.files.whole import whole, write_whole
 from ergoqp.solvers.sequence import Qp, QpSequence
-from ergoqp.whole_file import whole, write_whole
 
 _NAMES = ("P", "q", "G", "h", "lb", "ub", "feasible", "follows")
 

@@ -19,8 +19,8 @@ from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.reduce import Reduction
 from ergoqp.errors import ModelError
-from ergoqp.kernels import Kernel, KernelSum
-from ergoqp.pipelines import affine, dense, unpack
+from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.learning.pipelines import affine, dense, unpack
 
 Array = NDArray[np.float64]
 

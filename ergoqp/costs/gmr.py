@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import LARGEST_SEED, check_kind, check_number, check_whole, check_word, numbers_of
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import MissingExtraError, ModelError
-from ergoqp.mixture import MixtureRegression, Prediction
+from ergoqp.learning.mixture import MixtureRegression, Prediction
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -103,7 +103,7 @@ class Gmr(LearnedCost):
             ModelError: for too few points, equal labels, or an option that is none.
             MissingExtraError: if scikit-learn is not installed.
         """
-        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         check_word("variant", variant, get_args(Variant), ModelError)
         per_score = variant == "per_score"
         covariance = ("diag" if per_score else "full") if covariance is None else covariance

@@ -2,7 +2,7 @@
 
 The report walks down a ladder: a posture of class i follows the gradient of the one-class SVM of class i - 1, then of the next,
 with a jump of the gradient at every rung. The same ladder as one function counts the rungs that are still below. With g_j the
-margin of class j (`ergoqp.one_class`: positive inside), the set of all classes up to i has the margin
+margin of class j (`ergoqp.learning.one_class`: positive inside), the set of all classes up to i has the margin
 
     m_i = log sum_{j <= i} exp g_j        (a smooth maximum),
 
@@ -31,10 +31,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind, check_number
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.one_class import OneClass
+from ergoqp.learning.one_class import OneClass
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ class OneClassLadder(LearnedCost):
             ModelError: for too few points of a label, or too many labels.
             MissingExtraError: if scikit-learn is not installed.
         """
-        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         for what, value, ends in (
             ("nu", nu, (1e-6, 0.999)),
             ("steepness", steepness, (1e-6, 1e6)),

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
-from ergoqp.model_file import load_model, save_model
+from ergoqp.learning.model_file import load_model, save_model
 
 KINDS: Final[dict[str, str]] = {
     "quadratic": "ergoqp.costs.quadratic:Quadratic",

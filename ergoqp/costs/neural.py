@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from ergoqp.arguments import MOST_WHOLE, check_kind, check_number, check_whole, shown
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
-from ergoqp.costs.neural_training import Batches, Network, depth, layers_of, shares_of, shuffled, start, steps_of, train
-from ergoqp.costs.posture_stream import posture_stream
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.stream import posture_stream
 from ergoqp.errors import ModelError
+from ergoqp.learning.network import Batches, Network, depth, layers_of, shares_of, shuffled, start, steps_of, train
 from ergoqp.sheets.method import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
@@ -46,7 +46,7 @@ class Neural(LearnedCost):
     """V(q) as the expected score of a network that gives each score a probability.
 
     Args:
-        network: its parameters, see :data:`ergoqp.costs.neural_training.Network`.
+        network: its parameters, see :data:`ergoqp.learning.network.Network`.
         scores: the scores that the network knows (s,) [points].
         coordinates: the inputs.
         minimum: V_min, the lowest score [points].
@@ -108,7 +108,7 @@ class Neural(LearnedCost):
         Raises:
             ModelError: for too little data, or labels that are not a few whole numbers.
         """
-        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         batch = min(max(len(data) // 150, _LEAST_BATCH), _BATCH) if batch is None else batch
         decay = _DECAY / max(len(data), 1) if decay is None else decay
         _check(rate, hidden, seed, steps=steps, curves=curves, batch=batch)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import check_kind
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import LearnedCost
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import MissingExtraError, ModelError
 
 
@@ -55,7 +55,7 @@ class Quadratic(LearnedCost):
             ModelError: for too little data.
             MissingExtraError: without scipy.
         """
-        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         width = data.points.shape[1]
         data.require(3 * width, "quadratic")
         try:

@@ -13,10 +13,10 @@ from typing import Any, Final, Literal, Protocol, Self, TypeVar, get_args, runti
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.costs.data import DataSet
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.kernels import KernelSum
-from ergoqp.pipelines import sklearn
+from ergoqp.learning.kernels import KernelSum
+from ergoqp.learning.pipelines import sklearn
 
 Array = NDArray[np.float64]
 

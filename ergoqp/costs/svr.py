@@ -1,8 +1,8 @@
 """Support vector regression of the score, the EPFL report's second surrogate, with a scaling that is fitted as well.
 
 What counts with radial kernels is the metric. Three things are fitted before the regression itself, all from the data: soft
-steps where each joint's effect on the score changes (`ergoqp.costs.features`), a length scale per feature
-(`ergoqp.costs.relevance`), and which features are left out because they do not matter.
+steps where each joint's effect on the score changes (`ergoqp.learning.features`), a length scale per feature
+(`ergoqp.learning.relevance`), and which features are left out because they do not matter.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.arguments import LARGEST_SEED, check_kind, check_number, check_whole, check_word, numbers_of
-from ergoqp.costs.data import DataSet
-from ergoqp.costs.features import Columns, Steps, features_from
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.reduce import Reduction, reduced
-from ergoqp.costs.relevance import relevance
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.kernels import Kernel, KernelSum
-from ergoqp.pipelines import dense, sklearn
+from ergoqp.learning.features import Columns, Steps, features_from
+from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.learning.pipelines import dense, sklearn
+from ergoqp.learning.relevance import relevance
 
 Choice = Literal["auto", "steps", "plain"]
 """What the kernels see: soft steps, the inputs themselves, or whichever makes the data more likely."""
@@ -104,7 +104,7 @@ class Svr(LearnedCost):
             ModelError: for too little data, labels that are all the same, or a number out of its range.
             MissingExtraError: if scikit-learn is not installed.
         """
-        check_kind("data", data, DataSet, "a DataSet, see ergoqp.costs.data", ModelError)
+        check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         data.require(_LEAST, "svr")
         for what, value, low in (("C", C, _LEAST_NUMBER), ("epsilon", epsilon, 0.0), ("gamma", gamma, _LEAST_NUMBER)):
             check_number(f"svr {what}", value, low, _LARGEST_NUMBER, error=ModelError)

@@ -130,7 +130,7 @@ RECOVERY_TIMES: Final = (1e-3, 1e3)
 
 
 class Limit(Protocol):
-    """A kind of row. Adding one is one file with this protocol and one line in `ergoqp.problem_file`.
+    """A kind of row. Adding one is one file with this protocol and one line in `ergoqp.problem_files.load`.
 
     Attributes:
         names: name of each row, unique in a problem.

@@ -10,8 +10,8 @@ import numpy as np
 
 from ergoqp.arguments import check_number, read_array
 from ergoqp.errors import InputError
+from ergoqp.expressions.rigid import turned
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
-from ergoqp.rigid import turned
 
 _NARROWEST: Final = 1e-6
 """Least half opening of a cone that is one [deg]."""

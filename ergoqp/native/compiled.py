@@ -10,10 +10,10 @@ import casadi as ca
 
 from ergoqp.native.compiler import CompilerError, compiler, shared_library
 from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, sizes_source
-from ergoqp.step_function import build_step
+from ergoqp.step.function import build_step
 
 if TYPE_CHECKING:
-    from ergoqp.problem import Problem
+    from ergoqp.problem.problem import Problem
 
 
 def compiled_step(problem: Problem, guided: bool = False) -> ca.Function:

@@ -13,17 +13,17 @@ import numpy as np
 from ergoqp import __version__
 from ergoqp.arguments import path_of
 from ergoqp.errors import InputError
+from ergoqp.files.whole import whole_folder
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import compiler
 from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, daqp_licence, sizes_source
 from ergoqp.native.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
-from ergoqp.step_function import build_step
-from ergoqp.step_inputs import stand_in
-from ergoqp.whole_file import whole_folder
+from ergoqp.step.function import build_step
+from ergoqp.step.inputs import stand_in
 
 if TYPE_CHECKING:
-    from ergoqp.problem import Problem
+    from ergoqp.problem.problem import Problem
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""

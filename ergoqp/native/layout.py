@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from ergoqp import __version__
 from ergoqp.joints import JOINTS
-from ergoqp.step_causes import Cause, Status
-from ergoqp.step_faults import Fault
-from ergoqp.step_history import SHORTEST_DT, History
-from ergoqp.step_inputs import INPUTS, OUTPUTS, input_sizes
-from ergoqp.step_state import initial_state
-from ergoqp.step_stop import longest_stop
+from ergoqp.step.braking import longest_stop
+from ergoqp.step.causes import Cause, Status
+from ergoqp.step.faults import Fault
+from ergoqp.step.history import SHORTEST_DT, History
+from ergoqp.step.inputs import INPUTS, OUTPUTS, input_sizes
+from ergoqp.step.state import initial_state
 
 if TYPE_CHECKING:
-    from ergoqp.problem import Problem
+    from ergoqp.problem.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ from ergoqp.arguments import path_of
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
-from ergoqp.recordings.bvh import read_bvh
-from ergoqp.recordings.centre_model import BASE, CentreModel
-from ergoqp.recordings.fit import fit
-from ergoqp.recordings.hands import place_hands
-from ergoqp.recordings.head import rest_lean, straighten_head
+from ergoqp.recordings.bvh.read import read_bvh
+from ergoqp.recordings.fitting.axes import find_unit, find_up, to_world
+from ergoqp.recordings.fitting.centre_model import BASE, CentreModel
+from ergoqp.recordings.fitting.fit import fit
+from ergoqp.recordings.fitting.hands import place_hands
+from ergoqp.recordings.fitting.head import rest_lean, straighten_head
+from ergoqp.recordings.fitting.person import given_person, measured_lengths, measured_person, suggested_stature
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
-from ergoqp.recordings.person import given_person, measured_lengths, measured_person, suggested_stature
-from ergoqp.recordings.placing import find_unit, find_up, to_world
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
 
@@ -45,7 +45,7 @@ def load_recording(
 
     Args:
         path: the recording; its ending tells the format (see `READERS`).
-        person: stature [m], path of a person file (see `ergoqp.recordings.person`), or None to measure the segment lengths in
+        person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None to measure the segment lengths in
             the recording itself.
         unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature of an adult.
         up: the file's vertical axis, ``"y"`` or ``"z"``; None finds it.

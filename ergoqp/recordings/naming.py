@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from ergoqp.errors import InputError, RecordingError
+from ergoqp.files.text import read_toml
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.text_file import read_toml
 
 CENTRES: Final[tuple[str, ...]] = (
     *("pelvis", "neck", "head", "head_top", "nose"),

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.optimise.group_optimum import GroupOptimum, Member
-from ergoqp.optimise.people import Person
-from ergoqp.optimise.place_search import Placing
-from ergoqp.optimise.slices import Slice, slices_through
-from ergoqp.problem import Problem
+from ergoqp.placing.group.optimum import GroupOptimum, Member
+from ergoqp.placing.group.people import Person
+from ergoqp.placing.group.search import Placing
+from ergoqp.placing.slices import Slice, slices_through
+from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
-from ergoqp.report.lineup import Standing, lineup
+from ergoqp.report.body.lineup import Standing, lineup
+from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
 from ergoqp.report.optimum_page import place_words, score_headline, slice_words, task_options, tilt_words
 from ergoqp.report.page import Page, Picture, Section, Table, write_page
-from ergoqp.report.score_map import COLOURS, Spot, score_map
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
 """What the objectives look for, in words."""

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.optimise.optimum import Optimum
-from ergoqp.optimise.place_search import Placing
-from ergoqp.optimise.slices import Slice, slices_through
-from ergoqp.optimise.start import begin_from
-from ergoqp.problem import Problem
+from ergoqp.placing.group.search import Placing
+from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.slices import Slice, slices_through
+from ergoqp.placing.start import begin_from
+from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
-from ergoqp.report.figure import posture_figure
+from ergoqp.report.body.figure import posture_figure
+from ergoqp.report.charts.score_map import AXES, COLOURS, Spot, score_map
+from ergoqp.report.charts.strips import segments_chart
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
-from ergoqp.report.score_map import AXES, COLOURS, Spot, score_map
-from ergoqp.report.strips import segments_chart
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.person import Follower
 

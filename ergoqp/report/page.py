@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ergoqp import __version__
 from ergoqp.errors import MissingExtraError
+from ergoqp.files.whole import write_whole
 from ergoqp.report import palette
-from ergoqp.whole_file import write_whole
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ import numpy as np
 
 from ergoqp.joints import spoken
 from ergoqp.report import palette
-from ergoqp.report.charts import lines_chart, score_chart, timing_chart
-from ergoqp.report.figure import posture_figure
+from ergoqp.report.body.figure import posture_figure
+from ergoqp.report.body.replay import Movement, timing_of
+from ergoqp.report.body.scene import scene_html
+from ergoqp.report.charts.over_time import lines_chart, score_chart, timing_chart
+from ergoqp.report.charts.strips import Strip, segments_chart, segments_strips, strips_chart
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
-from ergoqp.report.replay import Movement, timing_of
 from ergoqp.report.run_facts import RunFacts, facts_of, hint_of, reasons_of, segments_at, told_of, violation_rows
-from ergoqp.report.scene import scene_html
-from ergoqp.report.strips import Strip, segments_chart, segments_strips, strips_chart
 from ergoqp.report.task import is_seated, scored_alike
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run

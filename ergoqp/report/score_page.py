@@ -11,13 +11,13 @@ import numpy as np
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
-from ergoqp.report.charts import lines_chart, score_chart, shares_chart
-from ergoqp.report.figure import posture_figure
+from ergoqp.report.body.figure import posture_figure
+from ergoqp.report.body.replay import Movement, timing_of
+from ergoqp.report.body.scene import scene_html
+from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart
+from ergoqp.report.charts.strips import segments_strips
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
-from ergoqp.report.replay import Movement, timing_of
-from ergoqp.report.scene import scene_html
 from ergoqp.report.scores import summary_of, worst_frame
-from ergoqp.report.strips import segments_strips
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment

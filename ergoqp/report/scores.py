@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 
 from ergoqp import __version__
+from ergoqp.files.whole import whole, write_whole
 from ergoqp.joints import JOINTS
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
-from ergoqp.whole_file import whole, write_whole
 
 
 def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> tuple[Path, Path]:

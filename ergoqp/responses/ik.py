@@ -12,10 +12,10 @@ import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, flag, names_of, shown
 from ergoqp.errors import InputError
+from ergoqp.expressions.linear import spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.linear import spd_inverse
 from ergoqp.responses.contact import TOOL_AXES, about_tool, carried_to, contact_frame, pose_matrix
 from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
 

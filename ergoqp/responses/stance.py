@@ -12,10 +12,10 @@ from typing import Final
 
 import casadi as ca
 
+from ergoqp.expressions.linear import solve3, spd_inverse
 from ergoqp.human import Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, SIDES
-from ergoqp.linear import solve3, spd_inverse
 
 LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) for side in SIDES}
 """The six joints of each leg."""

@@ -10,13 +10,13 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ergoqp.errors import ErgoqpError
+from ergoqp.files.npz import read_npz
+from ergoqp.files.whole import whole
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
-from ergoqp.npz_file import read_npz
 from ergoqp.paths import cache_folder
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.loop import Start, start_at
 from ergoqp.simulation.person import Follower
-from ergoqp.whole_file import whole
 
 SPACING = 0.10
 """Distance of the places looked at [m]."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 
 _ALLOWED = 1e-8
 """Rounding that is not a violation, in every unit."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ergoqp.joints import JOINTS, LOWER, UPPER
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, frames
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
-from ergoqp.step import Step, Stepper
+from ergoqp.step.stepper import Step, Stepper
 
 LONGEST = 3600.0
 """Longest run [s]."""

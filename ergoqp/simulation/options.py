@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Final
 
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.sheets.reba import Method
 

@@ -12,7 +12,7 @@ from ergoqp.arguments import check_kind, check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.person import Follower
 

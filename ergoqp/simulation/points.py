@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.arguments import check_kind, check_number, read_array
 from ergoqp.errors import InputError
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.responses import LinearResponse
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import LONGEST
-from ergoqp.step import Stepper
+from ergoqp.step.stepper import Stepper
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 
 from ergoqp.arguments import check_number
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.robot import DeclaredRobot
 
 _PART: Final = 0.002
 """Longest part of a period in which a robot that lags is taken to turn about one axis [s]."""

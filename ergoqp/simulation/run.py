@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.guide import Guide
 from ergoqp.human import Body
 from ergoqp.sheets.reba import Assessment
+from ergoqp.step.place import Guide
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 
 from ergoqp import __version__
-from ergoqp.guide import Guide
+from ergoqp.files.whole import whole, write_whole
 from ergoqp.joints import JOINTS
 from ergoqp.simulation.run import Run
-from ergoqp.whole_file import whole, write_whole
+from ergoqp.step.place import Guide
 
 
 def write_run(run: Run, folder: Path) -> Path:

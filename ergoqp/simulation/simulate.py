@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences, shown, table_of_numbers, unmasked
 from ergoqp.errors import InputError
-from ergoqp.guide import Guide, read_guide
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses.ik import IkResponse
-from ergoqp.robot import DeclaredRobot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import LONGEST, Start, outside_of_range, run_loop, settle_time, start_at
 from ergoqp.simulation.options import options_of
@@ -26,6 +25,7 @@ from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
+from ergoqp.step.place import Guide, read_guide
 
 _SOLVER = "daqp"
 _AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
@@ -64,7 +64,7 @@ def simulate(
         assumptions: sentences on what was taken as given before, for the report.
         progress: called now and then with the share that is done.
         guide: a place that the control step is drawn to where descent alone comes to rest at a worse one: the optimum of
-            ``problem.optimise`` or a pose (4, 4), see `ergoqp.guide.read_guide`; None: descent alone.
+            ``problem.optimise`` or a pose (4, 4), see `ergoqp.step.place.read_guide`; None: descent alone.
         robot: how the robot really does what it is sent; None: as badly as the problem declares it.
         senses: what lies between person and controller, constant errors of angles too; None: the usual noise.
 

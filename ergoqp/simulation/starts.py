@@ -6,7 +6,7 @@ import numpy as np
 
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best import TURNS, tilted_frames
 from ergoqp.simulation.person import Follower
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mink
 import numpy as np
 
-from ergoqp.qp import FREE
+from ergoqp.step.qp import FREE
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.scene import Columns
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.problem import Problem
+from ergoqp.problem.problem import Problem
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.terms import person_of
 

@@ -41,7 +41,7 @@ class _MomentTask(BaseTask):
 class ErgonomicTask(_MomentTask):
     """The posture's cost over the look-ahead T, in the person's joints: T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
 
-    B is Gauss-Newton on V, made finite near the least cost by the step's caution, see `ergoqp.step_objective`. It acts on the
+    B is Gauss-Newton on V, made finite near the least cost by the step's caution, see `ergoqp.step.objective`. It acts on the
     posture's own unknowns, as a cost of the posture should; the tie makes the object feel it through S.
     """
 

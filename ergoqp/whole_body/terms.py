@@ -11,13 +11,13 @@ import numpy as np
 from ergoqp.arguments import check_kind
 from ergoqp.errors import ProblemError
 from ergoqp.joints import JOINTS
-from ergoqp.problem import Problem
-from ergoqp.qp import build_qp
+from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
-from ergoqp.step_answer import Step
-from ergoqp.step_data import QP_DATA, movable_names, qp_data
-from ergoqp.step_objective import cost_function
+from ergoqp.step.answer import Step
+from ergoqp.step.data import QP_DATA, movable_names, qp_data
+from ergoqp.step.objective import cost_function
+from ergoqp.step.qp import build_qp
 
 _CAUTION_EPS: Final = 0.1
 """As in the control step: keeps the Gauss-Newton curvature finite where the cost is at its least."""
@@ -44,7 +44,7 @@ def person_of(problem: Problem) -> IkResponse:
 def terms_function(problem: Problem) -> ca.Function:
     """Return everything that the whole-body QP takes from the control step, as one function.
 
-    Takes what `ergoqp.step_data.qp_data` takes and returns, beside its data,
+    Takes what `ergoqp.step.data.qp_data` takes and returns, beside its data,
 
     - ``slope`` (32,): T dV/dq, what the cost says about each joint [points s/rad];
     - ``root`` (33, 32): a matrix whose Gram matrix is T^2 B, the step's curvature in the posture;

@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 
 from ergoqp.arguments import check_number
-from ergoqp.problem import Problem
-from ergoqp.qp import FREE
-from ergoqp.rigid import read_pose
-from ergoqp.step_answer import Step
+from ergoqp.expressions.rigid import read_pose
+from ergoqp.problem.problem import Problem
+from ergoqp.step.answer import Step
+from ergoqp.step.qp import FREE
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
@@ -55,7 +55,7 @@ class WholeBodyStep:
             where an input cannot be used.
         reason: one sentence that names the cause, empty for a plain optimal step.
         min_distance: smallest of all kept distances where everything is now [m]; infinite where none is kept.
-        object_step: the object's own step (`ergoqp.step.Step`), in which the robot has no limits.
+        object_step: the object's own step (`ergoqp.step.stepper.Step`), in which the robot has no limits.
         solve_time: duration of the call [s].
     """
 

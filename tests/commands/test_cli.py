@@ -13,7 +13,7 @@ import pytest
 from command_line import mistake
 
 from ergoqp import __version__
-from ergoqp.problem_file import problem_names
+from ergoqp.problem_files.load import problem_names
 
 
 def test_version(ergoqp):
@@ -43,7 +43,7 @@ def test_help_of_the_commands(ergoqp):
 
 def test_help_is_quick():
     """No CasADi, MuJoCo or viser for a help text."""
-    code = "import sys, ergoqp.cli; print([m for m in ('casadi', 'mujoco', 'viser', 'scipy') if m in sys.modules])"
+    code = "import sys, ergoqp.cli.main; print([m for m in ('casadi', 'mujoco', 'viser', 'scipy') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
 
@@ -217,8 +217,8 @@ class TestFaults:
         def broken(*_, **__):
             raise ZeroDivisionError("a bug")
 
-        monkeypatch.setattr("ergoqp.problem_file.load_problem", broken)
-        monkeypatch.setattr("ergoqp.commands.run.load_person_problem", broken)
+        monkeypatch.setattr("ergoqp.problem_files.load.load_problem", broken)
+        monkeypatch.setattr("ergoqp.cli.commands.run.load_person_problem", broken)
 
     @pytest.mark.usefixtures("fault")
     def test_short(self, ergoqp, monkeypatch):
@@ -239,7 +239,7 @@ class TestFaults:
         def stop(*_, **__):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("ergoqp.commands.run.load_person_problem", stop)
+        monkeypatch.setattr("ergoqp.cli.commands.run.load_person_problem", stop)
         assert ergoqp("run", "screwing").status == 130
 
 

@@ -6,8 +6,8 @@ from command_line import mistake
 
 import ergoqp as package
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.posture_data import posture_data
-from ergoqp.one_class import load_one_class
+from ergoqp.datasets.postures import posture_data
+from ergoqp.learning.one_class import load_one_class
 
 
 def test_fit_writes_a_model_that_works_and_a_picture(ergoqp, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import mistake
 
-from ergoqp.problem_file import load_problem
+from ergoqp.problem_files.load import load_problem
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ from ergoqp.comparison.derive import CONTRADICTIONS, CURVATURE, SLAB
 from ergoqp.comparison.record import Recording, record
 from ergoqp.errors import InputError
 from ergoqp.limits import Limit
-from ergoqp.problem_file import load_problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.responses import LinearResponse
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Qp, QpSequence
-from ergoqp.step_parts import split
-from ergoqp.step_state import state_sizes
+from ergoqp.step.parts import split
+from ergoqp.step.state import state_sizes
 
 
 @cache

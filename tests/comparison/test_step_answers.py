@@ -13,10 +13,10 @@ from step_samples import comfort_of, problem_of
 from ergoqp.comparison.compare import relatives
 from ergoqp.comparison.record import Recording, record
 from ergoqp.limits import WorkspaceBox
-from ergoqp.qp import FREE, TOLERANCE, build_qp
 from ergoqp.solvers import SOLVERS, solver_named
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.session import QpAnswer
+from ergoqp.step.qp import FREE, TOLERANCE, build_qp
 
 
 @cache

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ergoqp.costs.data_file import read_data
+from ergoqp.datasets.table import read_data
 from ergoqp.errors import ModelError
 
 

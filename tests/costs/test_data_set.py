@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.neural import Neural
 from ergoqp.costs.quadratic import Quadratic
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import InputError, ModelError
 
 NAMES = ("trunk_flexion", "neck_flexion")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ergoqp import reba
-from ergoqp.costs.dataset import balanced_postures
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.sheets.method import sheet_of

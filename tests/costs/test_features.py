@@ -4,9 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ergoqp.costs.features import Columns, Steps, features_from
-from ergoqp.costs.relevance import _cost, relevance
 from ergoqp.errors import ModelError
+from ergoqp.learning.features import Columns, Steps, features_from
+from ergoqp.learning.relevance import _cost, relevance
 
 pytest.importorskip("sklearn")
 

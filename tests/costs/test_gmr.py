@@ -10,10 +10,10 @@ from sklearn.mixture import GaussianMixture
 
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.data import DataSet
-from ergoqp.costs.dataset import balanced_postures
 from ergoqp.costs.gmr import Gmr, bic_curve
 from ergoqp.costs.learned import load_cost
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import MissingExtraError, ModelError
 from ergoqp.sheets import reba
 

@@ -9,7 +9,7 @@ import pytest
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.quadratic import Quadratic
 from ergoqp.errors import ModelError
-from ergoqp.model_file import FORMAT, load_model, save_model
+from ergoqp.learning.model_file import FORMAT, load_model, save_model
 
 HEADER = {"kind": "quadratic", "notes": {"made": "by a test"}}
 ARRAYS = {"slopes": np.linspace(0, 1, 50), "whole": np.arange(6).reshape(2, 3)}

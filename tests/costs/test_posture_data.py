@@ -6,9 +6,9 @@ import pytest
 from ergoqp import reba
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS, Coordinates
 from ergoqp.costs import data_cache
-from ergoqp.costs.posture_data import interval_labels, posture_data
-from ergoqp.costs.posture_stream import posture_stream
 from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.datasets.postures import interval_labels, posture_data
+from ergoqp.datasets.stream import posture_stream
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.sheets.interval import interval_ranges

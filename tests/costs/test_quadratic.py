@@ -8,11 +8,11 @@ import pytest
 
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.data import DataSet
 from ergoqp.costs.learned import load_cost
-from ergoqp.costs.posture_data import posture_data
 from ergoqp.costs.quadratic import Quadratic
-from ergoqp.costs.quality import quality_of
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.postures import posture_data
+from ergoqp.datasets.quality import quality_of
 from ergoqp.errors import MissingExtraError, ModelError
 from ergoqp.joints import INDEX
 

@@ -7,14 +7,14 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVR
 
-from ergoqp.costs.data import DataSet
-from ergoqp.costs.features import Columns
 from ergoqp.costs.from_sklearn import from_sklearn
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.reduce import reduced
 from ergoqp.costs.svr import Svr
+from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.kernels import Kernel, KernelSum
+from ergoqp.learning.features import Columns
+from ergoqp.learning.kernels import Kernel, KernelSum
 
 
 def smooth_cost(n=300, distinct=None, seed=0):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from ergoqp import JOINTS, reba
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.dataset import balanced_postures
 from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.sheets.method import sheet_of

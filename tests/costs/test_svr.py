@@ -7,12 +7,12 @@ import pytest
 from ergoqp import reba
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.data import DataSet
-from ergoqp.costs.dataset import balanced_postures
-from ergoqp.costs.features import Columns, Steps
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.svr import Svr
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import ModelError
+from ergoqp.learning.features import Columns, Steps
 
 svm = pytest.importorskip("sklearn.svm")
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.costs.dataset import balanced_postures
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError, MissingExtraError
-from ergoqp.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
-from ergoqp.forearm.data import EMPTY_DISTANCE
 from ergoqp.human import Body
+from ergoqp.studies.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
+from ergoqp.studies.forearm.data import EMPTY_DISTANCE
 
 
 def distances(first, second):

@@ -5,11 +5,11 @@ import pytest
 
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.learned import load_cost
-from ergoqp.forearm import forearm_data, forearm_length, true_cost
-from ergoqp.forearm.descent import descend, keep_length, slope_of
-from ergoqp.forearm.models import KERNELS, fit_forearm_models
-from ergoqp.one_class import load_one_class
+from ergoqp.learning.one_class import load_one_class
 from ergoqp.paths import data_folder
+from ergoqp.studies.forearm import forearm_data, forearm_length, true_cost
+from ergoqp.studies.forearm.descent import descend, keep_length, slope_of
+from ergoqp.studies.forearm.models import KERNELS, fit_forearm_models
 
 FILES = ("forearm_svr", "forearm_ladder", "forearm_boundary")
 

@@ -10,11 +10,11 @@ from step_samples import held_pose
 import ergoqp
 from benchmarks.boundary import FirstOrder, Outward, draw_case
 from ergoqp.coordinates import FOREARM, SCORED_JOINTS
-from ergoqp.costs.dataset import balanced_postures
+from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import INDEX, LOWER, UPPER
+from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import ArmLength, OneClassBoundary, Situation, TwistLimit
-from ergoqp.one_class import OneClass
 from ergoqp.responses import LinearResponse
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop, start_at

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from situations import brake_of
 
 from ergoqp.limits import TwistLimit
-from ergoqp.problem_file import load_problem
-from ergoqp.step_stop import Stop, longest_stop
+from ergoqp.problem_files.load import load_problem
+from ergoqp.step.braking import Stop, longest_stop
 
 LIMIT = TwistLimit(0.2, 0.8, 0.6, 2.5)
 WINDOW = 0.05

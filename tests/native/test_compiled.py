@@ -18,8 +18,8 @@ from ergoqp.native import compiler as native_compiler
 from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import CompilerError, shared_library
 from ergoqp.native.daqp import NativeDaqp
-from ergoqp.qp import TOLERANCE
 from ergoqp.solvers import solver_named
+from ergoqp.step.qp import TOLERANCE
 
 pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler")
 

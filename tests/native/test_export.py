@@ -12,11 +12,11 @@ import pytest
 from step_calls import start_of, wandering_steps
 
 import ergoqp
-from ergoqp.cli import execute
+from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
 from ergoqp.native.export import export_step
 from ergoqp.native.layout import c_string, header
-from ergoqp.step_causes import Status
+from ergoqp.step.causes import Status
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 

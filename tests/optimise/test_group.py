@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import ergoqp.optimise
-from ergoqp.commands.population import COLUMNS
+import ergoqp.placing
+from ergoqp.cli.commands.population import COLUMNS
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.optimise.group import best_for_group
-from ergoqp.optimise.people import drawn_people, read_people
-from ergoqp.optimise.place_search import PlaceSearch, Placing, Stay, keys, merit
-from ergoqp.optimise.population import variant
-from ergoqp.optimise.shared_grid import AXES, shared_grid
-from ergoqp.problem_file import load_problem
+from ergoqp.placing.group.grid import AXES, shared_grid
+from ergoqp.placing.group.optimise import best_for_group
+from ergoqp.placing.group.people import drawn_people, read_people
+from ergoqp.placing.group.search import PlaceSearch, Placing, Stay, keys, merit
+from ergoqp.placing.population import variant
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import workspace_poses
 
 STATURES = (1.5, 1.7, 2.0)
@@ -181,7 +181,7 @@ def test_who_cannot_reach_is_named(low_bin):
 def test_who_is_left_out_where_most_can_reach_is_named(low_bin, monkeypatch):
     scores = np.array([[2, 2, 0], [0, 3, 3], [4, 0, 4]])
     grid = SimpleNamespace(scores=scores, reached_by_all=(scores > 0).all(axis=0))
-    monkeypatch.setattr("ergoqp.optimise.group.shared_grid", lambda *arguments, **options: grid)
+    monkeypatch.setattr("ergoqp.placing.group.optimise.shared_grid", lambda *arguments, **options: grid)
     with pytest.raises(InputError, match=r"no place is reached by all; where most can reach, 1\.60 m cannot"):
         best_for_group(low_bin, (1.5, 1.6, 1.7))
 
@@ -264,6 +264,6 @@ def test_one_person_alone_is_the_single_optimum(low_bin):
 
 
 def test_the_package_offers_what_it_says():
-    assert all(callable(getattr(ergoqp.optimise, name)) for name in ergoqp.optimise.__all__)
+    assert all(callable(getattr(ergoqp.placing, name)) for name in ergoqp.placing.__all__)
     with pytest.raises(AttributeError, match="no attribute 'worst'"):
-        ergoqp.optimise.worst  # noqa: B018
+        ergoqp.placing.worst  # noqa: B018

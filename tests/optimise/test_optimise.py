@@ -7,7 +7,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.optimise.optimum import Optimum
+from ergoqp.placing.optimum import Optimum
 from ergoqp.simulation.best import workspace_map
 from ergoqp.simulation.people import sample_person
 

@@ -8,8 +8,8 @@ import pytest
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.limits import WorkspaceBox
-from ergoqp.optimise.population import STATURES, best_of_population, population, variant
-from ergoqp.problem_file import load_problem
+from ergoqp.placing.population import STATURES, best_of_population, population, variant
+from ergoqp.problem_files.load import load_problem
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import pytest
 
 import ergoqp
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.optimise.program import Program, smooth_cost
-from ergoqp.optimise.start import begin_from
-from ergoqp.problem_file import TASKS
+from ergoqp.placing.program import Program, smooth_cost
+from ergoqp.placing.start import begin_from
+from ergoqp.problem_files.load import TASKS
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.starts import awkward_start
 

@@ -6,8 +6,8 @@ import pytest
 
 import ergoqp
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.optimise.rest import Situated, rest_conditions, soft_clip
-from ergoqp.problem_file import TASKS
+from ergoqp.placing.rest import Situated, rest_conditions, soft_clip
+from ergoqp.problem_files.load import TASKS
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start
 

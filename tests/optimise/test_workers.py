@@ -13,7 +13,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.optimise.ledger import FILE
+from ergoqp.placing.ledger import FILE
 from ergoqp.simulation.starts import awkward_start
 
 
@@ -57,7 +57,7 @@ def test_same_on_a_cluster(problem, alone):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ftp://127.0.0.1:8786"])
 def test_no_cluster_there(problem, alone, address, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("ergoqp.optimise.workers.TIMEOUT", 0.5)
+    monkeypatch.setattr("ergoqp.placing.workers.TIMEOUT", 0.5)
     with pytest.raises(InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"):
         problem.optimise(alone.posture_before, starts=2, scheduler=address)
 

@@ -12,7 +12,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import WorkersError
-from ergoqp.optimise.ledger import FILE
+from ergoqp.placing.ledger import FILE
 
 KEPT = "with `out` the starts that were finished are kept"
 
@@ -45,7 +45,7 @@ def after_first(action):
 
 
 def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr("ergoqp.optimise.workers.PATIENCE", 2.0)
+    monkeypatch.setattr("ergoqp.placing.workers.PATIENCE", 2.0)
     retire = after_first(lambda: cluster.scale(0))
     with pytest.raises(
         WorkersError, match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}"
@@ -92,7 +92,7 @@ def test_what_a_start_itself_raises_is_not_told_of_the_scheduler(problem, cluste
 
 
 def test_a_start_that_takes_long_is_waited_for(problem, cluster, monkeypatch):
-    monkeypatch.setattr("ergoqp.optimise.workers.PATIENCE", 0.5)
+    monkeypatch.setattr("ergoqp.placing.workers.PATIENCE", 0.5)
     slow = dataclasses.replace(problem, cost=Elsewhere(functools.partial(time.sleep, 4.0)))
     assert len(slow.optimise(starts=1, scheduler=cluster.scheduler_address).trials) == 1
 

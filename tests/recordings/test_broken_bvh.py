@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import ergoqp.recordings.bvh as bvh
+import ergoqp.recordings.bvh.read as bvh
 from ergoqp.errors import MissingExtraError, RecordingError
-from ergoqp.recordings.bvh import read_bvh
+from ergoqp.recordings.bvh.read import read_bvh
 
 
 def small_file() -> str:

@@ -5,10 +5,10 @@ import pytest
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
-from ergoqp.recordings.centre_model import BASE, UNKNOWNS, CentreModel
-from ergoqp.recordings.fit import fit
+from ergoqp.recordings.fitting.centre_model import BASE, UNKNOWNS, CentreModel
+from ergoqp.recordings.fitting.fit import fit
+from ergoqp.recordings.fitting.observe import observable_joints
 from ergoqp.recordings.naming import CENTRES
-from ergoqp.recordings.observe import observable_joints
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.recordings import Recording, load_recording
-from ergoqp.recordings.write_bvh import write_bvh
+from ergoqp.recordings.bvh.write import write_bvh
 
 DEGREE = np.radians(1)
 

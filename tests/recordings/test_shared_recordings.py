@@ -9,8 +9,8 @@ import pytest
 from ergoqp.human import Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.recordings import Recording, load_recording
-from ergoqp.recordings.bvh import _import_bvhio, read_bvh
-from ergoqp.recordings.placing import to_world
+from ergoqp.recordings.bvh.read import _import_bvhio, read_bvh
+from ergoqp.recordings.fitting.axes import to_world
 
 FILES = {
     # file: naming, unit [m], largest median fit error [m], joints that its points do not tell

@@ -6,7 +6,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.report.person import place
+from ergoqp.report.body.person import place
 from ergoqp.sheets import reba
 from ergoqp.simulation.run import Run
 

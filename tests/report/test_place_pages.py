@@ -9,17 +9,17 @@ import pytest
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
-from ergoqp.optimise.group import best_for_group
-from ergoqp.optimise.people import read_people
-from ergoqp.optimise.place_search import Placing
-from ergoqp.optimise.slices import Slice, slices_through
-from ergoqp.optimise.start import begin_from
-from ergoqp.problem_file import load_problem
+from ergoqp.placing.group.optimise import best_for_group
+from ergoqp.placing.group.people import read_people
+from ergoqp.placing.group.search import Placing
+from ergoqp.placing.slices import Slice, slices_through
+from ergoqp.placing.start import begin_from
+from ergoqp.problem_files.load import load_problem
 from ergoqp.report import palette
+from ergoqp.report.body.lineup import Standing, lineup
+from ergoqp.report.charts.score_map import Spot, score_map
 from ergoqp.report.group_page import write_group_page
-from ergoqp.report.lineup import Standing, lineup
 from ergoqp.report.optimum_page import change_of, place_words, write_optimum_page
-from ergoqp.report.score_map import Spot, score_map
 from ergoqp.simulation.person import Follower
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)

@@ -8,9 +8,9 @@ from report_samples import EASY, posture
 
 from ergoqp.human import Body
 from ergoqp.report import palette
-from ergoqp.report.charts import lines_chart, score_chart, shares_chart, timing_chart
-from ergoqp.report.figure import posture_figure
-from ergoqp.report.strips import Strip, segments_chart, segments_strips, strips_chart
+from ergoqp.report.body.figure import posture_figure
+from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart, timing_chart
+from ergoqp.report.charts.strips import Strip, segments_chart, segments_strips, strips_chart
 
 
 def parsed(svg):

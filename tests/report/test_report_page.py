@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from report_samples import make_recording, make_run
 
 from ergoqp.report import write_run_page, write_score_page
+from ergoqp.report.body.replay import Movement, timing_of
+from ergoqp.report.body.scene import scene_html
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, render, write_page
-from ergoqp.report.replay import Movement, timing_of
-from ergoqp.report.scene import scene_html
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 

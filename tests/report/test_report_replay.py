@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 
 from ergoqp.human import FRAMES, Body, Kinematics
 from ergoqp.report import palette
-from ergoqp.report.meshes import body_mesh
-from ergoqp.report.person import parts_of, place
-from ergoqp.report.replay import FRAME_RATE, LONGEST, Movement, timing_of
+from ergoqp.report.body.meshes import body_mesh
+from ergoqp.report.body.person import parts_of, place
+from ergoqp.report.body.replay import FRAME_RATE, LONGEST, Movement, timing_of
 
 
 @given(st.floats(0.1, 600), st.floats(1, 1000))

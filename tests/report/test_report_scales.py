@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ergoqp.report.scales import Scale, changes, highest_per_column, padded, round_ticks, thinned, words_of
+from ergoqp.report.charts.scales import Scale, changes, highest_per_column, padded, round_ticks, thinned, words_of
 
 numbers = st.floats(-1e6, 1e6)
 

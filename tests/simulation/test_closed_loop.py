@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.problem_file import TASKS, load_problem
-from ergoqp.robot import DeclaredRobot
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import power_above, run_loop, settle_time, start_at

@@ -7,14 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ergoqp.guide import read_guide
-from ergoqp.problem import Problem
-from ergoqp.problem_file import load_problem
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.run_json import summary_of_run
+from ergoqp.step.place import read_guide
 
 THERE, WAITING = "drawn toward the given place", "at the given place, waiting for the person"
 BACK = "drawn back to where it was better than at the given place"

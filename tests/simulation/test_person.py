@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.problem_file import TASKS, load_problem
+from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import REACHED, Follower
 

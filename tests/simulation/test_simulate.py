@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import ergoqp
-from ergoqp.control import Control
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
+from ergoqp.problem.control import Control
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run

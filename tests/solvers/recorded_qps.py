@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from ergoqp.comparison.record import Recording, record
-from ergoqp.problem_file import load_problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.sequence import Qp
 
 

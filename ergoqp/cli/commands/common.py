@@ -1,0 +1,178 @@
+"""What the commands share: where results go, how far the work is, and recordings as options describe them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from ergoqp.errors import InputError, MissingExtraError, ProblemError
+from ergoqp.joints import JOINTS
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem, problem_names
+from ergoqp.recordings import Recording, load_recording
+
+PLAIN_WIDTH = 120
+"""Columns of the tables when nobody tells how wide the output is."""
+
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """How a recording is to be read, as on the command line.
+
+    Attributes:
+        person: stature [m] or path of a person file, None to measure the recording.
+        unit_to_m: size of the file's unit of length [m].
+        up: the file's vertical axis.
+        mapping: path of a naming of joints.
+    """
+
+    person: str | None
+    unit_to_m: float | None
+    up: str | None
+    mapping: Path | None
+
+    @property
+    def person_value(self) -> float | Path | None:
+        """The stature as a number, or the path."""
+        if self.person is None:
+            return None
+        try:
+            return float(self.person)
+        except ValueError:
+            return Path(self.person)
+
+    def load(self, path: Path) -> Recording:
+        """Read a recording.
+
+        Raises:
+            ErgoqpError: if it cannot be read that way.
+        """
+        return load_recording(path, self.person_value, self.unit_to_m, self.up, mapping=self.mapping)
+
+    def refuse_without_recording(self) -> None:
+        """Raise for options that only a recording can use.
+
+        Raises:
+            InputError: naming the option.
+        """
+        given = {"--unit-to-m": self.unit_to_m, "--up": self.up, "--mapping": self.mapping}
+        for option, value in given.items():
+            if value is not None:
+                raise InputError(f"{option}: got {str(value)!r}, but there is no recording; name one with --from")
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """Return a number with its word, such as ``1 start`` or ``2 starts``."""
+    return f"{count} {one if count == 1 else many}"
+
+
+def load_person_problem(name: str) -> Problem:
+    """Return a problem whose state is a person's posture.
+
+    Raises:
+        ProblemError: if there is no such problem, or its file is not one.
+        InputError: if it is of something else.
+    """
+    if name not in problem_names() and Path(name).name == name and Path(name).suffix != ".toml":
+        of_people = [known for known in problem_names() if _is_of_a_person(load_problem(known))]
+        raise ProblemError(f"problem: got {name!r}, allowed {', '.join(of_people)} or the path of a .toml file")
+    problem = load_problem(name)
+    if not _is_of_a_person(problem):
+        moved = ", ".join(problem.coordinates)
+        raise InputError(f"problem {problem.name}: moves {moved}, allowed problems of a person")
+    return problem
+
+
+def _is_of_a_person(problem: Problem) -> bool:
+    return tuple(problem.coordinates) == JOINTS
+
+
+def console() -> Console:
+    """Return the console for results: standard output, as wide as the terminal or wide enough for a log."""
+    out = Console()
+    return out if out.is_terminal else Console(width=max(out.width, PLAIN_WIDTH))
+
+
+@contextmanager
+def working(words: str) -> Iterator[Callable[[float], None]]:
+    """Say on standard error what is being done: a bar on a terminal, one plain line otherwise.
+
+    Yields:
+        A function to call with the share that is done, 0 to 1.
+    """
+    error = Console(stderr=True)
+    if not error.is_terminal:
+        error.print(Text(f"{words} ..."), soft_wrap=True)
+        yield lambda share: None
+        return
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    # Without a thread of its own: it would disturb the durations that are measured.
+    with Progress(*columns, console=error, transient=True, auto_refresh=False) as bar:
+        task = bar.add_task(words, total=None)
+        bar.refresh()
+
+        def done(share: float) -> None:
+            bar.update(task, total=1.0, completed=share)
+            bar.refresh()
+
+        yield done
+
+
+def make_folder(out: Path | None, name: str) -> Path:
+    """Return the folder for results, made if it is not there; by default ``ergoqp-out/<name>`` in the current directory.
+
+    Raises:
+        InputError: if it cannot be one.
+    """
+    folder = Path("ergoqp-out") / name if out is None else out
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turn what keeps files from being written into a sentence.
+
+    Raises:
+        InputError: naming the file and the cause.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"--out: cannot write {str(error.filename or folder)!r}: {error.strerror}") from None
+
+
+def write_report(out: Console, folder: Path, files: Sequence[str], write: Callable[[Path], None]) -> None:
+    """Write ``report.html``, or say which extra it needs; then say where everything is.
+
+    Args:
+        out: where to say it.
+        folder: of the results.
+        files: that the command has written there already.
+        write: writes the page to a path.
+    """
+    page = folder / "report.html"
+    try:
+        with working("report"), writing(folder):
+            write(page)
+    except MissingExtraError as missing:
+        # An older page would be taken for this run's.
+        page.unlink(missing_ok=True)
+        Console(stderr=True).print(Text(f"report.html was not written: {missing}"), soft_wrap=True)
+    for name in (*files, *([page.name] if page.is_file() else [])):
+        out.print(Text(f"{name:<12} {folder / name}"), soft_wrap=True)
+
+
+def print_assumptions(out: Console, sentences: list[str] | tuple[str, ...]) -> None:
+    """Print sentences as a list, each on its lines."""
+    if sentences:
+        out.print(Text("assumed"))
+    for sentence in sentences:
+        out.print(Text(f"- {sentence}"), soft_wrap=not out.is_terminal)

@@ -1,0 +1,102 @@
+"""``ergoqp compare``: QP solvers on the QPs of a problem's own control steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from ergoqp.cli.commands.common import console, make_folder, working, writing
+from ergoqp.comparison.compare import Comparison, check, compare
+from ergoqp.errors import MissingExtraError
+from ergoqp.problem_files.load import load_problem
+from ergoqp.solvers.judge import TOLERANCES, tidy
+from ergoqp.solvers.sessions import SESSIONS
+
+
+def run_compare(problem_name: str, solvers: str | None, steps: int, seed: int, accuracy: float, out: Path | None) -> None:
+    """Record, solve, print the tables, and write ``compare.json``, ``compare.png`` and the sequences.
+
+    Args:
+        problem_name: a name or a path.
+        solvers: names, separated by commas; None: all that are installed.
+        steps: control steps to record.
+        seed: of the closed loops.
+        accuracy: that the solvers are set to.
+        out: folder.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    names = None if solvers is None else [name.strip() for name in solvers.split(",") if name.strip()]
+    check(names, steps, seed, accuracy)
+    problem = load_problem(problem_name)
+    screen = console()
+    with working(f"recording {steps} steps and solving their QPs") as done:
+        found = compare(problem, names, steps, seed, accuracy=accuracy, progress=done)
+    folder = make_folder(out, f"compare-{problem.name}")
+    note = ""
+    with writing(folder):
+        try:
+            found.save(folder)
+        except MissingExtraError as missing:
+            note = f"compare.png was not written: {missing}"
+    screen.print(_sequences(found))
+    screen.print(_exactness(found))
+    screen.print(_times(found))
+    for name in found.missing:
+        screen.print(Text(f"{name} is not installed: `pip install 'ergoqp[solvers]'`"))
+    if note:
+        screen.print(Text(note), soft_wrap=True)
+    for name in ("compare.json", "compare.png", "sequences", "ergoqp_sequences.py"):
+        if (folder / name).exists():
+            screen.print(Text(f"{name:<20} {folder / name}"), soft_wrap=True)
+
+
+def _sequences(found: Comparison) -> Table:
+    table = Table(title=f"{found.problem}: the QPs of {found.steps} control steps, seed {found.seed}", title_justify="left")
+    table.add_column("sequence")
+    for name in ("QPs", "unknowns", "rows", "has answers"):
+        table.add_column(name, justify="right")
+    for one in found.sequences:
+        table.add_row(one.name, str(len(one)), str(one.size[0]), str(one.size[1]), "yes" if one.feasible else "no")
+    return table
+
+
+def _exactness(found: Comparison) -> Table:
+    table = Table(title=f"answers, judged apart; solvers set to {tidy(found.accuracy)}", title_justify="left")
+    table.add_column("solver")
+    table.add_column("method", no_wrap=True)
+    columns = ("within 1e-3", "1e-6", "1e-9", "wrong: solved", "wrong: infeasible", "infeasible named")
+    for name in columns:
+        table.add_column(name, justify="right")
+    for name, one in _sorted(found):
+        shares = [_share(one[f"success_{tidy(level)}"]) for level in TOLERANCES]
+        wrong = [f"{one['wrong_solved'] + one['solved_infeasible']:.0f}", f"{one['wrong_infeasible']:.0f}"]
+        named = _share(one["infeasible_named"]) if "infeasible_named" in one else "-"
+        table.add_row(name, SESSIONS[name].method, *shares, *wrong, named)
+    return table
+
+
+def _times(found: Comparison) -> Table:
+    table = Table(title="time of a QP, µs; best = 1 for the mean", title_justify="left")
+    table.add_column("solver")
+    for name in ("mean", "best = 1", "median", "95 %", "99 %", "longest", "iterations", "warm", "warm / cold", "iterations"):
+        table.add_column(name, justify="right")
+    for name, one in _sorted(found):
+        times = [f"{one[key]:.0f}" for key in ("p50_us", "p95_us", "p99_us", "max_us")]
+        warm = [f"{one['warm_us']:.0f}", f"{one['warm_ratio']:.2f}"] if "warm_us" in one else ["-", "-"]
+        ratio = f"{one['warm_iterations_ratio']:.2f}" if "warm_iterations_ratio" in one else "-"
+        count = f"{one['iterations']:.1f}" if "iterations" in one else "-"
+        table.add_row(name, f"{one['sgm_us']:.0f}", f"{one['sgm_time']:.1f}", *times, count, *warm, ratio)
+    return table
+
+
+def _share(value: float) -> str:
+    # 99.98 % is not all.
+    return "100 %" if value == 1 else f"{min(100 * value, 99.9):.1f} %"
+
+
+def _sorted(found: Comparison) -> list[tuple[str, dict[str, float]]]:
+    return sorted(found.figures.items(), key=lambda item: item[1]["sgm_us"])

@@ -1,0 +1,32 @@
+"""``ergoqp export``: the control step of a problem as C99."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.text import Text
+
+from ergoqp.cli.commands.common import console, working, writing
+from ergoqp.errors import InputError
+from ergoqp.native.export import export_step
+from ergoqp.problem_files.load import load_problem
+
+
+def export(problem_name: str, out: Path, dt: float | None) -> None:
+    """Write the folder and say what to do with it.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used, or there is no C compiler.
+    """
+    problem = load_problem(problem_name)
+    if dt is not None:
+        if not 1e-4 <= dt <= 0.1:
+            raise InputError(f"--dt: got {dt:g} s, allowed 0.0001 to 0.1 s")
+        problem = problem.replace(dt=dt)
+    with working(f"exporting {problem.name}"), writing(out):
+        files = export_step(problem, out)
+    screen = console()
+    size = sum(file.stat().st_size for file in files)
+    screen.print(Text(f"{len(files)} files, {size / 1e6:.1f} MB, in {out}"), soft_wrap=True)
+    screen.print(Text(f"cmake -S {out} -B {out}/build && cmake --build {out}/build"), soft_wrap=True)
+    screen.print(Text(f"what goes in and comes out: {out}/include/ergoqp_step.h"), soft_wrap=True)

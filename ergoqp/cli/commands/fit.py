@@ -1,0 +1,151 @@
+"""``ergoqp fit``: learn a cost from data, say how good it is on data it has not seen, and keep it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from ergoqp.arguments import LARGEST_SEED, check_whole
+from ergoqp.cli.commands.common import console, make_folder, working, writing
+from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
+from ergoqp.costs.learned import KINDS, LearnedCost
+from ergoqp.datasets.data import DataSet
+from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
+from ergoqp.datasets.quality import Quality, cross_validate, evaluation_time, quality_of
+from ergoqp.datasets.table import read_data
+from ergoqp.errors import InputError
+from ergoqp.report.charts.boxes import prediction_picture
+
+FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
+"""Kinds of costs that the command can fit; `from_sklearn` is for estimators that were fitted elsewhere."""
+
+DATA: Final = ("sheet", "interval", "forearm")
+"""Data sets that the command draws itself."""
+
+_GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
+
+
+def fit(
+    kind: str, source: str, joints: str, per_score: int, seed: int, folds: int, settings: Sequence[str], out: Path | None
+) -> None:
+    """Fit a cost, print one table, and write the model and a picture.
+
+    Args:
+        kind: of cost, one of `FITTED`.
+        source: one of `DATA`, or the path of a CSV file.
+        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the 22 that the sheet reads.
+        per_score: postures per score, for data that are drawn.
+        seed: of data, folds and fit.
+        folds: of the cross-validation.
+        settings: ``name=value`` of the fit's own options.
+        out: folder.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    if kind not in FITTED:
+        raise InputError(f"cost: got {kind!r}, allowed {', '.join(FITTED)}")
+    module, name = KINDS[kind].split(":")
+    make = getattr(import_module(module), name).fit
+    options = read_settings(make, settings)
+    with working("data") as done:
+        data = load_data(source, joints, per_score, seed, folds, done)
+    screen = console()
+    screen.print(Text(f"{len(data)} points of {len(data.coordinates)} coordinates: {data.source}"))
+
+    def fit_one(part: DataSet, progress: Callable[[float], None] | None = None) -> LearnedCost:
+        own = dict(options)
+        if "seed" in inspect.signature(make).parameters:
+            own.setdefault("seed", seed)
+        if progress is not None and "progress" in inspect.signature(make).parameters:
+            own["progress"] = progress
+        return make(part, **own)
+
+    with working(f"cross-validation, {folds} folds") as done:
+        values, found = cross_validate(fit_one, data, folds, seed, done)
+    with working(f"fitting {kind} to all points") as done:
+        cost = fit_one(data, done)
+    unseen = quality_of(values, data.labels)
+    folder = make_folder(out, f"fit-{kind}")
+    model, picture = folder / f"{kind}.npz", folder / f"{kind}.png"
+    with writing(folder):
+        prediction_picture(values, data.labels, f"{kind}: predictions of unseen points", picture)
+    notes = {"data": data.source, "points": len(data), "folds": folds, "seed": seed, "unseen": unseen.as_dict()}
+    cost.save(model, notes)
+    screen.print(_table(kind, quality_of(cost.predict(data.points), data.labels), unseen, found, _constant(data)))
+    time = evaluation_time(cost, cost.coordinates.spread(data.points[:200]))
+    screen.print(Text(f"value and gradient {time:.0f} µs, model {model.stat().st_size / 1e3:.0f} kB"))
+    for path in (model, picture):
+        screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
+
+
+def load_data(source: str, joints: str, per_score: int, seed: int, folds: int, progress: Callable[[float], None]) -> DataSet:
+    """Return the data set of a name or a file.
+
+    Raises:
+        ErgoqpError: if there is none.
+    """
+    check_whole("--per-score", per_score, 1, MOST_PER_SCORE)
+    check_whole("--folds", folds, 2)
+    check_whole("--seed", seed, 0, LARGEST_SEED)
+    if joints == "scored" and source != "sheet":
+        raise InputError(f"--joints: got 'scored' with the data {source!r}, allowed only with 'sheet'")
+    if source in ("sheet", "interval"):
+        names = SCORED_JOINTS if joints == "scored" else REPORT_JOINTS
+        return posture_data(per_score, labels=source, seed=seed, joints=names, progress=progress)
+    if source == "forearm":
+        from ergoqp.studies.forearm import forearm_data
+
+        return forearm_data(per_score=per_score, seed=seed, progress=progress)
+    if not Path(source).suffix:
+        raise InputError(f"--data: got {source!r}, allowed {', '.join(DATA)} or the path of a CSV file")
+    return read_data(source)
+
+
+def read_settings(make: Callable[..., Any], settings: Sequence[str]) -> dict[str, Any]:
+    """Return the options of a fit from texts ``name=value``.
+
+    Raises:
+        InputError: for a name that the fit does not have, or a value that is no number, word or list of numbers.
+    """
+    allowed = [name for name in inspect.signature(make).parameters if name not in _GIVEN]
+    options: dict[str, Any] = {}
+    for text in settings:
+        name, equals, value = text.partition("=")
+        name = name.strip().replace("-", "_")
+        if not equals or name not in allowed:
+            raise InputError(f"--set: got {text!r}, allowed NAME=VALUE with a name of {', '.join(allowed)}")
+        try:
+            options[name] = ast.literal_eval(value)
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
+            options[name] = value
+    return options
+
+
+def _constant(data: DataSet) -> Quality:
+    return quality_of(np.full(len(data), np.median(data.labels)), data.labels)
+
+
+def _table(kind: str, seen: Quality, unseen: Quality, folds: Sequence[Quality], constant: Quality) -> Table:
+    spread = np.std([fold.mae for fold in folds])
+    rows: Mapping[str, Quality] = {
+        "points it was fitted to": seen,
+        "unseen points": unseen,
+        "always the median score": constant,
+    }
+    table = Table(title=f"{kind}: predicted score against the label", title_justify="left")
+    table.add_column("")
+    for name in ("mean error, points", "exact", "within 1", "rank correlation", "worst, points"):
+        table.add_column(name, justify="right")
+    for name, found in rows.items():
+        error = f"{found.mae:.3f}" + (f" ± {spread:.3f}" if name == "unseen points" else "")
+        table.add_row(name, error, f"{found.exact:.1%}", f"{found.within1:.1%}", f"{found.spearman:.3f}", f"{found.worst:.2f}")
+    return table

@@ -1,0 +1,35 @@
+"""The place that a run is drawn to, as an option names it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ergoqp.cli.commands.common import working
+from ergoqp.errors import InputError
+from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.population import person_of
+from ergoqp.problem.problem import Problem
+from ergoqp.step.place import Guide, read_guide
+
+
+def guide_named(problem: Problem, name: str) -> Guide:
+    """Return the place that ``--guide`` names.
+
+    Args:
+        problem: the task.
+        name: ``best``: looked for, for the controller's own model of the person; else the path of an ``optimum.json``.
+
+    Raises:
+        InputError: if there is no such file, it is of another problem, or the place cannot be used.
+    """
+    if name == "best":
+        with working("looking for the best place") as done:
+            return read_guide(problem, problem.optimise(person_of(problem).comfort, progress=done))
+    path, allowed = Path(name), "allowed best or an optimum.json of `ergoqp optimise`"
+    if not path.exists():
+        raise InputError(f"--guide: {name!r} is not there, {allowed}")
+    try:
+        found = Optimum.load(path)
+    except InputError:
+        raise InputError(f"--guide: {name!r} cannot be read as an optimum, {allowed}") from None
+    return read_guide(problem, found)

@@ -1,0 +1,134 @@
+"""``ergoqp optimise``: the best place of the object for a person and a task, offline."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from ergoqp.arguments import check_whole
+from ergoqp.cli.commands.common import (
+    RecordingOptions,
+    console,
+    counted,
+    load_person_problem,
+    make_folder,
+    print_assumptions,
+    working,
+    write_report,
+    writing,
+)
+from ergoqp.cli.commands.run import frame_of_recording
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.placing.find import optimise
+from ergoqp.placing.nlp_solvers import check_names
+from ergoqp.placing.optimum import Optimum
+from ergoqp.problem.problem import Problem
+from ergoqp.recordings.fitting.person import given_person
+from ergoqp.report.optimum_page import write_optimum_page
+from ergoqp.sheets.reba import ACTION_LEVELS
+
+NAMES = {"stackelberg": "the person comes to rest", "cooperative": "the posture chosen too"}
+"""What the modes are called in the table."""
+
+
+def optimise_command(
+    problem_name: str,
+    recording_path: Path | None,
+    at: float | None,
+    out: Path | None,
+    options: RecordingOptions,
+    settings: dict[str, Any],
+) -> None:
+    """Look for the best place, print the table, and write ``optimum.json`` and the page.
+
+    Args:
+        problem_name: name or path of the problem.
+        recording_path: that the posture comes from, None: an awkward place.
+        at: when in the recording [s], None: its worst-scored frame.
+        out: folder of the results; finished starts are kept there, and a run that was killed goes on from them.
+        options: how to read the recording.
+        settings: starts, seed, jobs, mode, solver and scheduler of `ergoqp.placing.find.optimise`.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    problem = load_person_problem(problem_name)
+    check_names(settings["mode"], settings["solver"])
+    for name, least in (("starts", 1), ("seed", 0), ("jobs", 1)):
+        check_whole(name, settings[name], least)
+    posture, person, notes = _who(problem, recording_path, at, options)
+    folder = make_folder(out, f"optimise-{problem.name}")
+    settings = settings | {"person": person, "assumptions": notes, "out": folder}
+    screen = console()
+    with writing(folder):
+        found = [_found(problem, posture, settings)]
+        if settings["mode"] == "stackelberg":
+            found.append(_found(problem, posture, settings | {"mode": "cooperative"}))
+        found[0].save(folder)
+    print_assumptions(screen, list(found[0].assumptions))
+    screen.print(optimum_table(problem, found))
+    bound = found[1] if len(found) > 1 else None
+    write_report(
+        screen,
+        folder,
+        ("optimum.json",),
+        lambda path: write_optimum_page(found[0], problem, path, cooperative=bound, jobs=settings["jobs"]),
+    )
+
+
+def _who(
+    problem: Problem, recording_path: Path | None, at: float | None, options: RecordingOptions
+) -> tuple[np.ndarray | None, Body | None, list[str]]:
+    """Return the posture, the person's body, and what was taken as given."""
+    if recording_path is None:
+        options.refuse_without_recording()
+        if at is not None:
+            raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        return None, None if options.person_value is None else given_person(options.person_value), []
+    with working(f"reading {recording_path.name}"):
+        recording = options.load(recording_path)
+    frame = frame_of_recording(problem, recording, at)
+    time = float(recording.time[frame])
+    which = "the worst-scored frame" if at is None else "frame"
+    note = f"The posture now is that of {which}, {frame}, at {time:.2f} s, of {recording_path.name}; the body is the one in it."
+    return recording.postures[frame], recording.person, [*recording.assumptions, note]
+
+
+def _found(problem: Problem, posture: np.ndarray | None, settings: dict[str, Any]) -> Optimum:
+    with working(f"{counted(settings['starts'], 'start', 'starts')}, {NAMES[settings['mode']]}") as done:
+        return optimise(problem, posture, progress=done, **settings)
+
+
+def optimum_table(problem: Problem, found: list[Optimum]) -> Table:
+    """Return what was found in one or more modes, side by side.
+
+    Args:
+        problem: the task.
+        found: of the same problem and person; the first tells where it began.
+    """
+    first = found[0]
+    table = Table(title=Text(first.title), title_justify="left")
+    for name in ("", "now", *(NAMES[optimum.mode] for optimum in found)):
+        table.add_column(name, justify="right" if name else "left")
+    postures = [first.posture_before, *(optimum.posture for optimum in found)]
+    table.add_row("REBA", *(_level(problem, posture) for posture in postures))
+    table.add_row("smooth cost, points", f"{first.cost_before:.2f}", *(f"{optimum.cost_after:.2f}" for optimum in found))
+    poses = [first.pose_before, *(optimum.pose for optimum in found)]
+    table.add_row("object x, y, z, m", *(", ".join(f"{value:.2f}" for value in pose[:3, 3]) for pose in poses))
+    table.add_row("tool axis", *(", ".join(f"{value:.2f}" for value in pose[:3, 0]) for pose in poses))
+    table.add_row("optimality residual", "", *(f"{optimum.kkt_residual:.0e}" for optimum in found))
+    reached = [sum(trial.reba == optimum.reba_after for trial in optimum.trials) for optimum in found]
+    starts = [f"{count} of {len(optimum.trials)}" for count, optimum in zip(reached, found, strict=True)]
+    table.add_row("starts that end at this score", "", *starts)
+    return table
+
+
+def _level(problem: Problem, posture: np.ndarray) -> str:
+    """Return the score of a posture with its action level in words."""
+    assessment = problem.assess(posture)
+    return f"{assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"

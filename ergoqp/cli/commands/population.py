@@ -1,0 +1,113 @@
+"""``ergoqp optimise --population``: each one's own best place over statures, hands and loads."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from ergoqp.cli.commands.common import console, counted, load_person_problem, make_folder, print_assumptions, working, writing
+from ergoqp.errors import InputError
+from ergoqp.files.whole import whole
+from ergoqp.placing.nlp_solvers import check_names
+from ergoqp.placing.population import Found, best_of_population, population
+
+COLUMNS = ("person", "reba_before", "reba_best", "x_m", "y_m", "z_m", "cost", "kkt_residual", "starts_at_best", "starts")
+"""Of ``population.csv``; the cells of somebody without a place are empty."""
+
+
+def population_study(
+    problem_name: str,
+    statures: str,
+    out: Path | None,
+    *,
+    hands: str | None = None,
+    loads_kg: str | None = None,
+    settings: dict[str, Any],
+) -> None:
+    """Look for everybody's best place, print the table and write ``population.csv``.
+
+    Args:
+        problem_name: name or path of the problem.
+        statures: [m], with commas between.
+        out: folder of the results; finished starts are kept there, and a study that was killed goes on from them.
+        hands: right, left, both, with commas between; None: as the problem has it.
+        loads_kg: masses of the tool [kg], with commas between; None: as the problem has it.
+        settings: starts, seed, jobs, mode, solver and scheduler of `ergoqp.placing.find.optimise`.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    problem = load_person_problem(problem_name)
+    check_names(settings["mode"], settings["solver"])
+    loads = None if loads_kg is None else numbers_of("--load-kg", loads_kg, "kilograms")
+    sides = None if hands is None else [side.strip() for side in hands.split(",")]
+    people = list(population(problem, numbers_of("--population", statures, "statures in metres"), sides, loads))
+    folder = make_folder(out, f"population-{problem.name}")
+    effort = f"{counted(len(people), 'person', 'people')}, {counted(settings['starts'], 'start', 'starts')} each"
+    with writing(folder), working(effort) as done:
+        found = best_of_population(people, out=folder, progress=done, **settings)
+        _write(found, folder / "population.csv")
+    screen = console()
+    print_assumptions(screen, ["Everybody starts at an awkward place of their own, drawn with the seed."])
+    screen.print(population_table(problem.title or problem.name, found))
+    screen.print(Text(f"{'population.csv':<12} {folder / 'population.csv'}"), soft_wrap=True)
+
+
+def population_table(title: str, found: Sequence[Found]) -> Table:
+    """Return each one's best place, for the terminal."""
+    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False)
+    for name in ("person", "before", "best", "x, m", "y, m", "z, m", "residual", "starts at best"):
+        table.add_column(name, justify="left" if name == "person" else "right")
+    for each in found:
+        best = each.optimum
+        if best is None:
+            table.add_row(Text(each.label), "–", "–", Text(each.note))
+            continue
+        x, y, z = (f"{value:.2f}" for value in best.pose[:3, 3])
+        at_best = f"{each.starts_at_best} of {len(best.trials)}"
+        residual = f"{best.kkt_residual:.0e}"
+        table.add_row(Text(each.label), str(best.reba_before), str(best.reba_after), x, y, z, residual, at_best)
+    return table
+
+
+def numbers_of(option: str, text: str, what: str, other: str = "") -> list[float]:
+    """Return numbers with commas between.
+
+    Raises:
+        InputError: if it is something else.
+    """
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        also = f", {other}" if other else ""
+        raise InputError(f"{option}: got {text!r}, allowed {what} with commas between{also}") from None
+
+
+def one_of(option: str, numbers: Sequence[float]) -> float:
+    """Return the only number.
+
+    Raises:
+        InputError: if there are more.
+    """
+    if len(numbers) != 1:
+        raise InputError(f"{option}: got {len(numbers)} numbers, allowed one for a group, which does one task")
+    return numbers[0]
+
+
+def _write(found: Sequence[Found], path: Path) -> None:
+    with whole(path) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for each in found:
+            best = each.optimum
+            if best is None:
+                writer.writerow([each.label, *[""] * (len(COLUMNS) - 1)])
+                continue
+            place = [f"{value:.4f}" for value in best.pose[:3, 3]]
+            rest = [f"{best.cost_after:.4f}", f"{best.kkt_residual:.2e}", each.starts_at_best, len(best.trials)]
+            writer.writerow([each.label, best.reba_before, best.reba_after, *place, *rest])

@@ -1,0 +1,205 @@
+"""``ergoqp run``: the closed loop of a problem with a simulated person."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from ergoqp.cli.commands.common import (
+    RecordingOptions,
+    console,
+    load_person_problem,
+    make_folder,
+    print_assumptions,
+    working,
+    write_report,
+    writing,
+)
+from ergoqp.cli.commands.guide import guide_named
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.mistakes import nearest_first
+from ergoqp.recordings import Recording
+from ergoqp.recordings.fitting.person import given_person
+from ergoqp.report import run_table, write_run_page
+from ergoqp.sheets.reba import ACTION_LEVELS
+from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.simulation.robot import RobotKind
+from ergoqp.simulation.run import Run
+from ergoqp.simulation.simulate import check_numbers, simulate
+from ergoqp.simulation.starts import PLACES, awkward_start
+from ergoqp.step.place import Guide
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """How robot and sensors of the simulation are, as on the command line.
+
+    Attributes:
+        robot: ``NAME=VALUE,...`` of `ergoqp.simulation.robot.RobotKind`; None: as declared.
+        bias_deg: ``JOINT=DEG,...``; None: no joint reads wrong all the time.
+    """
+
+    robot: str | None = None
+    bias_deg: str | None = None
+
+    def terms(self) -> dict[str, Any]:
+        """Return the arguments of `simulate`.
+
+        Raises:
+            InputError: for what is none of the names, or no number.
+        """
+        terms: dict[str, Any] = {}
+        if self.robot is not None:
+            names = [entry.name for entry in fields(RobotKind)]
+            terms["robot"] = RobotKind(**_pairs("--robot", self.robot, names))
+        if self.bias_deg is not None:
+            terms["senses"] = Senses(bias_deg=_pairs("--bias-deg", self.bias_deg, JOINTS))
+        return terms
+
+
+def _pairs(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
+    pairs: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        if name.strip() in pairs:
+            raise InputError(f"{option}: got {name.strip()} twice, allowed once")
+        if name.strip() not in names:
+            near = nearest_first(name.strip(), names)
+            known = ", ".join(near) if len(near) < 10 else f"joints such as {near[0]}"
+            raise InputError(f"{option}: got {part!r}, allowed NAME=VALUE with a NAME of {known}")
+        try:
+            pairs[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"{option}: got {part!r}, allowed a number after {name}=") from None
+    return pairs
+
+
+def run(
+    problem_name: str,
+    recording_path: Path | None,
+    at: float | None,
+    out: Path | None,
+    seed: int,
+    duration: float,
+    options: RecordingOptions,
+    guide: str | None = None,
+    simulated: Simulated | None = None,
+) -> None:
+    """Close the loop, print the table, and write ``run.json``, ``run.npz`` and ``report.html``.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    problem = load_person_problem(problem_name)
+    how = (simulated or Simulated()).terms()
+    check_numbers(problem, duration, seed)
+    screen = console()
+    if recording_path is None:
+        options.refuse_without_recording()
+        if at is not None:
+            raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        place = None if guide is None else guide_named(problem, guide)
+        folder = make_folder(out, problem.name)
+        result = _from_awkward_place(problem, screen, seed, duration, options, place, how)
+    else:
+        with working(f"reading {recording_path.name}"):
+            recording = options.load(recording_path)
+        frame = frame_of_recording(problem, recording, at)
+        place = None if guide is None else guide_named(problem, guide)
+        folder = make_folder(out, problem.name)
+        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration, place, how)
+    with writing(folder):
+        result.save(folder)
+    print_assumptions(screen, result.assumptions)
+    screen.print(run_table(result))
+    write_report(screen, folder, ("run.json", "run.npz"), lambda path: write_run_page(result, path))
+
+
+def _from_awkward_place(
+    problem: Problem,
+    screen: Console,
+    seed: int,
+    duration: float,
+    options: RecordingOptions,
+    place: Guide | None,
+    how: dict[str, Any],
+) -> Run:
+    body = None if options.person_value is None else given_person(options.person_value)
+    with working("looking for an awkward place"):
+        person = sample_person(problem, seed, body)
+        posture = awkward_start(problem, person, seed)
+    screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
+    note = f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed {seed})."
+    with working(f"closed loop, {duration:g} s") as done:
+        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done, guide=place, **how)
+
+
+def _from_recording(
+    problem: Problem,
+    screen: Console,
+    recording: Recording,
+    name: str,
+    frame: int,
+    is_worst: bool,
+    seed: int,
+    duration: float,
+    place: Guide | None,
+    how: dict[str, Any],
+) -> Run:
+    posture, time = recording.postures[frame], float(recording.time[frame])
+    which = "the worst-scored frame" if is_worst else "frame"
+    count = len(recording.time)
+    screen.print(Text(f"starts at {which}, {frame} of 0 to {count - 1}, at {time:.2f} s: {_score(problem, posture)}"))
+    notes = [
+        *recording.assumptions,
+        f"The run starts in the posture of frame {frame}, at {time:.2f} s, of {name}, with the body measured there; from then "
+        "on the person is simulated.",
+        "The recording says nothing of the object: it is taken to be in the hand as the problem says, wherever the hand is.",
+    ]
+    with working(f"closed loop, {duration:g} s") as done:
+        return simulate(
+            problem,
+            posture,
+            duration,
+            seed,
+            person=recording.person,
+            observed=recording.observed[frame],
+            recording=name,
+            start_time=time,
+            assumptions=notes,
+            progress=done,
+            guide=place,
+            **how,
+        )
+
+
+def frame_of_recording(problem: Problem, recording: Recording, at: float | None) -> int:
+    """Return the frame nearest to a time, or the first of the worst-scored ones.
+
+    Raises:
+        InputError: if the recording has no such time, or shows nothing.
+    """
+    seen = recording.observed.any(axis=1)
+    if not seen.any():
+        raise InputError("--from: the recording shows no joint of the person in any frame")
+    if at is None:
+        return int(np.argmax(np.where(seen, problem.assess(recording.postures).final, -1)))
+    first, last = float(recording.time[0]), float(recording.time[-1])
+    # What is printed with two digits must be allowed.
+    if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):
+        raise InputError(f"--at: got {at:g} s, allowed {first:.2f} to {last:.2f} s")
+    return int(np.argmin(np.abs(recording.time - at)))
+
+
+def _score(problem: Problem, posture: np.ndarray) -> str:
+    assessment = problem.assess(posture)
+    return f"REBA {assessment.final[0]}, {ACTION_LEVELS[assessment.band[0]]} risk"

@@ -1,0 +1,55 @@
+"""``ergoqp score``: every frame of a recording on the sheet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ergoqp.cli.commands.common import (
+    RecordingOptions,
+    console,
+    make_folder,
+    print_assumptions,
+    working,
+    write_report,
+    writing,
+)
+from ergoqp.report import score_table, write_score_page, write_scores
+from ergoqp.sheets.reba import assess
+from ergoqp.sheets.task import TaskOptions
+
+
+def score(recording_path: Path, out: Path | None, task: TaskOptions, options: RecordingOptions) -> None:
+    """Score a recording, print the table, and write ``scores.csv``, ``scores.json`` and ``report.html``.
+
+    Raises:
+        ErgoqpError: if what the user gave cannot be used.
+    """
+    with working(f"reading {recording_path.name}"):
+        recording = options.load(recording_path)
+    assessment = assess(recording.postures, **task)
+    folder = make_folder(out, recording_path.stem)
+    screen = console()
+    with writing(folder):
+        write_scores(recording, assessment, folder)
+    print_assumptions(screen, recording.assumptions)
+    screen.print(score_table(recording, assessment))
+    write_report(
+        screen,
+        folder,
+        ("scores.csv", "scores.json"),
+        lambda path: write_score_page(recording, assessment, path, _words(task), recording_path.name),
+    )
+
+
+def _words(task: TaskOptions) -> list[tuple[str, str]]:
+    """Return what the scoring was told, as it is written."""
+    words = []
+    for name, value in task.items():
+        if isinstance(value, tuple):
+            text = " and ".join(side for side, there in zip(("right", "left"), value, strict=True) if there) or "no"
+        elif isinstance(value, bool):
+            text = "yes" if value else "no"
+        else:
+            text = f"{value:g}{' kg' if name.endswith('_kg') else ''}"
+        words.append((name.removesuffix("_kg").replace("_", " "), text))
+    return words

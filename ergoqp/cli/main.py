@@ -1,0 +1,103 @@
+"""The command ``ergoqp``: its commands, and what becomes of mistakes and faults."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+# Imported for what they register.
+from ergoqp import __version__, cli_person, cli_tools  # noqa: F401
+from ergoqp.cli.app import app
+from ergoqp.errors import ErgoqpError
+
+DONE, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses."""
+
+# Lines after \b stay as they are, down to the next empty one.
+_ABOUT = """Move the object so that the person's posture gets better.
+
+\b
+Examples:
+  ergoqp run screwing
+  ergoqp run screwing --from recording.bvh
+  ergoqp optimise screwing
+  ergoqp score recording.bvh --load-kg 4
+  ergoqp fit svr
+  ergoqp compare screwing
+
+Exit status: 0 done, 2 for a mistake in what was given, 1 for a fault of the program.
+"""
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"ergoqp {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True, help=_ABOUT)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def execute(arguments: Sequence[str]) -> int:
+    """Run a command line (without the program's name) and return the exit status; mistakes and faults go to standard error."""
+    try:
+        status = app(args=list(arguments), prog_name="ergoqp", standalone_mode=False)
+    except ErgoqpError as mistake:
+        return _complain(str(mistake), MISTAKE)
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Who reads has gone, for example `| head`: nothing more to say, and nothing to flush at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAULT
+    except Exception as error:
+        # A usage error of the command line's own library, whichever version of it carries the class.
+        if hasattr(error, "format_message"):
+            words = _with_got(" ".join(error.format_message().split()), error, arguments)  # type: ignore[attr-defined]
+            command = getattr(getattr(error, "ctx", None), "command_path", "ergoqp")
+            return _complain(f"{words.rstrip('.')}; see `{command} --help`", MISTAKE)
+        if os.environ.get("ERGOQP_DEBUG") == "1":
+            traceback.print_exc()
+        kind = type(error).__name__
+        return _complain(f"internal fault, {kind}: {error}; set ERGOQP_DEBUG=1 to see where, and please report it", FAULT)
+    return status if isinstance(status, int) else DONE
+
+
+def _with_got(words: str, error: Exception, arguments: Sequence[str]) -> str:
+    """Return the words of a usage error with what was found, where its library does not tell."""
+    options = getattr(getattr(error, "param", None), "opts", ())
+    given = [*arguments, ""]
+    for option in options:
+        found = [given[i + 1] for i, each in enumerate(given[:-1]) if each == option]
+        found += [each.partition("=")[2] for each in arguments if each.startswith(f"{option}=")]
+        if found and "got" not in words and repr(found[-1]) not in words:
+            allowed = words.partition(": ")[2].removeprefix("Input should be ").partition(",")[0].rstrip(".")
+            return f"{option}: got {found[-1]!r}, allowed {allowed}"
+    return words
+
+
+def _complain(words: str, status: int) -> int:
+    print(f"ergoqp: {words}", file=sys.stderr)
+    return status
+
+
+def main() -> None:
+    """Run the command line of this process."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal or pipe that cannot show a letter gets its code, not an error.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    sys.exit(execute(sys.argv[1:]))

@@ -1,1 +1,0 @@
-"""What the commands do; `ergoqp.cli` says which there are. Imported only when a command runs, so that ``--help`` is quick."""

@@ -1,0 +1,119 @@
+"""How well a learned cost predicts scores that it has not seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.arguments import LARGEST_SEED, check_whole
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.datasets.data import DataSet
+from ergoqp.errors import InputError
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Agreement of predicted values with true scores.
+
+    Attributes:
+        mae: mean absolute error of the value, not rounded [points].
+        exact: share whose rounded value is the score.
+        within1: share whose rounded value is at most one point off.
+        spearman: rank correlation, ties get their mean rank; 0 where all values are the same.
+        worst: largest absolute error [points].
+    """
+
+    mae: float
+    exact: float
+    within1: float
+    spearman: float
+    worst: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the measures by name."""
+        return asdict(self)
+
+
+def quality_of(values: NDArray[np.float64], scores: NDArray) -> Quality:
+    """Compare predicted values (n,) with true scores (n,)."""
+    error, off = np.abs(values - scores), np.abs(np.round(values) - scores)
+    rank = spearman(values, scores)
+    return Quality(float(error.mean()), float((off == 0).mean()), float((off <= 1).mean()), rank, float(error.max()))
+
+
+def spearman(first: NDArray, second: NDArray) -> float:
+    """Return the rank correlation of two rows of numbers; ties get their mean rank, and a constant row gives 0."""
+    ranks = []
+    for values in (first, second):
+        _, group, size = np.unique(values, return_inverse=True, return_counts=True)
+        if len(size) == 1:
+            return 0.0
+        last = np.cumsum(size)
+        ranks.append((last - (size - 1) / 2)[group])
+    return float(np.corrcoef(*ranks)[0, 1])
+
+
+def cross_validate(
+    fit: Callable[[DataSet], LearnedCost],
+    data: DataSet,
+    folds: int,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[NDArray[np.float64], list[Quality]]:
+    """Fit on all folds but one and predict that one, for each.
+
+    Args:
+        fit: makes a cost from data.
+        data: all of it.
+        folds: how many, 2 or more.
+        seed: of the shuffle.
+        progress: told the share that is done.
+
+    Returns:
+        The prediction of each point (n,) by the model that has not seen it, and the quality on each fold.
+
+    Raises:
+        InputError: for a number of folds that the data do not have.
+    """
+    if len(data) < 2:
+        raise InputError(f"folds: got data of {len(data)} points, allowed at least 2")
+    check_whole("folds", folds, 2, len(data))
+    check_whole("seed", seed, 0, LARGEST_SEED)
+    fold = np.random.default_rng(seed).permutation(len(data)) % folds
+    values, found = np.zeros(len(data)), []
+    for number in range(folds):
+        held = fold == number
+        cost = fit(data.part(~held))
+        values[held] = cost.predict(data.points[held])
+        found.append(quality_of(values[held], data.labels[held]))
+        if progress is not None:
+            progress((number + 1) / folds)
+    return values, found
+
+
+def evaluation_time(cost: LearnedCost, states: NDArray[np.float64], calls: int = 500) -> float:
+    """Return the median time of value and gradient through the function's buffers, as in a control loop [us].
+
+    Args:
+        cost: whose function is called.
+        states: states (n, N) to call it with, in turn.
+        calls: how often.
+    """
+    function = cost.value_and_gradient
+    state = np.zeros(function.numel_in(0))
+    outputs = [np.zeros(function.numel_out(i)) for i in range(2)]
+    buffer, evaluate = function.buffer()
+    buffer.set_arg(0, state.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+    for i, output in enumerate(outputs):
+        buffer.set_res(i, output.data)  # pyright: ignore[reportCallIssue]
+    times = []
+    for call in range(calls):
+        state[:] = states[call % len(states)]
+        start = time.perf_counter()
+        evaluate()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times)) * 1e6

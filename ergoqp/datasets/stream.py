@@ -1,0 +1,64 @@
+"""Labelled postures without end, block by block: for costs that learn from more than memory should hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.coordinates import REPORT_JOINTS, Coordinates
+from ergoqp.datasets.sampler import sheet_sampler
+from ergoqp.errors import InputError
+from ergoqp.sheets import reba
+from ergoqp.sheets.method import Method
+from ergoqp.sheets.task import TaskOptions
+
+
+def posture_stream(
+    rng: np.random.Generator,
+    *,
+    joints: Sequence[str] = REPORT_JOINTS,
+    scores: Sequence[int] = range(1, 11),
+    per_score: int = 2000,
+    taus_deg: Sequence[float] = (),
+    weights: Sequence[float] = (),
+    method: Method | None = None,
+    **task: Unpack[TaskOptions],
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
+    """Yield blocks of postures as in :func:`ergoqp.datasets.postures.posture_data`, points (n, d) [rad] and labels (n,).
+
+    With `taus_deg` the label is the sheet's score of the posture as a noisy sensor might have seen it: every joint that is
+    drawn is off by tau times logistic noise, as in :class:`ergoqp.costs.smooth_reba.SmoothReba`. The mean label at a
+    posture is then its expected score, which slopes toward band ends instead of being constant between them.
+
+    Args:
+        rng: source of randomness.
+        joints: those that are drawn; the others are at zero.
+        scores: of the postures, as many of each.
+        per_score: postures of each score in a block.
+        taus_deg: scales of the noise [deg], of which one is drawn per posture; none: no noise.
+        weights: probability of each scale.
+        method: how the sheet is read; the default follows the publication.
+        **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
+
+    Raises:
+        InputError: for an unknown joint, a score that no posture has, or scales and weights that do not fit together.
+    """
+    taus, shares = np.asarray(taus_deg, dtype=float), np.asarray(weights, dtype=float)
+    if taus.ndim != 1 or not (np.isfinite(taus) & (taus >= 0)).all():
+        raise InputError(f"taus_deg: got {taus_deg!r}, allowed scales of 0 deg or more")
+    if shares.shape != taus.shape or not (shares >= 0).all() or (taus.size and not np.isclose(shares.sum(), 1)):
+        raise InputError(f"weights: got {weights!r}, allowed one per tau ({taus.size}), not negative, adding up to 1")
+    coordinates = Coordinates(joints)
+    sampler = sheet_sampler(method, coordinates.names, **task)
+    while True:
+        postures, labels = sampler.draw(per_score, rng, scores)
+        points = postures[:, coordinates.indices]
+        if taus.size:
+            tau = np.radians(rng.choice(taus, size=(len(points), 1), p=shares))
+            seen = points + tau * rng.logistic(scale=0.5, size=points.shape)
+            # Noise may leave +-180 deg, where the sheet's outer bands go on but angles are suspected to be degrees.
+            labels = reba.assess(coordinates.spread(np.clip(seen, -np.pi, np.pi)), method, **task).final
+        yield points, labels

@@ -1,0 +1,1 @@
+"""What costs, limits and responses learn with."""

@@ -1,0 +1,180 @@
+"""The best place of the object for one person: many starts, solved anywhere, the best of them by the exact score."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from ergoqp.arguments import check_called, check_kind, check_number, check_whole, path_of, sentences
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import InputError, OutOfReachError
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS
+from ergoqp.placing.ledger import Ledger, key_of
+from ergoqp.placing.nlp_solvers import check_names
+from ergoqp.placing.optimum import Optimum, Trial
+from ergoqp.placing.place import Place
+from ergoqp.placing.program import smooth_cost
+from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, Task, begin_from
+from ergoqp.placing.workers import trials_of
+from ergoqp.problem.problem import Problem
+from ergoqp.responses.ik import IkResponse
+from ergoqp.simulation.person import Follower
+from ergoqp.simulation.simulate import read_posture
+from ergoqp.simulation.starts import awkward_start
+
+Progress = Callable[[float], None]
+"""Told the share of the starts that is done, 0 to 1."""
+
+
+def optimise(
+    problem: Problem,
+    posture: ArrayLike | None = None,
+    starts: int = 32,
+    seed: int = 0,
+    jobs: int = 1,
+    mode: str = "stackelberg",
+    solver: str = "ipopt",
+    *,
+    pose: ArrayLike | None = None,
+    person: Follower | Body | None = None,
+    tau_deg: float = FINAL_TAU_DEG,
+    scheduler: str | None = None,
+    out: str | Path | None = None,
+    assumptions: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Optimum:
+    """Look for the place of the object at which the person, left to come to rest, has the lowest score.
+
+    The leader places the object, the follower comes to rest (`ergoqp.placing.rest`): one nonlinear program by the follower's
+    conditions of optimality, with the smooth score made narrower step by step, from many places. Every start ends with the
+    verdict of `Follower.settle` and the exact sheet. The best by the exact score is taken, then the one with the lowest cost.
+
+    Args:
+        problem: the task; its response must be an `IkResponse`.
+        posture: in which the person holds the object now (32,) [rad]; None: an awkward one, drawn with the seed.
+        starts: how many; the first is where the object is now.
+        seed: of the places that starts begin at.
+        jobs: processes to use.
+        mode: ``"stackelberg"``, or ``"cooperative"``: the person's posture is chosen too, an optimistic bound.
+        solver: ``"ipopt"``, ``"fatrop"`` or ``"sqpmethod"``.
+        pose: of the object now (4, 4); None: where the posture has it.
+        person: who holds it, or their body; None: the person of the problem's response.
+        tau_deg: scale of the smooth score in the last stage [deg]; a cost that is not the smooth score has none.
+        scheduler: address of a Dask scheduler whose workers solve the starts; None: this machine.
+        out: folder for finished starts: a run with the same content goes on from them.
+        assumptions: sentences on what was taken as given before, for the report.
+        progress: called with the share of the starts that is done.
+
+    Returns:
+        The best place and every start. It does not depend on `jobs` or `scheduler`.
+
+    Raises:
+        InputError: if an argument is not usable, or no start ends where the object may be and the person reaches it.
+        MissingExtraError: if what several processes or a cluster need is not installed.
+        OSError: if `out` cannot be written.
+    """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+    for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
+        check_whole(name, value, least)
+    check_number("tau_deg", tau_deg, 0.05, 20.0, "deg")
+    out = None if out is None else path_of("out", out)
+    check_kind("scheduler", scheduler, (str, type(None)), "the address of a Dask scheduler or None")
+    check_called("progress", progress, "a function of the share that is done")
+    assumptions = sentences("assumptions", assumptions)
+    follower = _follower(problem, person)
+    notes: list[str] = []
+    # What is wrong with the task itself is said before anything is looked for.
+    check_names(mode, solver)
+    Place.of(problem)
+    if posture is None:
+        given = awkward_start(problem, follower, int(seed))
+        notes.append(f"The object starts at the worst-scored of some random places of the workspace (seed {seed}).")
+    else:
+        given, notes = read_posture(posture)
+    begin = begin_from(follower, given, pose)
+    task = Task(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
+    Place.of(problem).anchor(problem, begin.pose)
+    trials = _solve(task, int(starts), int(jobs), scheduler, out, progress)
+    best = _best(problem, trials)
+    return Optimum(
+        problem=problem.name,
+        title=problem.title or problem.name,
+        mode=mode,
+        solver=solver,
+        seed=int(seed),
+        response=follower.response,
+        pose=best.pose,
+        posture=best.posture,
+        reba_before=int(problem.assess(given).final[0]),
+        reba_after=best.reba,
+        kkt_residual=best.kkt_residual,
+        cost_before=smooth_cost(problem, given, float(tau_deg)),
+        cost_after=best.cost,
+        tau_deg=float(tau_deg) if isinstance(problem.cost, SmoothReba) else None,
+        pose_before=begin.pose,
+        posture_before=given,
+        trials=tuple(trials),
+        assumptions=(*assumptions, *notes, *_assumptions(follower.response, mode)),
+    )
+
+
+def _follower(problem: Problem, person: Follower | Body | None) -> Follower:
+    response = problem.response
+    if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
+        kind = type(response).__name__
+        raise InputError(f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's")
+    if isinstance(person, Follower):
+        return person
+    check_kind("person", person, (Body, type(None)), "a Follower, a Body or None")
+    return Follower(response if person is None else replace(response, body=person))
+
+
+def _solve(
+    task: Task, starts: int, jobs: int, scheduler: str | None, out: str | Path | None, progress: Progress | None
+) -> list[Trial]:
+    """Return the trials of all starts, in order; those that a former run finished are taken over."""
+    key = key_of(task)
+    ledger = None
+    if out is not None:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        ledger = Ledger(Path(out), key)
+    trials = {number: trial for number, trial in (ledger.trials if ledger else {}).items() if number < starts}
+    missing = [number for number in range(starts) if number not in trials]
+    for trial in trials_of(key, task, missing, jobs, scheduler):
+        trials[trial.number] = trial
+        if ledger is not None:
+            ledger.add(trial)
+        if progress is not None:
+            progress(len(trials) / starts)
+    return [trials[number] for number in range(starts)]
+
+
+def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
+    counting = [trial for trial in trials if trial.reba > 0]
+    if not counting:
+        notes = Counter(trial.note for trial in trials).most_common()
+        words = ", ".join(f"{count} {note}" for note, count in notes)
+        raise OutOfReachError(
+            f"problem {problem.name}: none of {len(trials)} starts ended at a place that counts ({words}); enlarge the "
+            "workspace or loosen the limits"
+        )
+    # Of equal scores what is proven optimal comes first; the order of the starts decides at last, not that of their ends.
+    return min(counting, key=lambda trial: (trial.reba, trial.kkt_residual > RESIDUAL, round(trial.cost, 6), trial.number))
+
+
+def _assumptions(response: IkResponse, mode: str) -> list[str]:
+    chooses = (
+        "The person comes to rest by their own comfort, wherever the object is."
+        if mode == "stackelberg"
+        else "The posture is chosen together with the place, which no person has to follow: an optimistic bound."
+    )
+    return [
+        f"The person is {response.body.stature:.2f} m tall and holds the object as in the posture at the start; "
+        f"{response.footing}.",
+        chooses,
+    ]

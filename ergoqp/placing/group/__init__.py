@@ -1,0 +1,1 @@
+"""One fixed place for several people."""

@@ -1,0 +1,215 @@
+"""The best ONE fixed place of the object for a group of people: what a workplace designer asks for.
+
+Everybody is put to rest at the same places: a grid over the workspace first, then a pattern search from the best of it
+(`ergoqp.placing.group.search`). What counts is the exact score of each one's rest posture; a place that somebody cannot reach
+is not a place for the group. What the group pays is told as well: for each one against their own best place, and against a
+place that could be adjusted along one axis.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import get_args
+
+import numpy as np
+
+from ergoqp.arguments import check_whole, shown
+from ergoqp.errors import InputError
+from ergoqp.placing.group.grid import AXES, SharedGrid, shared_grid
+from ergoqp.placing.group.optimum import GroupOptimum, Member
+from ergoqp.placing.group.people import Person, read_people
+from ergoqp.placing.group.search import Objective, PlaceSearch, Stay
+from ergoqp.placing.parallel import in_order
+from ergoqp.placing.population import person_of
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.person import Follower
+
+SPACING = 0.15
+"""Distance of the grid's places [m]; the search goes on between them."""
+STARTS = 4
+"""Places of the grid from which the search goes on."""
+OWN_STARTS = 2
+"""The same for the best place of one person."""
+
+Progress = Callable[[float], None]
+"""Told the share that is done, 0 to 1."""
+
+_NUMBERS = dict(zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True))  # of a point, by the grid's axis
+_SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the search is
+
+
+def best_for_group(
+    problem: Problem,
+    people: Sequence[float | Follower | Person],
+    objective: Objective = "minimax",
+    *,
+    spacing: float = SPACING,
+    starts: int = STARTS,
+    jobs: int = 1,
+    cache: bool = True,
+    progress: Progress | None = None,
+) -> GroupOptimum:
+    """Find the best fixed place of the object for a group.
+
+    Args:
+        problem: the task, with a workspace and a tool axis.
+        people: statures [m], simulated people, or what `ergoqp.placing.group.people.drawn_people` draws.
+        objective: ``"minimax"``: the highest exact score, then the mean; ``"mean"``: the mean, then the highest. Ties go to the
+            smooth cost.
+        spacing: of the grid [m].
+        starts: number of the grid's places from which the search goes on.
+        jobs: number of processes; the result does not depend on it.
+        cache: keep every person's grid, and use what was kept, so that a study which was stopped goes on.
+        progress: called with the share that is done.
+
+    Raises:
+        InputError: if an argument is not usable, or no place is reached by everybody, naming who is left out.
+        MissingExtraError: if joblib is not installed and more than one process is wanted.
+    """
+    if objective not in get_args(Objective):
+        raise InputError(f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}")
+    check_whole("starts", starts, 1, 100)
+    begin = time.perf_counter()
+    crew = read_people(problem, people)
+    tell = progress or (lambda share: None)
+    count = len(crew)
+    grid = shared_grid(problem, crew, spacing, jobs=jobs, cache=cache, done=lambda n: tell(_SHARES[0] * n / count))
+    _refuse_unreached(crew, grid)
+    search = PlaceSearch(problem, crew, grid, objective)
+    points = search.starts(starts)
+    calls = [(problem, crew, grid, objective, part) for part in _parts(points, jobs)]
+    found, placements = [], 0
+    for n, (stays, used) in enumerate(in_order(_from_starts, calls, jobs), start=1):
+        found += stays
+        placements += used
+        tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(calls))
+    best = min(found, key=lambda stay: stay.key(objective))
+    own = []
+    for n, stay in enumerate(in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs), start=1):
+        own.append(stay)
+        tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
+    # The first start is the grid's best place itself, and every search gives its start back.
+    on_grid = min(found[1::2], key=lambda stay: stay.key(objective))
+    return GroupOptimum(
+        problem=problem.name,
+        title=problem.title or problem.name,
+        objective=objective,
+        pose=search.placing.pose(best.point),
+        members=_members(problem, crew, grid, best, own, search),
+        grid=grid,
+        spacing=spacing,
+        grid_pose=search.placing.pose(on_grid.point),
+        grid_reba=on_grid.scores,
+        free=_free(search, best),
+        placements=placements,
+        seconds=time.perf_counter() - begin,
+        seated=bool(problem.task.get("seated", False)),
+        assumptions=_assumptions(problem),
+    )
+
+
+def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]]:
+    """Return the points one by one, or as many parts as there are processes: each writes down everybody's equations anew."""
+    if jobs == 1:
+        return [[point] for point in points]
+    ends = np.linspace(0, len(points), min(jobs, len(points)) + 1).astype(int).tolist()
+    return [points[a:b] for a, b in pairwise(ends)]
+
+
+def _from_starts(
+    problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective, points: Sequence[np.ndarray]
+) -> tuple[list[Stay], int]:
+    """Return what the search from every point found, each followed by its start, and the number of placements.
+
+    All are judged whichever way people come.
+    """
+    search = PlaceSearch(problem, people, grid, objective)
+    stays = [search.coming(stay) for point in points for stay in search.descend(point)]
+    return stays, search.placements
+
+
+def _own_best(problem: Problem, people: Sequence[Person], grid: SharedGrid, number: int, group_point: np.ndarray) -> Stay:
+    """Return one person's best place; the group's place is one of the candidates."""
+    search = PlaceSearch(problem, people[number : number + 1], grid.of(number), "mean")
+    found = [search.at(group_point)]
+    for point in search.starts(OWN_STARTS):
+        found += search.descend(point)
+    return min((search.coming(stay) for stay in found), key=lambda stay: stay.key("mean"))
+
+
+def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
+    """Raise if the group has no place.
+
+    Raises:
+        InputError: saying who is left out where most can reach.
+    """
+    if grid.reached_by_all.any():
+        return
+    nowhere = [person.label for person, scores in zip(people, grid.scores, strict=True) if not scores.any()]
+    if nowhere:
+        raise InputError(f"group: {', '.join(nowhere)} cannot reach any place of the workspace; move it, or leave them out")
+    there = int(np.argmax((grid.scores > 0).sum(axis=0)))
+    left = [person.label for person, score in zip(people, grid.scores[:, there], strict=True) if not score]
+    raise InputError(
+        f"group: no place is reached by all; where most can reach, {', '.join(left)} cannot; enlarge the workspace"
+    )
+
+
+def _members(
+    problem: Problem, people: Sequence[Person], grid: SharedGrid, stay: Stay, own: Sequence[Stay], search: PlaceSearch
+) -> tuple[Member, ...]:
+    assessment = problem.assess(stay.postures)
+    members = []
+    for i, (person, alone) in enumerate(zip(people, own, strict=True)):
+        members.append(
+            Member(
+                label=person.label,
+                body=person.follower.response.body,
+                reba=int(stay.scores[i]),
+                cost=float(stay.costs[i]),
+                posture=stay.postures[i],
+                base_pose=person.follower.contact(stay.postures[i])[1],
+                segments={name: int(scores[i]) for name, scores in assessment.segments.items()},
+                reasons=assessment.reasons(i),
+                own_reba=int(alone.scores[0]),
+                own_pose=search.placing.pose(alone.point),
+                reach=float((grid.scores[i] > 0).mean()),
+            )
+        )
+    return tuple(members)
+
+
+def _free(search: PlaceSearch, best: Stay) -> dict[str, tuple[int, float]]:
+    """Return the highest and the mean score for every axis that could be left to everybody."""
+    grid, objective = search.grid, search.objective
+    found = {"none": (int(best.scores.max()), float(best.scores.mean()))}
+    for axis, numbers in _NUMBERS.items():
+        # At the group's place everybody is as they are; along the axis from there they may be better off.
+        here = best.scores.copy()
+        moves = [stay for number in numbers for stay in search.line(best.point, number)]
+        if not moves:
+            continue
+        for stay in moves:
+            here = np.where(stay.scores > 0, np.minimum(here, stay.scores), here)
+        on_grid = grid.with_free(axis)
+        scores = np.column_stack([here, on_grid[:, (on_grid > 0).all(axis=0)]])
+        two = np.stack([scores.max(axis=0), scores.mean(axis=0)])
+        order = np.lexsort(two[::-1] if objective == "minimax" else two)
+        found[axis] = (int(two[0, order[0]]), float(two[1, order[0]]))
+    return found
+
+
+def _assumptions(problem: Problem) -> tuple[str, ...]:
+    model = person_of(problem)
+    where = "stands on the same spot"
+    if model.stance == "seated":
+        seat = "on a seat set to each" if model.seat_height is None else f"on a seat of {model.seat_height:.2f} m"
+        where = f"sits on the same spot, {seat}"
+    return (
+        f"Everybody {where}, facing the same way; the axes are those of the problem, from there.",
+        "Everybody holds the object as the problem says, in its comfort posture, and comes to rest where contact, ranges and "
+        "comfort leave them; the joint weights are the problem's for people given by stature.",
+        "The object is level: it is tilted about its y and z, and not turned about the tool's axis.",
+    )

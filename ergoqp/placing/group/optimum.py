@@ -1,0 +1,119 @@
+"""What was found for a group: the place, everybody at it, and what it costs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.placing.group.grid import SharedGrid
+from ergoqp.placing.group.search import Objective
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One of the group, at the group's place and at the best place that was found for them alone.
+
+    Attributes:
+        label: how the person is called.
+        body: of the person.
+        reba: exact score at the group's place.
+        cost: smooth cost there [points].
+        posture: rest posture there (32,) [rad].
+        base_pose: pelvis in the world there (4, 4).
+        segments: score of every segment there.
+        reasons: the score in sentences.
+        own_reba: exact score at the own best place.
+        own_pose: of the object there (4, 4).
+        reach: share of the grid's poses that the person reaches.
+    """
+
+    label: str
+    body: Body
+    reba: int
+    cost: float
+    posture: np.ndarray
+    base_pose: np.ndarray
+    segments: dict[str, int]
+    reasons: list[str]
+    own_reba: int
+    own_pose: np.ndarray
+    reach: float
+
+    @property
+    def pays(self) -> int:
+        """Points above the own best place."""
+        return self.reba - self.own_reba
+
+
+@dataclass(frozen=True, eq=False)
+class GroupOptimum:
+    """The best fixed place for a group.
+
+    Attributes:
+        problem: name of the problem.
+        title: the problem in a few words, for people.
+        objective: ``"minimax"`` or ``"mean"``.
+        pose: of the object's contact frame (4, 4), the same for everybody.
+        members: the people, in the order given.
+        grid: scores of everybody over the grid, in the same order.
+        spacing: of the grid [m].
+        grid_pose: best pose of the grid (4, 4).
+        grid_reba: exact scores of the people there (people,).
+        free: highest and mean exact score if everybody could set one thing for themselves, by its name (``"none"`` first:
+            everything fixed); the better of what the grid holds and of moving from the group's place.
+        placements: how often the whole group was put to rest beyond the grid.
+        seconds: time that it took, without what came from the cache.
+        seated: whether the people sit.
+        assumptions: sentences on what was taken as given.
+    """
+
+    problem: str
+    title: str
+    objective: Objective
+    pose: np.ndarray
+    members: tuple[Member, ...]
+    grid: SharedGrid
+    spacing: float
+    grid_pose: np.ndarray
+    grid_reba: np.ndarray
+    free: dict[str, tuple[int, float]]
+    placements: int
+    seconds: float
+    seated: bool
+    assumptions: tuple[str, ...]
+
+    @property
+    def maximum(self) -> int:
+        """Highest exact score of the group at its place."""
+        return max(member.reba for member in self.members)
+
+    @property
+    def mean(self) -> float:
+        """Mean exact score of the group at its place."""
+        return float(np.mean([member.reba for member in self.members]))
+
+    @property
+    def own_mean(self) -> float:
+        """Mean exact score if each had their own best place."""
+        return float(np.mean([member.own_reba for member in self.members]))
+
+    def __repr__(self) -> str:
+        """Say in one line what was found where."""
+        x, y, z = self.pose[:3, 3]
+        return (
+            f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest {self.maximum}, mean "
+            f"{self.mean:.2f} with the object at ({x:.2f}, {y:.2f}, {z:.2f}) m)"
+        )
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``group.json`` and ``group.npz`` and return the path of the first; see `ergoqp.placing.group.file`.
+
+        Raises:
+            OSError: if the files cannot be written.
+        """
+        from ergoqp.placing.group.file import write_group
+
+        return write_group(self, Path(folder))

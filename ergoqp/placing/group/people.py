@@ -1,0 +1,86 @@
+"""Who shares a place: people by stature, drawn with seeds, or simulated people of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+
+from ergoqp.arguments import as_tuple, check_whole
+from ergoqp.errors import InputError
+from ergoqp.placing.population import person_of, variant
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.person import Follower
+
+MOST = 200
+"""Largest group."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """One of a group.
+
+    Attributes:
+        label: how the person is called in tables, unique in a group.
+        follower: body, weights and comfort.
+    """
+
+    label: str
+    follower: Follower
+
+    @property
+    def stature(self) -> float:
+        """Standing height [m]."""
+        return self.follower.response.body.stature
+
+
+def read_people(problem: Problem, people: Sequence[float | Follower | Person]) -> tuple[Person, ...]:
+    """Return the people of a group; a number is the stature [m] of somebody with the weights and the comfort of the problem.
+
+    Raises:
+        InputError: for an empty group, one of more than `MOST`, or somebody who works with other hands or in another stance.
+    """
+    people = as_tuple("group", people)
+    if not 1 <= len(people) <= MOST:
+        raise InputError(f"group: got {len(people)} people, allowed 1 to {MOST}")
+    return _unique([_person(problem, person) for person in people])
+
+
+def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, ...]:
+    """Return people drawn with the seeds `seed`, `seed` + 1, ...; see `ergoqp.simulation.people.sample_person`.
+
+    Raises:
+        InputError: for a count of less than 1 or more than `MOST`, or a negative seed.
+    """
+    if isinstance(count, bool) or not (isinstance(count, Integral) and 1 <= count <= MOST):
+        raise InputError(f"group: got {count} people, allowed 1 to {MOST}")
+    check_whole("seed", seed, 0)
+    followers = [(number, sample_person(problem, number)) for number in range(seed, seed + count)]
+    return tuple(Person(f"{person.response.body.stature:.2f} m, seed {number}", person) for number, person in followers)
+
+
+def _person(problem: Problem, person: float | Follower | Person) -> Person:
+    if isinstance(person, Follower):
+        person = Person(f"{person.response.body.stature:.2f} m", person)
+    if not isinstance(person, Person):
+        if isinstance(person, bool) or not isinstance(person, Real):
+            raise InputError(f"group: got a {type(person).__name__}, allowed statures in metres or simulated people")
+        return Person(f"{float(person):.2f} m", Follower(person_of(variant(problem, stature=float(person)))))
+    model, own = person_of(problem), person.follower.response
+    for term in ("hands", "stance", "seat_height", "tool"):
+        if getattr(own, term) != getattr(model, term):
+            raise InputError(
+                f"group: {person.label} has {term} {getattr(own, term)!r}, allowed the problem's {getattr(model, term)!r}"
+            )
+    return person
+
+
+def _unique(people: list[Person]) -> tuple[Person, ...]:
+    """Number those who would be called alike."""
+    labels = [person.label for person in people]
+    numbered = []
+    for i, person in enumerate(people):
+        same = labels[: i + 1].count(person.label)
+        numbered.append(person if same == 1 else Person(f"{person.label} ({same})", person.follower))
+    return tuple(numbered)

@@ -1,0 +1,101 @@
+"""Finished starts in a file, line by line, so that a run that was killed goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ergoqp.files.text import json_of
+from ergoqp.joints import JOINTS
+from ergoqp.limits import OneClassBoundary, TwistLimit
+from ergoqp.placing.optimum import Trial
+from ergoqp.placing.start import Task
+from ergoqp.placing.who import response_as_dict
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.robot import moved
+
+FILE = "optimum_starts.jsonl"
+"""Name of the file in a folder of results."""
+
+VERSION = 1
+"""Of the method: trials of another one are not taken over."""
+
+_PROBES = 16
+
+
+class Ledger:
+    """The trials of one task in a file that may hold others' too; nothing is ever lost but a line that was cut.
+
+    Attributes:
+        trials: those of the task, by number.
+    """
+
+    def __init__(self, folder: Path, key: str) -> None:
+        """Read what is there; a file that is not there is made with the first trial.
+
+        Raises:
+            OSError: if the file is there and cannot be read.
+        """
+        self._path, self._key = folder / FILE, key
+        self.trials: dict[int, Trial] = {}
+        text = self._path.read_text(encoding="utf-8", errors="replace") if self._path.is_file() else ""
+        # A process that was killed while writing left half a line: the next one must not continue it.
+        self._before = "" if not text or text.endswith("\n") else "\n"
+        for line in text.splitlines():
+            try:
+                entry = json_of(line, FILE)
+                if entry["key"] == key:
+                    trial = Trial.from_dict(entry["trial"])
+                    self.trials[trial.number] = trial
+            except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
+                continue
+
+    def add(self, trial: Trial) -> None:
+        """Keep a trial, on the disk when this returns.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        self.trials[trial.number] = trial
+        line = json.dumps({"key": self._key, "trial": trial.as_dict()})
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(f"{self._before}{line}\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self._before = ""
+
+
+def key_of(task: Task) -> str:
+    """Return what a trial depends on besides its number, as a short text.
+
+    Cost and learned boundary are known by what they say of a few postures, whatever they are made of.
+    """
+    problem, begin = task.problem, task.begin
+    postures = np.random.default_rng(7).uniform(-0.5, 1.0, (_PROBES, len(JOINTS)))
+    content = {
+        "version": VERSION,
+        "cost": [problem.cost.name, np.asarray(problem.cost(postures)).tolist()],
+        "task": [dict(problem.task), asdict(problem.method)],
+        "limits": [_content(problem, limit, postures) for limit in problem.limits],
+        "person": response_as_dict(task.person.response),
+        "begin": [part.tolist() for part in (begin.posture, begin.pose, begin.grasp, begin.soles)],
+        "options": [task.mode, task.solver, task.seed, task.tau_deg],
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def _content(problem: Problem, limit: Any, postures: np.ndarray) -> list[Any]:
+    name, own = type(limit).__name__, problem.own_limits
+    if any(limit is each for each in own.limits):
+        poses = [moved(begin, np.array([0.1, -0.2, 0.3, 0.1, 0.2, -0.1])) for begin in (np.eye(4), np.diag([1.0, -1, -1, 1]))]
+        return [name, [own.margins(limit, posture, pose).tolist() for posture in postures for pose in poses]]
+    if isinstance(limit, OneClassBoundary):
+        measure = limit.measure()
+        return [name, limit.tolerance, [float(np.ravel(np.array(measure(posture)))[0]) for posture in postures]]
+    return [name, limit.axes if isinstance(limit, TwistLimit) else asdict(limit)]

@@ -1,0 +1,196 @@
+"""The best place that was found for a person and a task, how it was verified, and its file ``optimum.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.files.text import read_json
+from ergoqp.files.whole import write_whole
+from ergoqp.joints import JOINTS
+from ergoqp.placing.poses import pose_as_dict, pose_from_dict
+from ergoqp.placing.who import response_as_dict, response_from_dict
+from ergoqp.responses.ik import IkResponse
+
+FILE = "optimum.json"
+"""Name of the file in a folder of results."""
+
+_KINDS = dict.fromkeys(("number", "reba"), (int,)) | {"note": (str,)}
+_KINDS |= dict.fromkeys(("cost", "kkt_residual", "apart", "seconds"), (int, float))
+_ARRAYS = {"pose": (4, 4), "posture": (len(JOINTS),)}
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What became of one start.
+
+    Attributes:
+        number: of the start, 0 to starts - 1.
+        pose: of the object where it ended (4, 4).
+        posture: at which the person comes to rest there (32,) [rad]; `mode="cooperative"`: the posture that was chosen.
+        reba: exact score of that posture; 0 where it does not count: out of reach, or outside a limit.
+        cost: smooth cost of that posture at the final tau [points].
+        kkt_residual: largest violation of the optimality conditions of the single-level problem, recomputed.
+        apart: largest difference of a joint between the program's posture and the one the person comes to rest at [rad].
+        seconds: time that the start took.
+        note: why it does not count, empty if it does.
+    """
+
+    number: int
+    pose: np.ndarray
+    posture: np.ndarray
+    reba: int
+    cost: float
+    kkt_residual: float
+    apart: float
+    seconds: float
+    note: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain numbers, texts and lists."""
+        return {name: _plain(value) for name, value in vars(self).items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Trial:
+        """Return the trial of `as_dict`.
+
+        Raises:
+            KeyError, TypeError, ValueError: if it is not one.
+        """
+        found = _with_arrays({name: values[name] for name in cls.__dataclass_fields__})
+        for name, kinds in _KINDS.items():
+            value = found[name]
+            if isinstance(value, bool) or not isinstance(value, kinds) or value != value:
+                raise ValueError(name)
+        return cls(**found)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The best place of the object for one person in one task.
+
+    Attributes:
+        problem: name of the problem.
+        title: the problem in a few words, for people.
+        mode: ``"stackelberg"``: the object is placed, and the person comes to rest as they do; ``"cooperative"``: the person
+            chooses the posture too, which bounds from below what a place can do.
+        solver: name of the nonlinear solver.
+        seed: of the starts.
+        response: the person whose posture it is: body, weights, comfort.
+        pose: best pose of the object's contact frame (4, 4).
+        posture: of the person there (32,) [rad].
+        reba_before: exact score of the posture that was given.
+        reba_after: exact score at the best pose.
+        kkt_residual: largest violation of the optimality conditions of the single-level problem at the final tau.
+        cost_before: smooth cost at the final tau of the posture that was given [points].
+        cost_after: the same at the best pose [points].
+        tau_deg: scale of the smooth score in the last stage [deg]; None for a cost that has none.
+        pose_before: pose of the object that was given (4, 4).
+        posture_before: posture that was given (32,) [rad].
+        trials: of every start, in order.
+        assumptions: sentences on what was taken as given.
+    """
+
+    problem: str
+    title: str
+    mode: str
+    solver: str
+    seed: int
+    response: IkResponse
+    pose: np.ndarray
+    posture: np.ndarray
+    reba_before: int
+    reba_after: int
+    kkt_residual: float
+    cost_before: float
+    cost_after: float
+    tau_deg: float | None
+    pose_before: np.ndarray
+    posture_before: np.ndarray
+    trials: tuple[Trial, ...] = ()
+    assumptions: tuple[str, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        """Say in one line what was found where."""
+        x, y, z = self.pose[:3, 3]
+        return (
+            f"Optimum({self.problem!r}, {self.mode}: REBA {self.reba_before} -> {self.reba_after} with the object at "
+            f"({x:.2f}, {y:.2f}, {z:.2f}) m, residual {self.kkt_residual:.1e}, {len(self.trials)} starts)"
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as JSON and return the path of the file; a folder gets ``optimum.json``.
+
+        Raises:
+            OSError: if the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix != ".json":
+            path.mkdir(parents=True, exist_ok=True)
+            path = path / FILE
+        text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+        write_whole(path, text + "\n")
+        return path
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what the file holds: plain numbers, texts, lists and dicts; angles in rad. See ``docs/optimum_json.md``."""
+        from ergoqp import __version__
+
+        values = {name: _plain(value) for name, value in vars(self).items()}
+        values |= {
+            "response": response_as_dict(self.response),
+            "pose": pose_as_dict(self.pose),
+            "pose_before": pose_as_dict(self.pose_before),
+            "trials": [trial.as_dict() | {"pose": pose_as_dict(trial.pose)} for trial in self.trials],
+        }
+        return {"version": __version__, "joints": list(JOINTS), **values}
+
+    @classmethod
+    def load(cls, path: str | Path) -> Optimum:
+        """Read what `save` wrote.
+
+        Args:
+            path: the file, or the folder that holds ``optimum.json``.
+
+        Raises:
+            InputError: if there is none, or it is not one.
+        """
+        path = Path(path)
+        path = path / FILE if path.is_dir() else path
+        try:
+            values = read_json(path, "optimum")
+            values = {name: values[name] for name in cls.__dataclass_fields__}
+            values["response"] = response_from_dict(values["response"])
+            for entry in (values, *values["trials"]):
+                entry |= {name: pose_from_dict(entry[name]) for name in ("pose", "pose_before") if name in entry}
+            values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
+            values["assumptions"] = tuple(values["assumptions"])
+            return cls(**_with_arrays(values))
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            if isinstance(error, InputError) and str(error).startswith("optimum: "):
+                raise
+            raise InputError(f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote") from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return list(value)
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _with_arrays(values: dict[str, Any]) -> dict[str, Any]:
+    for name, shape in _ARRAYS.items():
+        for key in (name, f"{name}_before"):
+            if key in values:
+                values[key] = np.array(values[key], dtype=float)
+                if values[key].shape != shape or not np.isfinite(values[key]).all():
+                    raise ValueError(key)
+    return values

@@ -1,0 +1,139 @@
+"""Limits of the user's own, for those who look at places and not at twists: what each says of a place and a posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.errors import ErgoqpError, ProblemError
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, OneClassBoundary, Situation, WorkspaceBox
+
+if TYPE_CHECKING:
+    from ergoqp.problem.problem import Problem
+
+_KNOWN = (JointLimit, WorkspaceBox, AxisCone, OneClassBoundary, ArmLength)
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class OwnLimits:
+    """The limits of a problem that are not the first of a kind that comes with the package.
+
+    They hold by their `rows` alone: distances to both ends where things are.
+
+    Attributes:
+        problem: whose limits they are.
+    """
+
+    problem: Problem
+
+    def __reduce__(self) -> tuple:
+        """Go to another process as the problem: functions are built again there."""
+        return OwnLimits, (self.problem,)
+
+    @cached_property
+    def limits(self) -> tuple[Limit, ...]:
+        """The limits."""
+        known = [self.problem.limit_of(kind) for kind in _KNOWN]
+        return tuple(limit for limit in self.problem.row_limits if not any(limit is each for each in known))
+
+    @cached_property
+    def hard(self) -> tuple[Limit, ...]:
+        """Those on the object side, which do not depend on the posture."""
+        return tuple(limit for limit in self.limits if limit.hard)
+
+    def margins(self, limit: Limit, posture: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the distance of each row (m,) to its nearer end, negative outside.
+
+        Args:
+            limit: one of them.
+            posture: of the person (n,) [rad].
+            pose: of the object (4, 4) [m].
+        """
+        below, above = (np.array(part).ravel() for part in self._functions[limit.names[0]](posture, pose))
+        return np.minimum(below, above)
+
+    def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
+        """Return the name of the first row that a place does not keep, or an empty text.
+
+        Args:
+            pose: of the object (4, 4) [m].
+            posture: of the person there (n,) [rad]; None: only limits on the object side are looked at.
+        """
+        stands_in = np.zeros(len(self.problem.coordinates)) if posture is None else posture
+        for limit in self.limits if posture is not None else self.hard:
+            for name, margin in zip(limit.names, self.margins(limit, stands_in, pose), strict=True):
+                if margin < -(limit.tolerance + _ROUNDING):
+                    return name
+        return ""
+
+    def judge(self) -> None:
+        """Check that every limit gives its rows, one for each name.
+
+        Raises:
+            ProblemError: if one does not, with what it raised.
+        """
+        for limit in self.limits:
+            first = limit.names[0]
+            allowed = f"ergoqp.limits.limit.Rows of {len(limit.names)}, and as many margins"
+            try:
+                found = [self._functions[first].numel_out(0), self._margins_of(limit)]
+            except ErgoqpError:
+                raise
+            except Exception as error:  # whatever the code of a user's own limit does
+                words = " ".join(str(error).split())[:100]
+                raise ProblemError(
+                    f"limits: rows of {first}: got {type(error).__name__} ({words}), allowed {allowed}"
+                ) from None
+            if found != [len(limit.names)] * 2:
+                raise ProblemError(f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed {allowed}")
+
+    def _margins_of(self, limit: Limit) -> int:
+        place, measure = self._place(), limit.measure()
+        if measure is not None:
+            place = replace(place, readings={limit.names[0]: ca.SX.sym("readings", measure.numel_out(0))})
+        return limit.margins(place, ca.SX(6, 1)).numel()
+
+    @cached_property
+    def ends(self) -> ca.Function | None:
+        """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite, at least 0 where all holds; or None."""
+        if not self.limits:
+            return None
+        scalar = all(limit.measure() is None for limit in self.limits)
+        kind: Any = ca.SX if scalar else ca.MX
+        posture, pose = kind.sym("posture", len(self.problem.coordinates)), kind.sym("pose", 4, 4)
+        found = [part for limit in self.limits for part in self._functions[limit.names[0]](posture, pose)]
+        ends = ca.vertcat(*found)
+        # Where there is no end, a row is infinite wherever things are.
+        rng = np.random.default_rng(0)
+        values = ca.Function("ends", [posture, pose], [ends])
+        sample = np.array(values(rng.uniform(-0.1, 0.1, posture.numel()), np.eye(4))).ravel()
+        return ca.Function("ends", [posture, pose], [ends[np.flatnonzero(~np.isinf(sample)).tolist()]])
+
+    @cached_property
+    def _functions(self) -> dict[str, ca.Function]:
+        return {limit.names[0]: self._ends_of(limit) for limit in self.limits}
+
+    def _place(self) -> Situation:
+        """Somewhere, with nothing under way."""
+        n, still = len(self.problem.coordinates), ca.SX(6, 1)
+        posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
+        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.problem.surface)
+        return replace(place, shift=ca.SX(n, 1))
+
+    def _ends_of(self, limit: Limit) -> ca.Function:
+        """``(posture, pose) -> (below, above)`` of one limit."""
+        n, measure, place = len(self.problem.coordinates), limit.measure(), self._place()
+        posture, pose = place.posture, place.pose
+        if measure is None:
+            rows = limit.rows(place)
+            return ca.Function("ends", [posture, pose], [ca.densify(rows.below), ca.densify(rows.above)])
+        readings = ca.SX.sym("readings", measure.numel_out(0))
+        rows = limit.rows(replace(place, readings={limit.names[0]: readings}))
+        inner = ca.Function("inner", [posture, pose, readings], [ca.densify(rows.below), ca.densify(rows.above)])
+        at, where = ca.MX.sym("posture", n), ca.MX.sym("pose", 4, 4)
+        return ca.Function("ends", [at, where], list(inner.call([at, where, measure(at)])))

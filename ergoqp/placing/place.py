@@ -1,0 +1,141 @@
+"""Where the object may be: the leader's unknowns, from the limits of the object and the axes that its twist has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.best import frame_of, turn_about
+
+_STEEPEST = np.radians(85.0)
+"""Largest tilt about the frame's z [rad]: at a quarter turn the two tilts would be one."""
+_NEAR = 0.02
+"""An object that cannot move along an axis may be this far outside of its box there [m]: the hand yields a little."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The poses among which the best is looked for: position in the box, tool axis in the cone, along the twist's axes only.
+
+    The object does not roll about its own tool axis. With two or three turning axes the tool's axis tilts about y and z of the
+    level frame of the cone; with one it turns about that axis from where it is; with none it keeps its rotation.
+
+    Attributes:
+        kinds: of each unknown: 0, 1, 2 for a coordinate, 3 and 4 for the tilts, 5 for the one turn.
+        lower: least value of each unknown [m, rad].
+        upper: greatest value [m, rad].
+        axis: 0, 1, 2 for the world axis of the one turn; -1 without one.
+        direction: middle of the cone (3,).
+        least_cosine: cosine of its half angle.
+    """
+
+    kinds: tuple[int, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    axis: int
+    direction: np.ndarray
+    least_cosine: float
+
+    @classmethod
+    def of(cls, problem: Problem) -> Place:
+        """Return the place of a problem.
+
+        Raises:
+            InputError: if the problem has no workspace or no tool axis.
+        """
+        box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        if box is None or cone is None:
+            missing = "workspace" if box is None else "tool_axis"
+            raise InputError(f"problem {problem.name}: has no limits.{missing}, so nothing says where the object may be")
+        axes, half = problem.twist_limit.axes, np.radians(cone.half_angle_deg)
+        bounds = {i: (box.lower[i], box.upper[i]) for i, name in enumerate("xyz") if name in axes}
+        turns = [i for i, name in enumerate(("rx", "ry", "rz")) if name in axes]
+        if len(turns) == 1:
+            bounds[5] = (-np.pi, np.pi)
+        elif turns:
+            bounds |= {3: (-half, half), 4: (-min(half, _STEEPEST), min(half, _STEEPEST))}
+        lower, upper = np.array(list(bounds.values()), dtype=float).T
+        axis = turns[0] if len(turns) == 1 else -1
+        return cls(tuple(bounds), lower, upper, axis, np.asarray(cone.direction), float(np.cos(half)))
+
+    def anchor(self, problem: Problem, pose: np.ndarray) -> np.ndarray:
+        """Return the pose (4, 4) that the unknowns move away from: what they leave alone is as it is at the start.
+
+        Raises:
+            InputError: if the object is outside of its box along an axis that it cannot move.
+        """
+        box = problem.limit_of(WorkspaceBox)
+        anchor = pose.copy()
+        anchor[:3, 3] = np.clip(pose[:3, 3], box.lower, box.upper)
+        off = np.abs(anchor[:3, 3] - pose[:3, 3])
+        for i in set(range(3)) - set(self.kinds):
+            # A box without width says itself where the object is.
+            if off[i] > _NEAR and box.lower[i] < box.upper[i]:
+                raise InputError(
+                    f"object: got {'xyz'[i]} = {pose[i, 3]:.2f} m, where it cannot move, "
+                    f"allowed {box.lower[i]:g} to {box.upper[i]:g} m"
+                )
+        if 3 in self.kinds:
+            anchor[:3, :3] = frame_of(self.direction)
+        return anchor
+
+    def expression(self, unknowns: ca.SX, anchor: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return position (3,) and rotation (3, 3) of the object, as expressions."""
+        position, rotation = ca.SX(anchor[:3, 3]), anchor[:3, :3]
+        for number, kind in enumerate(self.kinds):
+            if kind < 3:
+                position[kind] = unknowns[number]
+            elif kind < 5:
+                rotation = rotation @ _turned(kind - 2, unknowns[number])
+            else:
+                rotation = _turned(self.axis, unknowns[number]) @ rotation
+        return position, rotation
+
+    def pose(self, unknowns: np.ndarray, anchor: np.ndarray) -> np.ndarray:
+        """Return the pose (4, 4) of unknowns."""
+        pose = anchor.copy()
+        for value, kind in zip(unknowns, self.kinds, strict=True):
+            if kind < 3:
+                pose[kind, 3] = value
+            elif kind < 5:
+                pose[:3, :3] = pose[:3, :3] @ turn_about(kind - 2, value)
+            else:
+                pose[:3, :3] = turn_about(self.axis, value) @ pose[:3, :3]
+        return pose
+
+    def unknowns(self, pose: np.ndarray, anchor: np.ndarray) -> np.ndarray:
+        """Return the unknowns of the pose nearest to a given one, within their bounds."""
+        local = anchor[:3, :3].T @ pose[:3, :3]
+        tilts = np.arctan2(-local[2, 0], local[0, 0]), np.arcsin(np.clip(local[1, 0], -1, 1))
+        values = [pose[kind, 3] if kind < 3 else tilts[kind - 3] if kind < 5 else 0.0 for kind in self.kinds]
+        return np.clip(values, self.lower, self.upper)
+
+    def draw(self, rng: np.random.Generator, anchor: np.ndarray) -> np.ndarray:
+        """Return random unknowns within bounds and cone.
+
+        Raises:
+            InputError: if no turn about the one axis brings the tool's axis into the cone.
+        """
+        for _ in range(1000):
+            values = rng.uniform(self.lower, self.upper)
+            if self.inside(self.pose(values, anchor)):
+                return values
+        raise InputError("tool axis: the turns that the object can make do not bring it into its cone")
+
+    def inside(self, pose: np.ndarray) -> bool:
+        """Say whether the tool's axis is in the cone."""
+        return bool(pose[:3, 0] @ self.direction >= self.least_cosine)
+
+
+def _turned(axis: int, angle: ca.SX) -> ca.SX:
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rotation = ca.SX.eye(3)
+    rotation[i, i] = rotation[j, j] = ca.cos(angle)
+    rotation[j, i] = ca.sin(angle)
+    rotation[i, j] = -rotation[j, i]
+    return rotation

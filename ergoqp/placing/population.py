@@ -1,0 +1,148 @@
+"""The same task for other people: other statures, the other hand or both, other loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, Final
+
+from ergoqp.arguments import as_tuple, check_real, shown
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import InputError, OutOfReachError
+from ergoqp.human import Body
+from ergoqp.placing.optimum import Optimum
+from ergoqp.problem.problem import Problem
+from ergoqp.responses.ik import IkResponse
+from ergoqp.sheets.task import TaskOptions
+
+STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
+"""Statures from a small woman's to a tall man's [m]."""
+
+HANDS: Final[Mapping[str, tuple[str, ...]]] = {"right": ("right",), "left": ("left",), "both": ("right", "left")}
+"""Which hands work, by the word for it."""
+
+
+def population(
+    problem: Problem,
+    statures: Sequence[float] = STATURES,
+    hands: Sequence[str] | None = None,
+    loads_kg: Sequence[float] | None = None,
+) -> Iterator[tuple[str, Problem]]:
+    """Yield (label, problem) for every combination, statures fastest; the label says what was varied.
+
+    Args:
+        problem: the task; its response must be an `IkResponse`.
+        statures: of the people [m].
+        hands: keys of `HANDS`; None: as the problem has it.
+        loads_kg: mass of the tool [kg]; None: as the problem has it.
+
+    Raises:
+        InputError: for an empty sequence, or a value that `variant` does not take.
+    """
+    given = {"loads_kg": loads_kg, "hands": hands, "statures": statures}
+    choices = [(None,) if values is None else as_tuple(name, values) for name, values in given.items()]
+    for name, values in zip(given, choices, strict=True):
+        if not values:
+            raise InputError(f"{name}: got nothing, allowed at least one")
+    for load, hand, stature in product(*choices):
+        changed = variant(problem, stature=stature, hands=hand, load_kg=load)
+        words = [f"{stature:.2f} m"]
+        words += [f"{hand} hand{'s' if hand == 'both' else ''}"] if hand is not None else []
+        words += [f"{load:g} kg"] if load is not None else []
+        yield ", ".join(words), changed
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was found for one of a population.
+
+    Attributes:
+        label: who, as `population` says.
+        optimum: the best place; None if there is none.
+        note: why there is none, empty otherwise.
+    """
+
+    label: str
+    optimum: Optimum | None
+    note: str = ""
+
+    @property
+    def starts_at_best(self) -> int:
+        """Number of starts that end at the best score."""
+        best = self.optimum
+        return 0 if best is None else sum(trial.reba == best.reba_after for trial in best.trials)
+
+
+def best_of_population(
+    people: Iterable[tuple[str, Problem]], *, progress: Callable[[float], None] | None = None, **options: Any
+) -> list[Found]:
+    """Return everybody's own best place; see `ergoqp.placing.find.optimise`.
+
+    Args:
+        people: (label, problem), as `population` yields them.
+        progress: called with the share that is done.
+        options: of `optimise`, the same for all, such as `starts`, `jobs` and `out`; the last makes the study resumable.
+
+    Raises:
+        InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a `Found` with a note.
+    """
+    everybody = list(people)
+    found = []
+    for number, (label, problem) in enumerate(everybody):
+        if progress is not None:
+            progress(number / len(everybody))
+        try:
+            found.append(Found(label, problem.optimise(**options)))
+        except OutOfReachError as nowhere:
+            found.append(Found(label, None, str(nowhere)))
+    if progress is not None:
+        progress(1.0)
+    return found
+
+
+def variant(
+    problem: Problem, *, stature: float | None = None, hands: str | None = None, load_kg: float | None = None
+) -> Problem:
+    """Return the problem for another person; whatever is None stays as it is. Workspace and comfort stay too.
+
+    Args:
+        problem: the task; its response must be an `IkResponse`.
+        stature: of the person [m], with average proportions.
+        hands: a key of `HANDS`.
+        load_kg: mass of the tool [kg], in the exact score and in the cost.
+
+    Raises:
+        InputError: for a value that is not allowed, a response of another kind, or a load where the cost was learned without.
+    """
+    response = person_of(problem)
+    if stature is not None:
+        check_real("stature", stature, "metres")
+        response = replace(response, body=Body.of_stature(stature))
+    if hands is not None:
+        if not isinstance(hands, str) or hands not in HANDS:
+            raise InputError(f"hands: got {shown(hands)}, allowed {', '.join(HANDS)}")
+        response = replace(response, hands=HANDS[hands])
+    changed = problem.replace(response=response)
+    return changed if load_kg is None else _with_load(changed, load_kg)
+
+
+def person_of(problem: Problem) -> IkResponse:
+    """Return the person that a problem reckons with.
+
+    Raises:
+        InputError: if its response is of another kind.
+    """
+    response = problem.response
+    if not isinstance(response, IkResponse):
+        raise InputError(f"problem {problem.name}: got a response of type {type(response).__name__}, allowed IkResponse")
+    return response
+
+
+def _with_load(problem: Problem, load_kg: float) -> Problem:
+    check_real("load_kg", load_kg, "kilograms")
+    if not isinstance(problem.cost, SmoothReba):
+        raise InputError(f"load_kg: got {load_kg:g}, but the cost {problem.cost.name!r} was learned without; allowed None")
+    task = TaskOptions(**{**problem.task, "load_kg": float(load_kg)})
+    cost = SmoothReba(problem.cost.taus_deg, problem.cost.weights, method=problem.cost.method, **task)
+    return problem.replace(cost=cost, task=task)

@@ -1,0 +1,1 @@
+"""The terms of one task, as data."""

@@ -1,0 +1,260 @@
+"""The terms of one task: whose posture, which cost, how the person follows, what must hold, and how boldly to move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ergoqp.arguments import as_tuple
+from ergoqp.coordinates import FOREARM, Coordinates
+from ergoqp.costs.cost import Cost
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import InputError, ProblemError
+from ergoqp.joints import JOINTS
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
+from ergoqp.placing.own_limits import OwnLimits
+from ergoqp.problem.control import Control
+from ergoqp.problem.kinds import check_kinds
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.responses import LinearResponse, Response
+from ergoqp.sheets.reba import Assessment, Method, assess
+from ergoqp.sheets.task import TaskOptions
+
+if TYPE_CHECKING:
+    from ergoqp.placing.optimum import Optimum
+    from ergoqp.simulation.run import Run
+    from ergoqp.step.stepper import Stepper
+
+_AVERAGE: Final = 0.05
+
+_NARROWEST: Final = 1e-5
+"""No object is measured or held better than that [m]."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One task, from Python; `ergoqp.load_problem` makes the same from a file.
+
+    Attributes:
+        cost: V(q), see `ergoqp.costs`.
+        response: S(q), see `ergoqp.responses`.
+        limits: what must hold, exactly one `TwistLimit` among them.
+        dt: control period [s].
+        control: how boldly to move.
+        robot: how late and how exactly the robot does what it is sent, as far as that is declared.
+        task: what joint angles cannot tell (load, coupling ...), as keywords of `ergoqp.reba.assess`; whether the person
+            sits is what the response's stance says.
+        method: how the exact sheet is read.
+        name: short name, a word.
+        title: the task in a few words.
+    """
+
+    cost: Cost
+    response: Response
+    limits: Sequence[Limit | TwistLimit]
+    dt: float = 0.01
+    control: Control = field(default_factory=Control)
+    robot: DeclaredRobot = field(default_factory=DeclaredRobot)
+    task: TaskOptions = field(default_factory=TaskOptions)
+    method: Method = field(default_factory=Method)
+    name: str = "custom"
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that the terms are what they are to be, and fit together."""
+        try:
+            object.__setattr__(self, "limits", as_tuple("limits", self.limits))
+        except InputError as error:
+            raise ProblemError(str(error)) from None
+        check_kinds(self)
+        self._check_state()
+        count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
+        if count != 1:
+            raise ProblemError(f"limits: got {count} twist limits, allowed exactly one")
+        names = [name for limit in self.row_limits for name in limit.names]
+        if doubled := sorted({name for name in names if names.count(name) > 1}):
+            raise ProblemError(f"limits: got more than one row named {', '.join(doubled)}, allowed one each")
+        self._check_room()
+        self.own_limits.judge()
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the entries of `posture`."""
+        return tuple(self.response.coordinates)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that the object may move; the others stay as measured."""
+        return self.response.joints
+
+    @cached_property
+    def twist_limit(self) -> TwistLimit:
+        """The bounds on the twist itself, and what a surface keeps aside of them."""
+        limit = next(limit for limit in self.limits if isinstance(limit, TwistLimit))
+        return limit if self.surface is None else replace(limit, aside=self.surface.aside(limit))
+
+    @cached_property
+    def surface(self) -> ArmLength | None:
+        """The limit that the state stays on exactly, if there is one."""
+        return self.limit_of(ArmLength)
+
+    @cached_property
+    def row_limits(self) -> tuple[Limit, ...]:
+        """The limits that are rows."""
+        return tuple(limit for limit in self.limits if not isinstance(limit, TwistLimit))
+
+    @cached_property
+    def own_limits(self) -> OwnLimits:
+        """The limits that the package does not know, for those who look at places: see `ergoqp.placing.own_limits`."""
+        return OwnLimits(self)
+
+    @cached_property
+    def row_names(self) -> tuple[str, ...]:
+        """Name of every row, in the order of `Step.margins`."""
+        return tuple(name for limit in self.row_limits for name in limit.names)
+
+    def assess(self, postures: ArrayLike) -> Assessment:
+        """Return the exact assessment of postures (n, 32) [rad] in this task: the yardstick of every cost."""
+        return assess(postures, self.method, **self.task)
+
+    @property
+    def moves_pose(self) -> bool:
+        """Whether the twist moves an object that a person holds, and not the state itself."""
+        return tuple(self.response.coordinates) == JOINTS
+
+    @cached_property
+    def average(self) -> float:
+        """Seconds over which what is sent is averaged, see `Control.average`."""
+        given = self.control.average
+        return (_AVERAGE if self.moves_pose else 0.0) if given is None else given
+
+    @property
+    def longest_period(self) -> float:
+        """Longest period that a twist may be meant for [s]: what is longer brakes."""
+        return max(3 * self.dt, self.robot.longest_hold)
+
+    def _check_state(self) -> None:
+        """Check that limits and cost read the state that the response moves."""
+        state = tuple(self.response.coordinates)
+        if not self.moves_pose:
+            for what, given in (("robot", self.robot.declared), ("control.average", bool(self.control.average))):
+                if given:
+                    raise ProblemError(f"{what}: got one, allowed only where an object that a person holds is moved")
+        for limit in self.limits:
+            if isinstance(limit, JointLimit | WorkspaceBox | AxisCone) and state != JOINTS:
+                raise ProblemError(f"limits: got a {type(limit).__name__}, allowed only where the state is a person's posture")
+            if isinstance(limit, ArmLength) and (state != FOREARM or not _is_identity(self.response)):
+                raise ProblemError(f"limits: got {limit.name!r}, allowed only where the state is {', '.join(FOREARM)}")
+        if isinstance(self.cost, SmoothReba) and state != JOINTS:
+            raise ProblemError("cost: got the sheet, allowed a learned cost where the state is not a person's posture")
+        self._check_seat()
+        for what, term in (("cost", self.cost), *(("limits", limit) for limit in self.limits)):
+            reads = getattr(term, "coordinates", None) or getattr(getattr(term, "model", None), "coordinates", None)
+            if isinstance(reads, Coordinates) and reads.state != state:
+                known = "the 32 joints" if state == JOINTS else ", ".join(state)
+                raise ProblemError(f"{what}: got a model of {', '.join(reads.names[:3])} ..., allowed one of {known}")
+
+    def _check_seat(self) -> None:
+        """Check that who sits is scored as one who sits; where only the stance says so, the task says it too."""
+        stance = getattr(self.response, "stance", None)
+        if stance is None:
+            return
+        sits = stance == "seated"
+        object.__setattr__(self, "task", TaskOptions(**{"seated": sits, **self.task}))
+        for what, told in (("task", self.task), ("cost", getattr(self.cost, "task", {}))):
+            if bool(told.get("seated", sits)) != sits:
+                raise ProblemError(f"{what}: got seated = {not sits}, allowed {sits}, because the stance is {stance}")
+
+    def _check_room(self) -> None:
+        """Check that the workspace leaves room to move and to stop along the axes that the object can move along."""
+        from ergoqp.step.braking import Stop
+
+        box = self.limit_of(WorkspaceBox)
+        if box is None:
+            return
+        rises = np.array(Stop.of(self).most(self.dt))[:3, 0] if self.average else np.zeros(3)
+        for axis, rise in enumerate(rises.tolist()):
+            width, least = box.upper[axis] - box.lower[axis], max(_NARROWEST, rise) + 2 * self.robot.pose_noise
+            if self.twist_limit.speed[axis] > 0 and width < least:
+                name = "xyz"[axis]
+                raise ProblemError(
+                    f"workspace {name}: got {1e3 * width:.3g} mm from end to end, allowed at least {1e3 * least:.3g} mm where "
+                    f"the object can move along {name}, or a twist limit whose axes leave {name} out"
+                )
+
+    def limit_of(self, kind: type) -> Any:
+        """Return the limit of a kind, or None."""
+        return next((limit for limit in self.limits if isinstance(limit, kind)), None)
+
+    def replace(self, **terms: Any) -> Problem:
+        """Return this problem with other terms, for example ``problem.replace(cost=...)``.
+
+        Raises:
+            ProblemError: if a name is not that of a term.
+        """
+        if unknown := set(terms) - set(self.__dataclass_fields__):
+            raise ProblemError(f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}")
+        return replace(self, **terms)
+
+    def step_function(self, solver: str = "daqp", compiled: bool = False, *, guided: bool = False) -> ca.Function:
+        """Return the whole control step as one pure CasADi function; see `ergoqp.step.function.build_step`.
+
+        Args:
+            solver: name of the QP solver, see `ergoqp.solvers`.
+            compiled: through the C compiler into the user's cache; the solver is then DAQP.
+            guided: with the inputs of a step that can be drawn toward a given place, see `ergoqp.step.guide`.
+
+        Raises:
+            InputError: if the solver is unknown, or not the one that is compiled.
+            CompilerError: if there is no C compiler.
+        """
+        from ergoqp.solvers import solver_named
+        from ergoqp.step.function import build_step
+
+        chosen = solver_named(solver)
+        if not compiled:
+            return build_step(self, chosen, guided=guided)
+        from ergoqp.native.compiled import compiled_step
+
+        if chosen.name != "daqp":
+            raise InputError(f"compiled: got the solver {solver!r}, allowed only 'daqp'")
+        return compiled_step(self, guided)
+
+    def stepper(
+        self, solver: str = "daqp", compiled: bool = False, dt: float | None = None, log: Any = None, guide: Any = None
+    ) -> Stepper:
+        """Return a control loop's own stepper; one per loop. See `ergoqp.step.stepper.Stepper`."""
+        from ergoqp.step.stepper import Stepper
+
+        return Stepper(self, solver=solver, compiled=compiled, dt=dt, log=log, guide=guide)
+
+    def simulate(self, posture: ArrayLike, duration: float = 20.0, seed: int = 0, **options: Any) -> Run:
+        """Close the loop with a simulated person who starts in `posture`; see `ergoqp.simulation.simulate.simulate`."""
+        from ergoqp.simulation.simulate import simulate
+
+        return simulate(self, posture, duration, seed, **options)
+
+    def optimise(
+        self,
+        posture: ArrayLike | None = None,
+        starts: int = 32,
+        seed: int = 0,
+        jobs: int = 1,
+        mode: str = "stackelberg",
+        solver: str = "ipopt",
+        **options: Any,
+    ) -> Optimum:
+        """Look for the best place of the object, offline; see `ergoqp.placing.find.optimise`."""
+        from ergoqp.placing.find import optimise
+
+        return optimise(self, posture, starts, seed, jobs, mode, solver, **options)
+
+
+def _is_identity(response: Response) -> bool:
+    return isinstance(response, LinearResponse) and np.array_equal(np.asarray(response.matrix), np.eye(6))

@@ -1,0 +1,182 @@
+"""Problems from TOML files: every mistake found at once, each with its key, what was found and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from ergoqp.arguments import path_of, shown
+from ergoqp.costs.learned import load_cost
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import ErgoqpError, InputError, ProblemError
+from ergoqp.files.text import read_toml
+from ergoqp.human import Body
+from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
+from ergoqp.paths import data_folder
+from ergoqp.problem.control import Control
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.mistakes import listed, mistakes, unusual
+from ergoqp.problem_files.tables import (
+    FileTable,
+    JointsTable,
+    PointSpeedTable,
+    ResponseTable,
+    SmoothRebaTable,
+    TaskTable,
+    TwistTable,
+)
+from ergoqp.responses import IkResponse, LinearResponse
+from ergoqp.sheets.reba import Method
+from ergoqp.sheets.task import TaskOptions
+
+
+def _point_speed(speed: float, acceleration: float) -> TwistLimit:
+    """Bounds on the velocities of two points, which are the six entries of the twist: all alike."""
+    return TwistLimit(speed, speed, acceleration, acceleration)
+
+
+# Registration: one line per kind of term; the table's fields are the keyword arguments.
+_LIMITS: Final[dict[str, Callable[..., Any]]] = {
+    "twist": TwistLimit,
+    "joints": JointLimit,
+    "workspace": WorkspaceBox,
+    "tool_axis": AxisCone,
+    "point_speed": _point_speed,
+    "arm_length": ArmLength,
+    "one_class_boundary": OneClassBoundary,
+}
+
+
+TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")
+"""The problems of a person and the sheet itself: what all figures of closed loops are about."""
+
+
+def problem_names() -> list[str]:
+    """Return the names of all problems that come with the package."""
+    return sorted(path.stem for path in data_folder("problems").glob("*.toml"))
+
+
+def load_problem(name: str | Path) -> Problem:
+    """Return a problem by its name in ``problems/`` or by the path of a TOML file.
+
+    Raises:
+        ProblemError: if there is no such problem, or the file is not one; the message lists every mistake.
+    """
+    path = _find(path_of("problem", name, ProblemError))
+    try:
+        raw = read_toml(path, "problem")
+    except InputError as error:
+        raise ProblemError(str(error)) from None
+    return problem_from_dict(raw, path.stem, path.parent)
+
+
+def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None) -> Problem:
+    """Return the problem that a parsed file describes.
+
+    Args:
+        raw: the file's tables.
+        name: of the problem.
+        folder: that paths of models are relative to; None: the current one.
+
+    Raises:
+        ProblemError: listing every mistake.
+    """
+    try:
+        file = FileTable.model_validate(raw)
+    except ValidationError as error:
+        raise ProblemError(listed(name, mistakes(FileTable, error))) from None
+    if found := unusual(raw, file.unusual):
+        raise ProblemError(listed(name, found))
+    try:
+        return _build(file, name, folder or Path())
+    except ErgoqpError as error:
+        raise ProblemError(f"{name}: {error}") from None
+    except TypeError as error:
+        raise ProblemError(f"{name}: {error}") from None
+
+
+def _build(file: FileTable, name: str, folder: Path) -> Problem:
+    task = file.task.model_dump()
+    method = Method(**task.pop("method"))
+    # Who sits is scored as one who sits: one key, not two.
+    task["seated"] = file.response.ik is not None and file.response.ik.stance == "seated"
+    return Problem(
+        cost=_cost(file, method, task, folder),
+        response=_response(file.response),
+        limits=_limits(file, folder),
+        dt=file.dt,
+        control=Control(**file.control.model_dump()),
+        robot=DeclaredRobot(**file.robot.model_dump()),
+        task=TaskOptions(**task),
+        method=method,
+        name=name,
+        title=file.title or name,
+    )
+
+
+def _response(table: ResponseTable) -> IkResponse | LinearResponse:
+    if table.ik is None:
+        return LinearResponse()
+    ik = table.ik.model_dump()
+    return IkResponse(body=Body.of_stature(ik.pop("stature")), **ik)
+
+
+def _cost(file: FileTable, method: Method, task: dict[str, Any], folder: Path) -> Any:
+    if file.cost.learned is not None:
+        # What a cost has learned it knows: other options than those of its data would be silently ignored.
+        if file.task != TaskTable():
+            raise ProblemError("cost.learned: got options in [task], allowed none: the cost was learned without them")
+        return load_cost(find_model(file.cost.learned.model, folder))
+    return SmoothReba(**(file.cost.smooth_reba or SmoothRebaTable()).model_dump(), method=method, **task)
+
+
+def _limits(file: FileTable, folder: Path) -> list[Any]:
+    limits = file.limits.model_dump(exclude_none=True)
+    if file.response.ik is not None:
+        # A person always has joints, and an object always a largest speed.
+        limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
+    elif "point_speed" not in limits:
+        limits["point_speed"] = PointSpeedTable().model_dump()
+    if "one_class_boundary" in limits:
+        from ergoqp.learning.one_class import load_one_class
+
+        boundary = limits["one_class_boundary"]
+        boundary["model"] = load_one_class(find_model(boundary["model"], folder))
+    return [_LIMITS[kind](**values) for kind, values in limits.items()]
+
+
+def find_model(name: str, folder: Path) -> Path:
+    """Return the file of a learned model: by its name in ``models/``, or a path of a .npz file relative to `folder`.
+
+    Raises:
+        ProblemError: if there is none.
+    """
+    path = data_folder("models") / f"{name}.npz" if not name.endswith(".npz") else folder / name
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in data_folder("models").glob("*.npz")))
+        raise ProblemError(
+            f"model: got {name!r}, allowed {known or 'none that came with the package'} or the path of a .npz file"
+        )
+    return path
+
+
+def _find(name: str | Path) -> Path:
+    path = Path(name)
+    try:
+        return _found(path, str(name))
+    except OSError as error:
+        raise ProblemError(f"problem: got {shown(str(name))}: {error.strerror}, allowed the path of a .toml file") from None
+
+
+def _found(path: Path, name: str) -> Path:
+    if path.suffix != ".toml" and len(path.parts) == 1:
+        path = data_folder("problems") / f"{name}.toml"
+        if not path.is_file():
+            raise ProblemError(f"problem: got {name!r}, allowed {', '.join(problem_names())} or the path of a .toml file")
+    elif not path.is_file():
+        raise ProblemError(f"problem: {name!r} is {'a directory' if path.is_dir() else 'not there'}, allowed a .toml file")
+    return path

@@ -1,0 +1,216 @@
+"""The tables of a problem file: which keys there are, and what each may hold."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, Literal, Self, get_type_hints
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+
+from ergoqp.limits import AXES
+from ergoqp.problem.control import Control
+from ergoqp.sheets.reba import Method
+
+
+class Table(BaseModel):
+    """A table of the file: unknown keys are mistakes, and a text is never taken for a number."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_as_tuple)]
+Side = Literal["right", "left"]
+Pair = Annotated[tuple[bool, bool], BeforeValidator(_as_tuple)]
+
+
+class IkTable(Table):
+    """How the person follows, see `ergoqp.responses.IkResponse`."""
+
+    stature: Annotated[float, Field(ge=1.2, le=2.3)] = 1.75
+    stance: Literal["standing", "seated"] = "standing"
+    seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
+    hands: Annotated[tuple[Side, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=2)] = ("right",)
+    tool: Literal["along", "thumb"] = "along"
+    free_about_tool: bool = True
+    weights: dict[str, Positive] = {}
+    comfort_deg: dict[str, Number] = {}
+    balance: NotNegative = 60.0
+    relaxation_time: Positive = 1.0
+    damping: Annotated[float, Field(ge=1e-6, le=1)] = 0.02
+
+
+class PointsTable(Table):
+    """Elbow and wrist of the right arm are the state, and the twist their velocities."""
+
+
+class ResponseTable(Table):
+    """One way in which the state follows the object."""
+
+    ik: IkTable | None = None
+    points: PointsTable | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.ik is None) == (self.points is None):
+            raise ValueError("exactly one of ik and points is allowed")
+        return self
+
+
+class SmoothRebaTable(Table):
+    """The sheet made smooth, see `ergoqp.costs.SmoothReba`."""
+
+    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (1.5, 12.0)
+    weights: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (0.8, 0.2)
+
+
+class LearnedTable(Table):
+    """A learned cost by its file."""
+
+    model: str
+
+
+class CostTable(Table):
+    """One cost, the smooth sheet if nothing is said."""
+
+    smooth_reba: SmoothRebaTable | None = None
+    learned: LearnedTable | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if self.smooth_reba is not None and self.learned is not None:
+            raise ValueError("only one of smooth_reba and learned is allowed")
+        return self
+
+
+def _table_of(kind: type, name: str, held: Any = None) -> Any:
+    """Return a table with the fields of a dataclass, of their own types or all of another one."""
+    hints = get_type_hints(kind)
+    keys: dict[str, Any] = {each.name: (held or hints[each.name], each.default) for each in fields(kind)}
+    return create_model(name, __base__=Table, **keys)
+
+
+MethodTable: Any = _table_of(Method, "MethodTable")
+"""The fields of `ergoqp.reba.Method`, by their names and types."""
+
+ControlTable: Any = _table_of(Control, "ControlTable", NotNegative)
+"""The fields of `ergoqp.Control`."""
+
+
+class TaskTable(Table):
+    """What joint angles cannot tell; whether the person sits is said by the stance."""
+
+    load_kg: NotNegative = 0.0
+    shock: bool = False
+    coupling: Annotated[int, Field(ge=0, le=3)] = 0
+    activity: Annotated[int, Field(ge=0, le=3)] = 0
+    one_leg: bool = False
+    arm_supported: Pair = (False, False)
+    shoulder_raised: Pair = (False, False)
+    method: MethodTable = MethodTable()  # pyright: ignore[reportInvalidTypeForm] (a class, made above)
+
+
+class TwistTable(Table):
+    """See `ergoqp.limits.TwistLimit`."""
+
+    linear_speed: Positive = 0.20
+    angular_speed: Positive = 0.80
+    linear_acceleration: Positive = 0.60
+    angular_acceleration: Positive = 2.50
+    axes: Annotated[tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+        AXES
+    )
+
+
+class JointsTable(Table):
+    """See `ergoqp.limits.JointLimit`."""
+
+    ranges_deg: dict[str, Annotated[tuple[Number, Number], BeforeValidator(_as_tuple)]] = {}
+    rate_deg: Positive = 90.0
+    yield_zone_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    tolerance_deg: Annotated[float, Field(ge=0, le=20)] = 2.0
+    recovery_time: Positive = 1.0
+    recover: bool = False
+
+
+class WorkspaceTable(Table):
+    """See `ergoqp.limits.WorkspaceBox`."""
+
+    lower: Vector
+    upper: Vector
+
+
+class ToolAxisTable(Table):
+    """See `ergoqp.limits.AxisCone`."""
+
+    direction: Vector
+    half_angle_deg: Annotated[float, Field(gt=0, le=170)]
+
+
+class PointSpeedTable(Table):
+    """How fast each coordinate of two points may be."""
+
+    speed: Positive = 0.15
+    acceleration: Positive = 1.5
+
+
+class ArmLengthTable(Table):
+    """See `ergoqp.limits.ArmLength`."""
+
+    length: Positive
+
+
+class BoundaryTable(Table):
+    """See `ergoqp.limits.OneClassBoundary`."""
+
+    model: str
+    hard: bool = False
+    tolerance: NotNegative = 1e-9
+    recovery_time: Positive = 0.25
+
+
+class LimitsTable(Table):
+    """All limits, each at most once."""
+
+    twist: TwistTable | None = None
+    joints: JointsTable | None = None
+    workspace: WorkspaceTable | None = None
+    tool_axis: ToolAxisTable | None = None
+    point_speed: PointSpeedTable | None = None
+    arm_length: ArmLengthTable | None = None
+    one_class_boundary: BoundaryTable | None = None
+
+
+_Seconds = Annotated[float, Field(ge=0, le=0.5)]
+
+
+class RobotTable(Table):
+    """See `ergoqp.problem.robot.DeclaredRobot`."""
+
+    delay: _Seconds = 0.0
+    lag: _Seconds = 0.0
+    gain_error: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    pose_delay: _Seconds = 0.0
+    pose_noise: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    pose_noise_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    longest_hold: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+
+class FileTable(Table):
+    """A whole file; `unusual` names keys whose values are meant, however unusual."""
+
+    title: str = ""
+    dt: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
+    response: ResponseTable
+    cost: CostTable = CostTable()
+    task: TaskTable = TaskTable()
+    limits: LimitsTable = LimitsTable()
+    robot: RobotTable = RobotTable()
+    control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm] (a class, made above)
+    unusual: list[str] = []

@@ -1,0 +1,1 @@
+"""Biovision hierarchy files (.bvh)."""

@@ -1,0 +1,1 @@
+"""From joint centres to postures."""

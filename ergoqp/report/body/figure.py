@@ -1,0 +1,143 @@
+"""The person in one posture as a flat figure: what the replay shows, for print and for a first look."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.human import Body
+from ergoqp.report import palette, svg
+from ergoqp.report.body.person import matrix_of, parts_of, place
+
+_HEIGHT: Final = 300.0  # of an upright person with some room around [px]
+MARGIN: Final = 0.13
+"""Room around the axes of the shapes [m]."""
+_VIEW_DEG: Final = 35.0  # from the right side towards the front
+_OWN_COLOUR: Final = "#4b4f57"  # hair and shoes
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """A capsule in the world: the ends of its axis (2, 3) [m], its radius [m], and how near it is to who looks at it [m]."""
+
+    ends: NDArray[np.float64]
+    radius: float
+    depth: float
+
+
+class Drawing:
+    """A posture as shapes on the plane of a picture that looks at the person from the front right.
+
+    Args:
+        body: the person.
+        posture: shape (32,) [rad], finite.
+        base_pose: the pelvis in the world, shape (4, 4).
+        segments: segment -> score.
+        contact: contact frame of the held object in the world, shape (4, 4), None without an object.
+
+    Attributes:
+        horizontal: leftmost and rightmost of the axes of all shapes [m].
+        vertical: lowest and highest [m].
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        posture: NDArray[np.float64],
+        base_pose: NDArray[np.float64],
+        segments: Mapping[str, int],
+        contact: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Place the shapes."""
+        placement = place(body, posture[None], base_pose[None])
+        turn = np.radians(_VIEW_DEG)
+        forward, left = base_pose[:3, 0], base_pose[:3, 1]
+        self._across = np.cos(turn) * forward + np.sin(turn) * left  # to the right in the picture
+        towards = np.sin(turn) * forward - np.cos(turn) * left  # to who looks at it
+        self._contact = contact
+        self._groups: dict[tuple[str, str], list[_Shape]] = {}
+        for part in parts_of(body):
+            position, quaternion = (values[0] for values in placement.of(part.owner))
+            rotation = matrix_of(quaternion)
+            centre, axis = position + rotation @ part.position, rotation @ part.rotation[:, 2]
+            # An ellipsoid is drawn as the capsule through its longest axis.
+            radius = float(part.size[0] if part.capsule else part.size[:2].mean())
+            half = float(part.size[1] if part.capsule else max(part.size[2] - radius, 0.0))
+            level = int(palette.level_of_points(segments.get(part.segment or "", 0)))
+            colour = _OWN_COLOUR if part.segment is None else palette.colour_of_level(level)
+            ends = np.stack([centre - half * axis, centre + half * axis])
+            self._groups.setdefault((part.owner, colour), []).append(_Shape(ends, radius, float(centre @ towards)))
+        everything = np.concatenate([shape.ends for group in self._groups.values() for shape in group])
+        if contact is not None:
+            everything = np.concatenate([everything, contact[None, :3, 3]])
+        self.horizontal = self._ends(everything @ self._across)
+        self.vertical = self._ends(everything[:, 2])
+
+    def elements(self, scale: float, left: float, floor: float) -> list[str]:
+        """Return the shapes, back to front.
+
+        Args:
+            scale: of the picture [px/m].
+            left: where 0 of the horizontal axis is [px].
+            floor: where height 0 is [px].
+        """
+
+        def at(point: NDArray[np.float64]) -> tuple[float, float]:
+            return left + float(point @ self._across) * scale, floor - float(point[2]) * scale
+
+        drawn: list[str] = []
+        # Shapes that move together and have one colour get one outline, so that the trunk is not cut into rings.
+        for (_, colour), group in sorted(self._groups.items(), key=lambda item: max(shape.depth for shape in item[1])):
+            lines = []
+            for shape in group:
+                (x1, y1), (x2, y2) = at(shape.ends[0]), at(shape.ends[1])
+                # A line of no length has no round ends in every browser.
+                line = {"x1": x1, "y1": y1, "x2": x2 + 0.01, "y2": y2, "stroke_linecap": "round"}
+                lines.append((line, 2 * shape.radius * scale))
+            drawn += [svg.element("line", **line, stroke_width=width + 2, class_="outline") for line, width in lines]
+            drawn += [svg.element("line", **line, stroke_width=width, stroke=colour) for line, width in lines]
+        if self._contact is not None:
+            x, y = at(self._contact[:3, 3])
+            tip_x, tip_y = at(self._contact[:3, 3] + 0.14 * self._contact[:3, 0])
+            drawn.append(svg.element("line", x1=x, y1=y, x2=tip_x, y2=tip_y, class_="tool"))
+            drawn.append(svg.element("circle", cx=x, cy=y, r=4, class_="dot"))
+        return drawn
+
+    @staticmethod
+    def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
+        return float(values.min()) - MARGIN, float(values.max()) + MARGIN
+
+
+def posture_figure(
+    body: Body,
+    posture: NDArray[np.float64],
+    base_pose: NDArray[np.float64],
+    segments: Mapping[str, int],
+    title: str,
+    contact: NDArray[np.float64] | None = None,
+) -> str:
+    """Draw a posture, each segment in the colour of its score, seen from the front right.
+
+    Args:
+        body: the person.
+        posture: shape (32,) [rad], finite.
+        base_pose: the pelvis in the world, shape (4, 4).
+        segments: segment -> score.
+        title: of the picture.
+        contact: contact frame of the held object in the world, shape (4, 4), None without an object.
+    """
+    drawing = Drawing(body, posture, base_pose, segments, contact)
+    (left, right), (low, high) = drawing.horizontal, drawing.vertical
+    scale = _HEIGHT / max(high - low, body.stature + 2 * MARGIN)
+    drawn = drawing.elements(scale, -left * scale, high * scale)
+    said = f"Seen from the front right. Scores: {said_of(segments)}."
+    return svg.picture(drawn, max((right - left) * scale, 120.0), (high - low) * scale, title, said)
+
+
+def said_of(segments: Mapping[str, int]) -> str:
+    """Return the scores of the segments in words."""
+    return ", ".join(f"{name.replace('_', ' ')} {segments[name]}" for name in palette.SEGMENTS if name in segments)

@@ -1,0 +1,216 @@
+"""The 3-D scene of a movement, written by viser into one page with a play bar that asks nothing of any server."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.errors import MissingExtraError
+from ergoqp.report import palette
+from ergoqp.report.body.meshes import body_mesh
+from ergoqp.report.body.person import Part, Placement, parts_of, place
+from ergoqp.report.body.replay import Movement, Timing
+
+if TYPE_CHECKING:
+    import viser
+
+_OWN_COLOUR: Final = {"hair": (58, 52, 50), "right_foot": (58, 60, 66), "left_foot": (58, 60, 66)}
+_OBJECT_COLOUR: Final = (70, 84, 105)
+_SEAT_HEIGHT: Final = 0.05  # of the cushion [m]
+_SEAT_COLOUR: Final = (176, 184, 193)
+_PATH_COLOUR: Final = (70, 84, 105)
+_LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
+
+
+def scene_html(movement: Movement, timing: Timing) -> str:
+    """Return the replay as a page of its own.
+
+    A server is started on the loopback interface only because the scene is written by it; nothing connects to it, and it is
+    stopped before this returns.
+
+    Args:
+        movement: what happened.
+        timing: which samples are shown, from `ergoqp.report.body.replay.timing_of`.
+
+    Raises:
+        MissingExtraError: if viser is not installed.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise MissingExtraError("the report page", "report", "viser") from None
+    shown = movement.at(timing.samples)
+    # The server announces itself on standard output, which belongs to the command that asked for the page.
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        try:
+            return _record(server, shown, timing)
+        finally:
+            server.stop()
+
+
+def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> str:
+    placement = place(movement.body, movement.postures, movement.base_poses)
+    floor = _floor(movement, placement)
+    _set_stage(server, movement, floor)
+    actors = [_Person(server, movement, placement), _Words(server, movement, placement, floor)]
+    if movement.object_poses is not None:
+        actors.append(_Object(server, movement.object_poses))
+    for actor in actors:
+        actor.show(0)
+    recording = server.get_scene_serializer()
+    for frame in range(1, len(movement.time)):
+        recording.insert_sleep(timing.frame_time)
+        for actor in actors:
+            actor.show(frame)
+    # The last frame stays for its time before the replay starts over.
+    recording.insert_sleep(timing.frame_time)
+    return recording.as_html()
+
+
+def _floor(movement: Movement, placement: Placement) -> float:
+    """Height of the floor: the lowest that a sole gets [m]."""
+    model = movement.body.model
+    height = min(float(model.site(f"{side}_sole").pos[2]) for side in ("right", "left"))
+    feet = [placement.of(f"{side}_ankle_inversion")[0][:, 2] for side in ("right", "left")]
+    return float(np.min(feet)) + height
+
+
+def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> None:
+    """Floor, light, and a camera in front and to the right of where the person looks at first."""
+    pelvis = movement.base_poses[:, :3, 3]
+    low, high = pelvis.min(axis=0), pelvis.max(axis=0)
+    centre = (low + high) / 2
+    spread = float(np.linalg.norm((high - low)[:2]))
+    size = float(np.ceil(max(4.0, 2 * spread + 3.0)))
+    server.scene.add_grid(
+        "/floor", width=size, height=size, cell_size=0.25, section_size=1.0, position=(centre[0], centre[1], floor),
+        cell_color=(222, 226, 230), section_color=(190, 197, 204), plane_color=(247, 248, 250), plane_opacity=1.0,
+    )  # fmt: skip
+    if movement.seated:
+        _set_seat(server, np.median(pelvis, axis=0), floor, movement.body.stature)
+    server.scene.configure_default_lights(enabled=True, cast_shadow=True)
+    forward = movement.base_poses[0, :3, 0]
+    right = -movement.base_poses[0, :3, 1]
+    middle = np.array([centre[0], centre[1], floor + 0.52 * movement.body.stature]) + 0.12 * forward
+    # Near enough for the person to fill the picture, far enough for the way walked to stay within it.
+    distance = max(1.6 * movement.body.stature, 0.9 * spread + 1.5)
+    direction = 0.75 * forward + 0.85 * right + np.array([0, 0, 0.3])
+    camera = server.initial_camera
+    camera.fov = float(np.radians(45))
+    camera.look_at = middle
+    camera.position = middle + distance * direction / np.linalg.norm(direction)
+
+
+def _set_seat(server: viser.ViserServer, pelvis: NDArray[np.float64], floor: float, stature: float) -> None:
+    """Put a stool under the pelvis [m]."""
+    top = float(pelvis[2]) - 0.045 * stature
+    height = top - floor - _SEAT_HEIGHT
+    if height <= 0:
+        return
+    for name, radius, length, bottom in (("seat", 0.17, _SEAT_HEIGHT, floor + height), ("post", 0.035, height, floor)):
+        middle = (float(pelvis[0]), float(pelvis[1]), bottom + length / 2)
+        server.scene.add_cylinder(f"/{name}", radius=radius, height=length, position=middle, color=_SEAT_COLOUR)
+
+
+class _Person:
+    """The body: one frame per moving part of the model, one mesh per score on it."""
+
+    def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement) -> None:
+        self._movement, self._placement = movement, placement
+        self._frames = [server.scene.add_frame(f"/person/{owner}", show_axes=False) for owner in placement.owners]
+        self._meshes: list[tuple[str, Any, int]] = []
+        groups: dict[tuple[str, str | None, tuple[int, int, int] | None], list[Part]] = {}
+        for part in parts_of(movement.body):
+            groups.setdefault((part.owner, part.segment, _OWN_COLOUR.get(part.name)), []).append(part)
+        for number, ((owner, segment, own), parts) in enumerate(groups.items()):
+            vertices, faces = body_mesh(parts)
+            level = self._level(segment, 0)
+            colour = own or palette.rgb(palette.colour_of_level(level))
+            mesh = server.scene.add_mesh_simple(f"/person/{owner}/{number}", vertices, faces, color=colour)
+            if segment is not None:
+                self._meshes.append((segment, mesh, level))
+
+    def show(self, frame: int) -> None:
+        """Move the body to a frame and colour what changed."""
+        for i, handle in enumerate(self._frames):
+            handle.position = _coarse(self._placement.positions[frame, i])
+            handle.wxyz = _coarse(self._placement.quaternions[frame, i])
+        for i, (segment, mesh, before) in enumerate(self._meshes):
+            level = self._level(segment, frame)
+            if level != before:
+                mesh.color = palette.rgb(palette.colour_of_level(level))
+                self._meshes[i] = (segment, mesh, level)
+
+    def _level(self, segment: str | None, frame: int) -> int:
+        scores = self._movement.segments.get(segment or "")
+        return -1 if scores is None else int(palette.level_of_points(scores[frame]))
+
+
+class _Words:
+    """The score above the head and the time on the floor, to the right of the feet."""
+
+    def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement, floor: float) -> None:
+        self._movement, self._placement = movement, placement
+        self._top = _LABEL_ABOVE + float(movement.body.model.site("head_top").pos[2])
+        self._floor = floor
+        self._score = server.scene.add_label("/score", _score_text(movement, 0), anchor="bottom-center", font_screen_scale=1.5)
+        self._time = server.scene.add_label("/time", _time_text(movement, 0), anchor="top-center", font_screen_scale=1.2)
+
+    def show(self, frame: int) -> None:
+        """Say the score and the time of a frame."""
+        head, _ = self._placement.of("head")
+        pelvis = self._movement.base_poses[frame]
+        self._score.position = _coarse(head[frame] + np.array([0, 0, self._top]))
+        self._time.position = _coarse([*(pelvis[:2, 3] - 0.55 * pelvis[:2, 1]), self._floor + 0.02])
+        for label, text in ((self._score, _score_text), (self._time, _time_text)):
+            words = text(self._movement, frame)
+            if label.text != words:
+                label.text = words
+
+
+def _score_text(movement: Movement, frame: int) -> str:
+    score = int(movement.final[frame])
+    return f"REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}" if score else "not scored"
+
+
+def _time_text(movement: Movement, frame: int) -> str:
+    return f"{movement.time[frame]:.1f} s"
+
+
+class _Object:
+    """The held object: a small box at the contact, its frame, and the way it takes."""
+
+    def __init__(self, server: viser.ViserServer, poses: NDArray[np.float64]) -> None:
+        self._poses = poses
+        self._quaternions = _quaternions(poses[:, :3, :3])
+        self._frame = server.scene.add_frame("/object", axes_length=0.16, axes_radius=0.005, origin_radius=0.009)
+        # The box stands off along the x axis of the frame, the axis of the tool, so that it does not hide the hand.
+        server.scene.add_box("/object/box", dimensions=(0.09, 0.07, 0.07), position=(0.085, 0, 0), color=_OBJECT_COLOUR)
+        way = poses[:, :3, 3]
+        if len(way) > 1 and float(np.ptp(way, axis=0).max()) > 1e-3:
+            points = np.stack([way[:-1], way[1:]], axis=1).astype(np.float32)
+            server.scene.add_line_segments("/object_path", points, colors=_PATH_COLOUR, thickness=2.0, thickness_units="screen")
+
+    def show(self, frame: int) -> None:
+        """Move the object to a frame."""
+        self._frame.position = _coarse(self._poses[frame, :3, 3])
+        self._frame.wxyz = _coarse(self._quaternions[frame])
+
+
+def _coarse(values: Any) -> NDArray[np.float64]:
+    """Round to 1/8192 (0.1 mm): the scene is half as large, and nobody sees the rest."""
+    return np.round(np.asarray(values, dtype=float) * 8192) / 8192
+
+
+def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quaternions (n, 4), w first, of rotations (n, 3, 3)."""
+    quaternions = np.empty((len(rotations), 4))
+    for quaternion, rotation in zip(quaternions, rotations, strict=True):
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
+    return quaternions

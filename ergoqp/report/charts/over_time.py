@@ -1,0 +1,179 @@
+"""Charts of values over time and of distributions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.report import palette, svg
+from ergoqp.report.charts.plot import WIDTH, Plot, width_of
+from ergoqp.report.charts.scales import changes, padded, words_of
+
+SERIES = ("s0", "s1", "s2", "s3")
+"""Classes of lines that stay apart, also without colour: they differ in their dashes."""
+
+
+def score_chart(
+    time: NDArray[np.float64],
+    final: NDArray[np.int64],
+    cost: NDArray[np.float64] | None = None,
+    marks: Sequence[tuple[float, int, str]] = (),
+) -> str:
+    """Draw the score over time on the bands of its action levels.
+
+    Args:
+        time: shape (n,) [s].
+        final: exact score, 0 where there is none; shape (n,).
+        cost: smooth cost, shape (n,), or None.
+        marks: time [s], score and name of what is pointed out.
+    """
+    highest = max(8, int(final.max(initial=1)) + 1)
+    if cost is not None and np.isfinite(cost).any():
+        highest = max(highest, min(16, int(np.ceil(np.nanmax(cost)))))
+    legend = [("score", "REBA, exact")] + ([("cost", "smooth cost of the measured posture")] if cost is not None else [])
+    plot = Plot(
+        _interval(time), (0.5, highest + 0.5), "time, s", "REBA score", legend=legend, right=78, height=230,
+        y_ticks=range(1, highest + 1),
+    )  # fmt: skip
+    starts = [*palette.level_starts(), highest + 1]
+    for level, (low, high) in enumerate(pairwise(starts)):
+        if low <= highest:
+            plot.shade(low - 0.5, min(high, highest + 1) - 0.5, palette.risk_of_level(level), class_=f"level{level} band")
+    if cost is not None:
+        plot.line(time, cost, "cost")
+    held = np.where(final > 0, final, np.nan).astype(float)
+    # Where nothing changes nothing is drawn; the last sample ends the line.
+    kept = np.unique(np.append(changes(final), len(final) - 1))
+    plot.line(time[kept], held[kept], "score", steps=True)
+    for at, score, name in marks:
+        plot.add(*_mark(plot, at, score, name))
+    scored = final[final > 0]
+    said = f"From {scored[0]} to {scored[-1]}, highest {scored.max()}, lowest {scored.min()}." if scored.size else "No score."
+    return plot.picture("Score over time", said)
+
+
+def lines_chart(
+    title: str, time: NDArray[np.float64], series: Mapping[str, NDArray[np.float64]], y_label: str, *, from_zero: bool = False
+) -> str:
+    """Draw a few series over time.
+
+    Args:
+        title: of the chart.
+        time: shape (n,) [s].
+        series: name -> values, shape (n,); at most four.
+        y_label: with the unit.
+        from_zero: the vertical axis starts at zero.
+    """
+    low, high = padded(np.concatenate(list(series.values())), least=1e-3)
+    legend = list(zip(SERIES, series, strict=False)) if len(series) > 1 else []
+    plot = Plot(_interval(time), (0.0 if from_zero else low, high), "time, s", y_label, legend=legend)
+    for style, values in zip(SERIES, series.values(), strict=False):
+        plot.line(time, values, style)
+    spans = [f"{name} {_span(values)}" for name, values in series.items()]
+    return plot.picture(title, f"{y_label}: {'; '.join(spans)}.")
+
+
+def timing_chart(step_time: NDArray[np.float64], period: float) -> str:
+    """Draw how long the control steps took, as a histogram over a logarithmic axis.
+
+    Args:
+        step_time: duration of each step [s], shape (n,).
+        period: control period [s].
+    """
+    microseconds = 1e6 * step_time[np.isfinite(step_time) & (step_time > 0)]
+    if not microseconds.size:
+        microseconds = np.array([1.0])
+    low, high = float(microseconds.min()), max(float(microseconds.max()), 1e6 * period)
+    edges = np.geomspace(low / 1.3, high * 1.3, 61)
+    share = 100 * np.histogram(microseconds, edges)[0] / microseconds.size
+    plot = Plot((edges[0], edges[-1]), (0.0, 1.25 * float(share.max())), "duration of a step, µs", "share of steps, %",
+                logarithmic=True)  # fmt: skip
+    for left, right, value in zip(plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True):
+        if value > 0:
+            # What a single slow step adds must stay visible.
+            height = max(plot.bottom - plot.y.at(value), 1.5)
+            plot.add(
+                svg.element("rect", x=left + 0.5, y=plot.bottom - height, width=right - left - 1, height=height, class_="bar")
+            )
+    median, p99 = float(np.median(microseconds)), float(np.percentile(microseconds, 99))
+    marks = [("median", median), ("p99", p99), ("max", float(microseconds.max())), ("period", 1e6 * period)]
+    plot.add(*_vertical_marks(plot, marks))
+    said = ", ".join(f"{name} {_duration(value)}" for name, value in marks)
+    return plot.picture("Duration of the control steps", f"{said[0].upper()}{said[1:]}.")
+
+
+def shares_chart(title: str, shares: Mapping[str, float], levels: Sequence[int]) -> str:
+    """Draw shares of time as one bar.
+
+    Args:
+        title: of the chart.
+        shares: name -> share, 0 to 1.
+        levels: colour level of each, -1 for what is not scored.
+    """
+    drawn: list[str] = []
+    x, legend_x, legend_y = 0.0, 0.0, 68.0
+    for (name, share), level in zip(shares.items(), levels, strict=True):
+        width, words = share * WIDTH, f"{100 * share:.0f} %"
+        style = f"level{level}" if level >= 0 else "unscored"
+        if width > 0:
+            drawn.append(
+                svg.element("rect", svg.tooltip(f"{name}: {words}"), x=x, y=4, width=width, height=36, class_=f"{style} edge")
+            )
+        if width > width_of(words) + 8:
+            drawn.append(
+                svg.text(words, x + width / 2, 27, class_="middle strong", style=f"fill:{palette.ink_of_level(level)}")
+            )
+        x += width
+        label = f"{name}, {100 * share:.1f} %"
+        if legend_x + 24 + width_of(label) > WIDTH:
+            legend_x, legend_y = 0.0, legend_y + 22
+        drawn.append(svg.element("rect", x=legend_x, y=legend_y - 10, width=14, height=12, class_=f"{style} edge"))
+        drawn.append(svg.text(label, legend_x + 20, legend_y, class_="small"))
+        legend_x += 40 + width_of(label)
+    said = "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
+    return svg.picture(drawn, WIDTH, legend_y + 10, title, f"{said}.")
+
+
+def _interval(time: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = float(time[0]), float(time[-1])
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
+def _span(values: NDArray[np.float64]) -> str:
+    finite = values[np.isfinite(values)]
+    return f"{words_of(float(finite.min()))} to {words_of(float(finite.max()))}" if finite.size else "without values"
+
+
+def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
+    """A dot with its name, on the side where there is room."""
+    x, y = plot.x.at(at), plot.y.at(score)
+    words = f"{name} {score}"
+    to_the_left = x + 12 + width_of(words) > plot.right
+    anchor = {"x": x - 10, "class_": "strong end halo"} if to_the_left else {"x": x + 10, "class_": "strong halo"}
+    return [
+        svg.element("circle", cx=x, cy=y, r=4.5, class_="dot"),
+        svg.text(words, anchor["x"], y - 8, class_=anchor["class_"]),
+    ]
+
+
+def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]:
+    """Vertical lines with their names; a name that would touch one before it goes one row lower."""
+    lines: list[str] = []
+    names: list[str] = []  # in front of all lines, with a halo
+    ends: list[float] = []
+    for name, value in sorted(marks, key=lambda mark: mark[1]):
+        x, words = plot.x.at(value), f"{name} {_duration(value)}"
+        width = width_of(words)
+        start = x + 5 if x + 5 + width < plot.right else x - 5 - width
+        row = next((i for i, end in enumerate(ends) if start > end + 6), len(ends))
+        ends[row:] = [start + width, *ends[row + 1 :]]
+        lines.append(svg.element("line", x1=x, x2=x, y1=plot.top, y2=plot.bottom, class_="mark"))
+        names.append(svg.text(words, start, plot.top + 12 + 16 * row, class_="small halo"))
+    return lines + names
+
+
+def _duration(microseconds: float) -> str:
+    return f"{microseconds:.3g} µs" if microseconds < 1000 else f"{microseconds / 1000:.3g} ms"

@@ -1,0 +1,127 @@
+"""Charts with a row per thing: when it was so over time, and segments before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.report import palette, svg
+from ergoqp.report.charts.plot import WIDTH, time_axis, width_of
+from ergoqp.report.charts.scales import Scale, highest_per_column
+
+_ROW: Final = 26.0
+_LONGEST_LABEL: Final = 30  # characters
+_THINNEST: Final = 2.4  # of a stretch, so that a single step can be seen [px]
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """One row of a chart over time.
+
+    Attributes:
+        name: what the row is.
+        values: shape (n,); 0 draws nothing, any other value draws the class of `styles`.
+        styles: value -> class and words.
+        note: at the end of the row.
+    """
+
+    name: str
+    values: NDArray[np.int64]
+    styles: Mapping[int, tuple[str, str]]
+    note: str
+
+
+def strips_chart(title: str, description: str, time: NDArray[np.float64], strips: Sequence[Strip]) -> str:
+    """Draw rows of coloured stretches over time; what is shorter than a pixel is still drawn.
+
+    Args:
+        title: of the chart.
+        description: what is to be seen.
+        time: shape (n,) [s].
+        strips: the rows, from above.
+    """
+    left = 14 + max((width_of(_short(strip.name)) for strip in strips), default=0)
+    right = WIDTH - 14 - max((width_of(strip.note) for strip in strips), default=0)
+    high = float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1
+    scale = Scale(float(time[0]), high, left, right)
+    top, bottom = 6.0, 6.0 + _ROW * len(strips)
+    drawn = time_axis(scale, top, bottom, "time, s")
+    for i, strip in enumerate(strips):
+        y = top + _ROW * i
+        drawn.append(svg.element("rect", x=left, y=y + 4, width=right - left, height=_ROW - 8, class_="track"))
+        full = svg.tooltip(strip.name) if _short(strip.name) != strip.name else ""
+        label = svg.text(_short(strip.name), left - 8, y + _ROW / 2 + 4, class_="small end")
+        drawn.append(svg.element("g", [full, label]))
+        for start, end, value in highest_per_column(time, strip.values):
+            if value:
+                style, words = strip.styles[value]
+                x = scale.at(start)
+                width = max(scale.at(end) - x, _THINNEST)
+                what = svg.tooltip(f"{strip.name}: {words}, {start:.2f} to {end:.2f} s")
+                drawn.append(svg.element("rect", what, x=x, y=y + 4, width=width, height=_ROW - 8, class_=style))
+        drawn.append(svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small"))
+    return svg.picture(drawn, WIDTH, bottom + 42, title, description)
+
+
+def segments_strips(time: NDArray[np.float64], segments: Mapping[str, NDArray[np.int64]]) -> str:
+    """Draw every segment's score over time, in the colours of the body.
+
+    Args:
+        time: shape (n,) [s].
+        segments: name -> scores, 0 where there is none; shape (n,) each.
+    """
+    strips = []
+    for name in palette.SEGMENTS:
+        scores = segments[name]
+        styles = {score: (f"level{palette.level_of_points(score)}", f"{score}") for score in range(1, 10)}
+        scored = scores[scores > 0]
+        mean = f"mean {scored.mean():.1f} of {palette.segment_highest(name)}" if scored.size else "not scored"
+        strips.append(Strip(name.replace("_", " "), scores, styles, mean))
+    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
+    return strips_chart("Segment scores over time", f"{said}.", time, strips)
+
+
+def segments_chart(before: Mapping[str, int], after: Mapping[str, int]) -> str:
+    """Draw each segment's score before and after, on the range that the sheet gives it.
+
+    Args:
+        before: segment -> score.
+        after: segment -> score.
+    """
+    top, row, left = 44.0, 30.0, 130.0
+    highest = max(palette.segment_highest(name) for name in palette.SEGMENTS)
+    scale = Scale(1, highest, left + 16, WIDTH - 120)
+    bottom = top + row * len(palette.SEGMENTS)
+    drawn = [
+        svg.element("circle", cx=left + 16, cy=14, r=7, class_="hollow"),
+        svg.text("before", left + 30, 18, class_="small"),
+        svg.element("circle", cx=left + 106, cy=14, r=7, class_="level0 edge"),
+        svg.text("after, coloured by its points; the track is the sheet's range", left + 120, 18, class_="small"),
+    ]
+    for points in range(1, highest + 1):
+        x = scale.at(points)
+        drawn.append(svg.element("line", x1=x, x2=x, y1=top - 6, y2=bottom, class_="grid"))
+        drawn.append(svg.text(str(points), x, bottom + 16, class_="tick middle"))
+    drawn.append(svg.text("points of the segment", (scale.start + scale.end) / 2, bottom + 36, class_="label middle"))
+    for i, name in enumerate(palette.SEGMENTS):
+        y = top + row * (i + 0.5)
+        first, last = scale.at(before[name]), scale.at(after[name])
+        drawn.append(svg.text(name.replace("_", " "), left - 2, y + 4, class_="small end"))
+        end = scale.at(palette.segment_highest(name))
+        drawn.append(svg.element("line", x1=scale.start, x2=end, y1=y, y2=y, class_="rail"))
+        drawn.append(svg.element("line", x1=first, x2=last, y1=y, y2=y, class_="link"))
+        drawn.append(svg.element("circle", cx=first, cy=y, r=10, class_="hollow"))
+        level = int(palette.level_of_points(after[name]))
+        drawn.append(svg.element("circle", cx=last, cy=y, r=7, class_=f"level{level} edge" if level >= 0 else "unscored edge"))
+        words = f"{before[name]} → {after[name]}" if before[name] != after[name] else f"{after[name]}, unchanged"
+        drawn.append(svg.text(words, WIDTH - 96, y + 4, class_="small" if before[name] == after[name] else "strong"))
+    said = "; ".join(f"{name.replace('_', ' ')} {before[name]} to {after[name]}" for name in palette.SEGMENTS)
+    return svg.picture(drawn, WIDTH, bottom + 44, "Segment scores before and after", f"{said}.")
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST_LABEL else name[: _LONGEST_LABEL - 1] + "…"

@@ -1,0 +1,90 @@
+"""The mean of the plan, and what a late robot has still to do, as weights that follow from the ages of periods alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import casadi as ca
+
+from ergoqp.expressions.linear import dense
+from ergoqp.step.history import LONGEST_DT, SHORTEST_DT, History, owes, remaining_seconds
+
+if TYPE_CHECKING:
+    from ergoqp.problem.problem import Problem
+
+
+_AT_ALL: Final = 1e-9
+"""What lasted for less did not last at all [s]."""
+
+
+def weights_function(problem: Problem) -> ca.Function:
+    """What follows from the ages alone, in scalars.
+
+    Returns:
+        Function ``(ages, idle, dt) -> (own, (weights at the end of this period, seconds) (n, 2), weights now (n,), seconds for
+        which what was sent still acts (k,), dt, dt_ok, ages at the end of this period, idled, fits, parked)``.
+    """
+    history, W, robot = History.of(problem), problem.average, problem.robot
+    ages, idle, given = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
+    dt_ok = ca.logic_and(given >= SHORTEST_DT, given <= LONGEST_DT)
+    dt = ca.if_else(dt_ok, given, problem.dt)
+    ends, n = ca.vertcat(0, ages), history.planned
+    # What is sent as planned needs none of these, and a robot that owes nothing no seconds.
+    own, of_plan, now, remaining = ca.SX(1), ca.SX(), ca.SX(), ca.SX()
+    if W:
+        own, weights, now, left = _mean(ends[:n], dt, W)
+        of_plan = ca.horzcat(weights, left)
+    if owes(problem):
+        remaining = remaining_seconds(ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag)
+    parked = idle >= max(W, robot.dead_time, _AT_ALL)
+    outputs = [own, of_plan, now, remaining, dt, dt_ok, (ages + dt)[: history.ages - 1], idle + dt]
+    outputs += [_holds_all(problem, ages, dt), parked]
+    return ca.Function("weights", [ages, idle, given], ca.cse(dense(outputs)))
+
+
+def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """The mean of the plan over W seconds as weights of its twists.
+
+    Returns:
+        At the end of this period: weight of the new twist, and of those before (n,). And now: their weights (n,), and the
+        seconds for which each of them still acts when it is not yet sent (n,), the half of this period that leads away from
+        the last one included.
+    """
+    n = ages.numel()
+    length, share = _segments(ages + dt, W)
+    far = length * share / 2
+    # The last twist is taken to have been there for ever: before the first step the plan was at rest.
+    rest = W - ca.fmin(ages[n - 1] + dt, W)
+    first = ca.fmin(dt, W)
+    own = first * (2 - first / dt) / (2 * W)
+    before = ca.vertcat(first * (first / dt) / 2, ca.SX(n - 1, 1))
+    weights = (before + ca.vertcat(length - far, rest) + ca.vertcat(0, far)) / W
+
+    length, share = _segments(ages, W)
+    far, before = length * share / 2, W - ca.fmin(ages[n - 1], W)
+    present = (ca.vertcat(length - far, before) + ca.vertcat(0, far)) / W
+    left = 1 - ca.fmin(ages, W) / W
+    now, then, sixth = left[:-1], left[1:], length / 6
+    later = sixth * share * (now + 2 * then)
+    sooner = 3 * sixth * (now + then) - later
+    oldest = before**2 / (2 * W)
+    ahead = ca.vertcat(dt / 2, ca.SX(n - 1, 1)) + ca.vertcat(sooner, oldest) + ca.vertcat(0, later)
+    return own, weights, present, ahead
+
+
+def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
+    """Return how much of each segment between two ages is younger than W [s], and as a share of it."""
+    ends = ca.fmin(ages, W)
+    length = ends[1:] - ends[:-1]
+    # Segments of before the first step have no length at all.
+    return length, length / ca.fmax(ages[1:] - ages[:-1], _AT_ALL)
+
+
+def _holds_all(problem: Problem, ages: ca.SX, dt: ca.SX) -> ca.SX:
+    history = History.of(problem)
+    needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
+    found = ca.SX(1)
+    for last, seconds in needed:
+        if seconds:
+            found = ca.logic_and(found, ages[last] + dt >= seconds)
+    return found

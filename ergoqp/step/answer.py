@@ -1,0 +1,113 @@
+"""The answer of one control step: the twist to send, and the account of it, read when it is asked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ergoqp.step.reasons import reason_of
+
+if TYPE_CHECKING:
+    from ergoqp.problem.problem import Problem
+
+
+class Step:
+    """The answer of one control step.
+
+    Attributes:
+        twist: object velocity at the contact frame, world-aligned, linear first (6,) [m/s, rad/s]: send this.
+        status: ``optimal``, ``settled``, ``relaxed``, ``recovering``, ``braking`` or ``invalid``.
+        solve_time: duration of the call [s].
+    """
+
+    def __init__(
+        self,
+        twist: np.ndarray,
+        status: str,
+        problem: Problem,
+        account: np.ndarray,
+        parts: Mapping[str, slice],
+        seen: tuple[np.ndarray, float, float],
+        notes: Mapping[str, str],
+        start: float,
+    ) -> None:
+        """Keep the account of the step function; what is asked for is read from it then."""
+        self.twist, self.status = twist, status
+        self._problem, self._all, self._parts, self._seen, self._notes = problem, account, parts, seen, notes
+        self.solve_time = time.perf_counter() - start
+
+    def __repr__(self) -> str:
+        """Show what a person would want to know first."""
+        twist = np.array2string(self.twist, precision=4, suppress_small=True)
+        return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
+
+    def account(self, name: str) -> np.ndarray:
+        """Return one output of the step function, by its name in `ergoqp.step.inputs.OUTPUTS`."""
+        return self._all[self._parts[name]]
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Contact frame in the world that the step reckoned with (4, 4) [m]."""
+        return self.account("pose_used").reshape(4, 4).T
+
+    @property
+    def posture_rate(self) -> np.ndarray:
+        """How the model person follows (32,) [rad/s]; where the state is another, its rate."""
+        return self.account("posture_rate")
+
+    @property
+    def cost(self) -> float:
+        """V of the posture [points]."""
+        return float(self.account("cost")[0])
+
+    @property
+    def gain(self) -> float:
+        """Predicted improvement within one second at full speed, comfort included [points]."""
+        return float(self.account("gain")[0])
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """``qp``: largest KKT residual; ``contact``: contact motion the posture cannot follow [m/s, rad/s]; ``accepted``.
+
+        The last is the share of the way from braking to the QP's answer that was certified.
+        """
+        qp, contact, accepted = self.account("residuals").tolist()
+        return {"qp": qp, "contact": contact, "accepted": accepted}
+
+    @property
+    def drawn(self) -> int:
+        """Phase of `ergoqp.step.guide` in which the guide leads: the way there, the wait there, the way back; else 0."""
+        return int(self.account("drawn")[0]) if "drawn" in self._parts else 0
+
+    @cached_property
+    def reason(self) -> str:
+        """One sentence that names the cause; empty for a plain optimal step."""
+        posture, dt, age = self._seen
+        return reason_of(self._problem, self, posture, dt, age, self._notes)
+
+    @cached_property
+    def margins(self) -> dict[str, float]:
+        """Distance to the nearer end of every row, negative outside, in the row's unit."""
+        return dict(zip(self._problem.row_names, self.account("margins").tolist(), strict=True))
+
+    @cached_property
+    def slack(self) -> dict[str, float]:
+        """By how much each soft row was missed, in its unit per second; only those that were."""
+        values = self.account("slack").tolist()
+        return {name: value for name, value in zip(self._problem.row_names, values, strict=True) if value > 1e-7}
+
+    @cached_property
+    def active(self) -> tuple[str, ...]:
+        """Names of the rows that hold the object back, and of the joints that yield."""
+        pushing = np.abs(self.account("multipliers")) > 1e-6
+        rows = [name for name, push in zip(self._problem.row_names, pushing, strict=True) if push]
+        return (*rows, *(joint for joint in self.locked if joint not in rows))
+
+    @cached_property
+    def locked(self) -> tuple[str, ...]:
+        """Joints at their end that the model person holds while the others follow."""
+        return tuple(self._problem.coordinates[i] for i in np.flatnonzero(self.account("locked") > 0.5))

@@ -1,0 +1,208 @@
+"""From margins to bounds: what each row asks of the twist of this period, so that the whole stop afterwards stays inside.
+
+The object stops along a straight line, see `ergoqp.step.braking`: with d left a row holds through the stop if A xi <= d / h with
+h = dt + t_s / 2 for the longest stop t_s that this period can reach.
+
+That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h, and the row can only be
+slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before that its tangent parabola v^2 = 2 a d - a^2 h^2.
+And while a hard row is approached at v, no axis may speed up so much that the stop takes longer than 2 (d / v - dt).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
+from ergoqp.limits.limit import Expression
+from ergoqp.step.braking import Braking, Stop
+from ergoqp.step.qp import ELBOW, FREE
+
+STEADY_RETURN = 0.01
+"""Slowest pace of coming back from outside [m/s, rad/s]."""
+
+_ROOM = 1.5
+"""A bent row may come back so many times as fast as it is asked to at most."""
+
+MOVES = 1e-4
+"""A row that all axes together move less than this has no inward target: it would leave a solver with nothing but rounding
+[per unit of the twist]"""
+
+CLEARANCE = 1e-8
+"""Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
+
+
+@dataclass(frozen=True)
+class RowBounds:
+    """Rows over the twist, as the QP takes them (`ergoqp.step.qp.build_qp`), only those that some twist can move."""
+
+    matrix: Expression
+    lower: Expression
+    upper: Expression
+    side: Expression
+    cap: Expression
+
+
+def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
+    """Return a row matrix (m, 6) with the columns of axes that the object cannot move dropped."""
+    kept = ca.SX(*matrix.shape)
+    columns = np.flatnonzero(limit.speed > 0).tolist()
+    kept[:, columns] = matrix[:, columns]
+    return ca.sparsify(kept)
+
+
+def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX, stop: Stop) -> ca.SX:
+    """Return the longest stop [s] that the hard rows ahead still have room for; negative: braking is all that is left."""
+    longest = ca.SX(FREE)
+    for limit in limits:
+        if limit.hard:
+            rows = limit.rows(situation)
+            pace = stop.stretch * (rows.matrix @ previous)
+            for distance, toward in ((rows.above, pace), (rows.below, -pace)):
+                left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
+                # Sliding along a limit is no approach.
+                time = 2 * (left / ca.fmax(toward, 1e-5) - stop.share * dt - stop.held)
+                time = ca.if_else(toward > 1e-5, time, FREE)
+                longest = ca.fmin(longest, ca.mmin(time))
+    return longest
+
+
+def unhurried(brake: Braking, longest: ca.SX) -> Braking:
+    """Return the same braking with twist bounds from which no stop takes longer than `longest` [s], see `patience`."""
+    most = brake.acceleration * ca.fmax(longest, 0)
+    high = ca.fmax(ca.fmin(brake.high, most), brake.twist)
+    low = ca.fmin(ca.fmax(brake.low, -most), brake.twist)
+    return replace(brake, low=low, high=high)
+
+
+def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> Rows:
+    """Return bent rows that are outside with the rate at which the object can still stop where it is nearest to the inside.
+
+    A turn any further leads away again. Straight rows are returned as they are.
+    """
+    bend = getattr(limit, "bend", 0.0)
+    if not bend:
+        return rows
+    most = _ROOM * rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
+    return replace(rows, rate=ca.if_else(ca.fmin(rows.below, rows.above) < 0, ca.fmin(rows.rate, most), rows.rate))
+
+
+def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:
+    """Return the numbers, among all rows, of those that are not zero by structure."""
+    numbers, start = [], 0
+    for limit in limits:
+        matrix = driven(twist, limit.rows(situation).matrix)
+        numbers += [start + row for row in range(matrix.shape[0]) if matrix[row, :].nnz()]
+        start += matrix.shape[0]
+    return numbers
+
+
+def row_bounds(
+    twist: TwistLimit,
+    limits: Sequence[Limit],
+    rows: Rows,
+    kept: Sequence[int],
+    away: Expression,
+    brake: Braking,
+    final: Expression,
+) -> RowBounds:
+    """Return the bounds of the movable rows; both ends of all rows at once, as vectors.
+
+    Args:
+        twist: which axes the object can move.
+        limits: the row limits of the problem.
+        rows: the movable rows of all limits, one below the other.
+        kept: their numbers among all rows, see `movable_rows`.
+        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then beyond the lower ones; 0
+            for rows that do not ask to come back.
+        brake: of this period.
+        final: 1 in the last pass, in which joints near their end do not yield any more.
+    """
+    m, kept = len(kept), list(kept)
+    if not m:
+        return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
+    # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
+    at_braking = rows.matrix @ brake.twist
+    upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final)
+    upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
+    # An inward target never asks for more than the other end allows; the slack covers only one side.
+    lower = ca.fmax(lower, -FREE)
+    upper = ca.if_else(away[:m] > 0, ca.fmax(upper, lower), upper)
+    lower = ca.fmin(lower, upper)
+    relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
+    side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
+    equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[kept]
+    if equal.nnz() and ca.sum1(equal):
+        # A surface is an equality, and braking keeps it (`on_surface`).
+        upper, lower, cap = (
+            ca.if_else(equal, own, other) for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
+        )
+    return RowBounds(rows.matrix, lower, upper, side, cap)
+
+
+def _ends(
+    twist: TwistLimit,
+    limits: Sequence[Limit],
+    rows: Rows,
+    kept: list[int],
+    away: Expression,
+    at_braking: Expression,
+    brake: Braking,
+    final: Expression,
+) -> tuple[Expression, Expression]:
+    """Return (largest rate toward each end, by how much it may be exceeded): first the upper ends, then the lower ones."""
+
+    def constant(pick: str) -> ca.DM:
+        return ca.DM(np.tile(limit_values(limits, pick)[kept], 2))
+
+    def twice(values: Expression) -> Expression:
+        return ca.vertcat(values, values)
+
+    free = ca.DM(twist.speed > 0)
+    slowing = ca.fabs(rows.matrix) @ (brake.acceleration * free)
+    distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
+    # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
+    moves = ca.fabs(rows.matrix) @ free > MOVES
+    rate, toward = twice(ca.if_else(moves, rows.rate, FREE)), ca.vertcat(at_braking, -at_braking)
+    slower = twice(slowing)
+    left = distance - twice(rows.reserve + CLEARANCE)
+    allowed = brake.fastest(left, slower, constant("hard"))
+    allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
+    # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
+    # object goes on without it.
+    zone = constant("yield_zone")
+    if zone.nnz():
+        yields = ca.logic_and(ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
+        allowed = ca.if_else(yields, rate, allowed)
+    # A row's own curvature must not carry it further out, on the object side by any amount. A straight one has none, and
+    # between two ends that are both within the noise of a pose it stays where it is.
+    curving = twice(ca.if_else(moves, (rows.reserve + ca.fmin(rows.reserve, CLEARANCE)) / brake.swing, 0))
+    # Where nothing asks to come back, the end only stops what leads further out.
+    allowed = ca.fmax(allowed, -constant("hard") * curving)
+    # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
+    pace = ca.fmin(ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt))
+    # Between what is asked of a bent row and what it may do at most there is room, or a solver finds nothing.
+    most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
+    back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
+    outside = ca.logic_and(away > 0, twice(moves))
+    allowed = ca.if_else(outside, 0, allowed)
+    bound = allowed - ca.if_else(outside, back, 0)
+    least = allowed - ca.if_else(outside, curving, 0)
+    beyond = toward - bound
+    needed = ca.fmax(least - bound, beyond)
+    return bound, ca.if_else(ca.fmax(needed, beyond + ELBOW) > 0, needed + ELBOW, 0)
+
+
+def bends(limits: Sequence[Limit]) -> np.ndarray:
+    """Return the bend of each row, 0 for straight ones, see `ergoqp.limits.limit.Limit`."""
+    return np.array([getattr(limit, "bend", 0.0) for limit in limits for _ in limit.names])
+
+
+def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
+    """Return one number per row from the limits' attribute `pick`, which is that of all its rows or one for each."""
+    return np.array(
+        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float
+    )

@@ -1,0 +1,118 @@
+"""What the step keeps of the past: what it planned, what it sent, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.step.parts import split
+
+if TYPE_CHECKING:
+    from ergoqp.problem.problem import Problem
+    from ergoqp.step.way import UnderWay
+
+FAR: Final = 1e3
+"""Age of what was before the first step: older than anything counts [s]."""
+
+SHORTEST_DT: Final = 1e-5
+"""What is shorter is no control period either [s]."""
+
+LONGEST_DT: Final = 1.0
+"""What is longer is no control period [s]."""
+
+_SPARE: Final = 1.5
+"""The history holds this many times its seconds at the problem's period: periods may be that much shorter on average."""
+
+
+@dataclass(frozen=True)
+class History:
+    """How much of the past the step keeps.
+
+    Attributes:
+        planned: how many planned twists, newest first.
+        sent: how many sent ones.
+    """
+
+    planned: int
+    sent: int
+
+    @classmethod
+    def of(cls, problem: Problem) -> History:
+        """Return what the mean and the declared robot of a problem need."""
+
+        def periods(seconds: float) -> int:
+            return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
+
+        return cls(1 + periods(problem.average), 1 + periods(problem.robot.dead_time))
+
+    @property
+    def ages(self) -> int:
+        """How many ends of periods, the present one not counted."""
+        return max(self.planned - 1, self.sent)
+
+
+def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
+    """Return the shape of every part of the state that is history; see `initial_history`."""
+    history = History.of(problem)
+    sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1), "idle": (1, 1)}
+    if problem.robot.lag:
+        sizes["tail"], sizes["swift"] = (6, 2), (6, 2)
+        if problem.robot.longest_hold:
+            sizes["clung"] = (6, 2)
+    return sizes | ({"owed": (6, 1)} if owes(problem) else {})
+
+
+def owes(problem: Problem) -> bool:
+    """Whether the declared robot leaves anything of what was sent for later."""
+    return bool(problem.robot.dead_time or problem.robot.lag)
+
+
+def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the history of an object that has moved at `twist` (6,) for ever."""
+    parts = {name: np.zeros(size) for name, size in history_sizes(problem).items()}
+    parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
+    parts["idle"][:] = 0.0 if np.any(twist) else FAR
+    return parts
+
+
+def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX) -> list[ca.MX]:
+    """Return the history after a period, in pieces that are put one below the other.
+
+    Args:
+        problem: the task.
+        history: before, as one vector of `history_sizes`.
+        found: what was under way at its begin.
+        planned: twist that was planned for the end of the period (6,).
+        sent: twist that was sent for it (6,).
+        still: 1 if both are zero.
+    """
+    kept, sizes = History.of(problem), history_sizes(problem)
+    first = 6 * kept.planned
+    after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
+    after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
+    if lag := problem.robot.lag:
+        dt = found.dt
+        # The oldest leaves the history; what it has still to do goes on fading.
+        part = split(sizes, history)
+        gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
+        seconds = remaining_seconds(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
+        fades = ca.exp(-dt / lag) * part["tail"]
+        after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
+        assert found.swift is not None
+        after.append(ca.vec(found.swift))
+        if hold := problem.robot.longest_hold:
+            # What a hold leaves behind of the oldest fades as slowly, and there is only one hold.
+            left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
+            after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
+    return [*after, found.owed] if owes(problem) else after
+
+
+def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
+    """Seconds for which twists sent between two ages still act."""
+    seconds = ca.fmin(older, dead) - ca.fmin(younger, dead)
+    if lag:
+        seconds += lag * (ca.exp(-ca.fmax(younger - dead, 0) / lag) - ca.exp(-ca.fmax(older - dead, 0) / lag))
+    return seconds

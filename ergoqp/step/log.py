@@ -1,0 +1,50 @@
+"""A recorded loop computed again, from what its log holds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ergoqp.arguments import as_tuple, check_kind
+from ergoqp.errors import InputError
+from ergoqp.problem.problem import Problem
+from ergoqp.step.answer import Step
+from ergoqp.step.place import RECORDED
+from ergoqp.step.stepper import Stepper
+
+
+def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
+    """Return the steps that a logged loop took, from its log alone: the same inputs give the same answers, bit for bit.
+
+    Period, solver and whether the step was compiled are those of the logged loop. Every entry holds the whole state, so steps
+    that are missing in the log do not change the others.
+
+    Args:
+        problem: the problem of the logged loop.
+        log: the dicts that the log sink received, in order.
+
+    Raises:
+        InputError: if an entry is not one of such a loop.
+        CompilerError: if the logged step was compiled, and there is no compiler here.
+    """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+    log = as_tuple("log", log)
+    steppers: dict[str, Stepper] = {}
+    steps = []
+    for number, entry in enumerate(log):
+        try:
+            loop, notes = dict(entry["loop"]), dict(entry["notes"])
+            guided = "guide" in entry
+            stepper = steppers.get(key := repr((sorted(loop.items()), guided)))
+            if stepper is None:
+                stepper = steppers[key] = Stepper(problem, **loop, guide=RECORDED if guided else None)
+            for name, values in stepper._inputs.items():
+                values[:] = entry[name]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"log: entry {number} is not one of a loop of this problem ({error}), allowed the dicts that its log sink got"
+            ) from None
+        stepper._call()
+        steps.append(stepper._answer(notes, time.perf_counter()))
+    return steps

@@ -1,0 +1,133 @@
+"""Why a step did what it did, in one sentence that names the cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ergoqp.joints import JOINTS, spoken
+from ergoqp.step.bounds import limit_values
+from ergoqp.step.causes import Cause, Status
+from ergoqp.step.faults import fault_sentence
+from ergoqp.step.guide import BACK, LOOK, THERE
+from ergoqp.step.history import LONGEST_DT, SHORTEST_DT
+
+if TYPE_CHECKING:
+    from ergoqp.problem.problem import Problem
+    from ergoqp.step.answer import Step
+
+
+_DRAWN: Final = {
+    THERE: "drawn toward the given place",
+    LOOK: "at the given place, waiting for the person",
+    BACK: "drawn back to where it was better than at the given place",
+}
+
+
+def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]) -> str:
+    """Return the sentence of a step; empty for a plain optimal one.
+
+    Args:
+        problem: the task.
+        step: whose account is read.
+        posture: as it came in (32,) [rad].
+        dt: as it came in [s].
+        age: as it came in [s].
+        notes: what was wrong with inputs before they became numbers, by their name.
+    """
+    log = [notes["log"]] if "log" in notes else []
+    status, margins = Status[step.status], step.account("margins")
+    causes = [cause for cause in Cause if int(step.account("causes")[0]) >> cause & 1]
+    if Cause.asked in causes:
+        causes.remove(Cause.no_frame)
+    if status >= Status.braking:
+        said = [_cause(problem, cause, step, posture, dt, age, notes) for cause in causes]
+        return "; ".join([*said, *log])
+    parts = []
+    names = problem.row_names
+    outside = np.flatnonzero(step.account("outside") > 0.5).tolist()
+    if outside:
+        parts.append("outside, coming back: " + ", ".join(_beyond(names[i], margins[i]) for i in outside))
+    if status == Status.relaxed:
+        used = [names[i] for i in np.flatnonzero(step.account("slack") > 1e-6)]
+        parts.append("braking alone would pass these limits, so they give way: " + ", ".join(map(spoken, used)))
+    if step.drawn:
+        parts.append(_DRAWN[step.drawn])
+    if "guide" in notes:
+        parts.append(notes["guide"])
+    if status == Status.settled and not step.drawn:
+        parts.append("at rest: moving would gain too little")
+    tolerance, returns = (limit_values(problem.row_limits, name) for name in ("tolerance", "returns"))
+    hard = limit_values(problem.row_limits, "hard")
+    for i in np.flatnonzero(margins < -tolerance).tolist():
+        if i in outside:
+            continue
+        if hard[i]:
+            within = margins[i] >= -tolerance[i] - _noise(problem, names[i])
+            why = "within the declared noise of the pose" if within else "and the object cannot move it"
+        elif returns[i]:
+            why = "and did not come back in twice the time that this should take: given up"
+        else:
+            why = "measured beyond its end, where it is held"
+        parts.append(f"{_beyond(names[i], margins[i])}, {why}")
+    return "; ".join([*parts, *log])
+
+
+def _noise(problem: Problem, name: str) -> float:
+    """Declared noise of the pose, for a row of the object's place."""
+    robot = problem.robot
+    return float(np.radians(robot.pose_noise_deg)) if name == "tool axis" else robot.pose_noise
+
+
+def _cause(
+    problem: Problem, cause: Cause, step: Step, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]
+) -> str:
+    if cause is Cause.posture:
+        return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
+    if cause is Cause.pose:
+        return notes.get("pose", "pose is not finite, far away or not a rigid motion")
+    if cause is Cause.twist:
+        return notes.get("twist", "twist is not finite or huge")
+    if cause is Cause.disabled:
+        return notes.get("enable", "not enabled")
+    if cause is Cause.robot:
+        kind, amount = step.account("fault").tolist()
+        return fault_sentence(int(kind), amount)
+    return {
+        Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
+        Cause.age: f"age is {age:g} s, allowed at least 0",
+        Cause.no_frame: "no posture arrived",
+        Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
+        Cause.not_solved: f"the QP was not solved: residual {step.residuals['qp']:.1e}",
+        Cause.not_certified: "no twist but braking keeps every limit through the stop",
+        Cause.unmeasured: "no pose, and the robot is declared to move by up to "
+        f"{100 * problem.robot.gain_error:g} % more or less than what it is sent"
+        + f", and to hold on for up to {problem.robot.longest_hold:g} s"
+        * bool(problem.robot.longest_hold),
+        Cause.halted: "comes to rest before it moves again",
+        Cause.asked: "asked to brake",
+        Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
+        "the longest hold of the robot",
+        Cause.short_periods: f"the last periods were much shorter than the loop's {problem.dt:g} s: "
+        "give the stepper its own dt",
+    }[cause]
+
+
+def _bad_posture(problem: Problem, posture: np.ndarray) -> str:
+    largest = problem.response.largest
+    wrong = np.flatnonzero(~(np.abs(posture) <= largest))
+    if not wrong.size:
+        return "posture is not usable"
+    first = int(wrong[0])
+    others = f" and {wrong.size - 1} more" if wrong.size > 1 else ""
+    unit = "radians" if problem.coordinates == JOINTS else "numbers"
+    name = spoken(problem.coordinates[first])
+    return f"posture: {name}{others} is {posture[first]:g}, allowed finite {unit} within +-{largest:.5g}"
+
+
+def _beyond(name: str, margin: float) -> str:
+    if name in JOINTS:
+        return f"{spoken(name)} by {np.degrees(-margin):.1f} deg"
+    return f"{name} by {-margin:.3g}"

@@ -1,0 +1,66 @@
+"""Rest with hysteresis: the object stops when moving is not worth it, and stays stopped until it clearly is again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import casadi as ca
+
+from ergoqp.expressions.linear import is_set
+
+if TYPE_CHECKING:
+    from ergoqp.problem.control import Control
+
+STATES: Final = 6
+"""At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost; lowest filtered cost
+since it moves; seconds since that improved. All zero at the start; the filters begin with the first frame."""
+
+HUNTING: Final = 2.0
+"""After this many times `Control.stall_after` the object rests even where it is not at its lowest."""
+
+
+def stalled(rest: Any) -> Any:
+    """Return for how long the object has moved and improved nothing [s], see `STATES`; at rest it is 0."""
+    return rest[5] * (1 - is_set(rest[0]))
+
+
+def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_move: ca.SX, dt: ca.SX, counts: ca.SX) -> ca.SX:
+    """Return the next rest state (6,).
+
+    The object comes to rest when the predicted gain is small for a while, or when moving has not improved the cost for some
+    seconds: noisy angles promise gains for ever. It moves again when the gain is large for a while.
+
+    Args:
+        control: thresholds and times.
+        rest: see `STATES` (6,).
+        gain: predicted improvement within one second at full speed, as this frame has it [points].
+        value: cost of this frame [points].
+        must_move: 1 when a limit asks to come back.
+        dt: period [s].
+        counts: 0 when this step has no gain to judge by; the state then stays.
+    """
+    still, timer = is_set(rest[0]), rest[1]
+    begun = rest[3] > 0
+    share = ca.if_else(begun, ca.fmin(1, dt / control.rest_filter), 1)
+    filtered = rest[2] + share * (gain - rest[2])
+    cost = rest[3] + share * (value - rest[3])
+    better = ca.logic_or(ca.logic_not(begun), cost < rest[4] - control.stall_gain)
+    lowest = ca.if_else(better, cost, rest[4])
+    unimproved = ca.if_else(better, 0, rest[5] + dt)
+
+    asks = ca.if_else(still, filtered > control.move_above, filtered < control.rest_below)
+    asks = ca.if_else(must_move, still, asks)
+    timer = ca.if_else(asks, timer + dt, 0)
+    patience = ca.if_else(still, control.move_after, control.rest_after)
+    near_lowest = cost <= lowest + control.stall_gain
+    enough = ca.if_else(near_lowest, control.stall_after, HUNTING * control.stall_after)
+    gives_up = ca.logic_and(ca.logic_not(ca.logic_or(still, must_move)), unimproved >= enough)
+    changes = ca.logic_or(timer >= patience - 1e-12, gives_up)
+    state = ca.if_else(changes, ca.logic_not(still), still)
+    # A new journey is judged by itself.
+    starts = ca.logic_and(changes, still)
+    after = ca.vertcat(
+        *(state, ca.if_else(changes, 0, timer), filtered, cost),
+        *(ca.if_else(starts, cost, lowest), ca.if_else(starts, 0, unimproved)),
+    )
+    return ca.if_else(counts, after, rest)

@@ -1,0 +1,292 @@
+"""The solve-step API of a control loop: one call per period, never an exception, never an unsafe twist."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.arguments import check_called, check_kind, check_number, flag, read_array
+from ergoqp.errors import InputError
+from ergoqp.problem.kinds import PERIODS
+from ergoqp.problem.problem import Problem
+from ergoqp.step.answer import Step
+from ergoqp.step.braking import longest_stop
+from ergoqp.step.causes import Cause, Status
+from ergoqp.step.guide import TRIAL
+from ergoqp.step.history import SHORTEST_DT, history_sizes
+from ergoqp.step.parts import count
+from ergoqp.step.place import Guide, read_guide
+from ergoqp.step.rest import STATES, stalled
+from ergoqp.step.state import initial_state, state_sizes
+from ergoqp.step.values import number, put, truth
+
+_ROUNDING: Final = 1e-9
+"""What is beyond a speed limit by less is within it [m/s, rad/s]."""
+
+_STATUSES: Final = tuple(status.name for status in Status)
+
+LogSink = Callable[[dict[str, Any]], None]
+
+
+class Stepper:
+    """One control loop's state: last twist, last pose, rest state. Make one per loop with ``problem.stepper()``.
+
+    Args:
+        problem: the task.
+        solver: name of the QP solver, see `ergoqp.solvers`.
+        compiled: take the step through the C compiler: the same answers in a fraction of the time.
+        dt: control period [s]; None: the problem's.
+        log: called before every step with a dict of everything that goes in (``ergoqp.replay`` gives the same answers again);
+            an exception in it is not passed on: the loop goes on, the step's reason says that it is not recorded, and the next
+            one is tried again.
+        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum of ``problem.optimise``,
+            or a pose (4, 4), see `ergoqp.step.place.read_guide`. Limits are what they are without.
+
+    Raises:
+        InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
+        ProblemError: if the workspace is too narrow for such a period.
+        CompilerError: if there is no C compiler for ``compiled=True``.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        solver: str = "daqp",
+        compiled: bool = False,
+        dt: float | None = None,
+        log: LogSink | None = None,
+        guide: Any = None,
+    ) -> None:
+        """Build the step function once; this takes some tenths of a second, compiled the first time some ten seconds."""
+        if dt is not None:
+            check_number("dt", dt, *PERIODS, "s")
+        check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+        compiled = flag("compiled", compiled)
+        check_called("log", log, "a function that takes the record of a step")
+        self.problem = problem if dt is None else problem.replace(dt=float(dt))
+        self.dt = self.problem.dt
+        self._state = (len(self.problem.coordinates),)
+        self._log = log
+        self._longest_stop = longest_stop(self.problem)
+        self._loop = {"dt": self.dt, "solver": solver, "compiled": compiled}
+        place = None if guide is None else read_guide(self.problem, guide)
+        self._guided = place is not None
+        self._begin = initial_state(self.problem, self._guided)
+        # The history comes first in the state, the planned twists in it, then the sent ones; newest first.
+        sent_at = 6 * history_sizes(self.problem)["planned"][1]
+        self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
+        sizes = state_sizes(self.problem, self._guided)
+        self._rest_at = count({name: sizes[name] for name in ("history", "stored", "started")})
+        self._function = self.problem.step_function(solver, compiled, guided=self._guided)
+        self._buffer, self._call = self._function.buffer()
+        names_in, names_out = self._function.name_in(), self._function.name_out()
+        self._inputs = {name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(names_in)}
+        # One array for all outputs: a step is one copy of it, and everything in the step a view of that copy.
+        sizes = [self._function.numel_out(i) for i in range(len(names_out))]
+        ends = np.cumsum(sizes).tolist()
+        self._slices = {name: slice(end - size, end) for name, size, end in zip(names_out, sizes, ends, strict=True)}
+        self._out = np.zeros(ends[-1])
+        for i, name in enumerate(names_in):
+            self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+        for i, name in enumerate(names_out):
+            self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore[reportCallIssue]
+        # What one step leaves to the next.
+        self._state_in, self._state_out = self._inputs["state"], self._out[self._slices["next_state"]]
+        self._status_at = self._slices["status"].start
+        # CasADi's matrices are column by column.
+        self._pose_in = self._inputs["pose"].reshape(4, 4).T
+        self._notes: dict[str, str] = {}
+        if place is not None:
+            self._lead(place)
+        self.reset()
+
+    def reset(self, twist: Any = None) -> None:
+        """Forget the loop: the last twists, the last pose, the rest state.
+
+        The guide stays; what was learned about it is forgotten.
+
+        Args:
+            twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a moving robot, once; it is
+                clipped to the speed limits, and what is clipped off is not braked down. None: it stands still.
+
+        Raises:
+            InputError: if `twist` is not six finite numbers.
+        """
+        state = self._begin
+        if twist is not None:
+            speed = self.problem.twist_limit.speed
+            state = initial_state(self.problem, self._guided, np.clip(_six(twist), -speed, speed))
+        self._state_in[:] = state
+        self._inputs["posture"][:] = 0.0
+
+    @property
+    def stalled(self) -> float:
+        """For how long the object has moved and improved nothing [s]: the next step moves the more slowly. At rest it is 0."""
+        return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
+
+    def guide(self, guide: Any) -> None:
+        """Be drawn to another place from now on, or to none.
+
+        Never raises while the loop runs: a place that cannot be used is none, and the reason of the next steps says why.
+
+        Args:
+            guide: as at construction; None: descent alone.
+
+        Raises:
+            InputError: if the stepper was made without a guide; it then cannot be drawn anywhere.
+        """
+        if not self._guided:
+            raise InputError("guide: the stepper was made without one, allowed only where stepper(guide=...) had a place")
+        self._notes.clear()
+        self._inputs["guided"][0] = 0.0
+        self._state_in[-TRIAL:] = 0.0
+        if guide is None:
+            return
+        try:
+            self._lead(read_guide(self.problem, guide))
+        except InputError as error:
+            self._notes["guide"] = str(error)
+        except Exception as error:  # whatever a user's object does when it is read, the loop goes on
+            self._notes["guide"] = f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
+
+    def _lead(self, place: Guide) -> None:
+        self._inputs["guide"][:], self._inputs["guided"][0] = place.pose.T.ravel(), 1.0
+        self._inputs["promise"][0] = place.expected
+
+    def step(
+        self,
+        posture: Any,
+        pose: Any = None,
+        twist: Any = None,
+        *,
+        dt: float | None = None,
+        age: float = 0.0,
+        enable: bool = True,
+        observed: Any = None,
+    ) -> Step:
+        """Return the next object twist.
+
+        Whatever comes in, a step comes out: an unusable input gives ``invalid``, a lost frame ``braking``, both with the
+        decelerating twist and a reason.
+
+        Args:
+            posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no frame arrived.
+            pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last one, the first time from the
+                posture.
+            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was sent, as late as
+                declared. It is for the pose, where that is not measured, and for faults of the robot; the limits hold for
+                what is sent whatever it says.
+            dt: for how long this twist will be executed [s]; None: the loop's period. Not the time since the last call: a late
+                call ends what was certified, and a period longer than three of the loop's (or than the declared
+                ``longest_hold``) brakes.
+            age: how old the posture is [s].
+            enable: False decelerates to rest, and so does what is neither True nor False (1 and 0 are).
+            observed: (32,) bool, False for joints that the sensors do not see in this frame; None: all are seen. What an
+                unseen joint's entry in `posture` says is not used.
+        """
+        start = time.perf_counter()
+        into, notes = self._inputs, {**self._notes} if self._notes else {}
+        into["frame"][0] = posture is not None
+        if posture is not None:
+            put(into["posture"], posture, self._state, "posture", notes)
+        if observed is None:
+            into["observed"].fill(1.0)
+        else:
+            put(into["observed"], observed, self._state, "observed", notes)
+            if "observed" in notes or not np.isfinite(into["observed"]).all():
+                # Nobody knows which joints were seen, so none of the frame can be used.
+                into["observed"][:], into["posture"][:] = 1.0, np.nan
+                notes.setdefault("observed", "observed is not a mask of zeros and ones")
+        into["has_pose"][0] = pose is not None
+        if pose is not None:
+            put(self._pose_in, pose, (4, 4), "pose", notes)
+        into["has_twist"][0] = twist is not None
+        if twist is not None:
+            put(into["executed"], twist, (6,), "twist", notes)
+        into["dt"][0] = self.dt if dt is None else number(dt)
+        into["age"][0] = number(age)
+        into["enable"][0] = truth(enable, "enable", notes)
+        if self._log is not None:
+            self._record(notes)
+        self._call()
+        return self._answer(notes, start)
+
+    def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
+        """Return the next braking twist without new data: for the robot's own watchdog, when no step came in time.
+
+        It goes on along the stop that the last step was certified for, and the loop's state with it: a step that comes after it
+        continues from there. Never raises.
+
+        Args:
+            dt: for how long the twist will be executed [s]; None: the loop's period.
+            elapsed: seconds for which the robot has already ramped down by itself before this call [s]. Its ramp is taken to be
+                that stop; it is not judged, and the object comes to rest before it moves again. After another ramp, such as a
+                straight one, which is up to half of `Control.average` ahead of it, use `reset`: with the twist that is
+                measured, or once it stands.
+        """
+        late = min(number(elapsed), self._longest_stop)
+        while late >= SHORTEST_DT:
+            period = min(late, 3 * self.dt)
+            late -= period
+            if not self._brake(period, 0.0).twist.any():
+                break
+        return self._brake(self.dt if dt is None else number(dt))
+
+    @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """Posture and mask of the last step, as they were read (n,) each: NaN where an entry was no number."""
+        return self._inputs["posture"].copy(), self._inputs["observed"].copy()
+
+    def sent_instead(self, twist: Any) -> None:
+        """Say that another twist than the step's was sent, for whoever limits it further: the next step goes on from there.
+
+        Args:
+            twist: (6,) [m/s, rad/s], within the limits of the object.
+
+        Raises:
+            InputError: if what is sent is a mean (`Control.average`), which cannot be changed afterwards, or if `twist` is not
+                six finite numbers within the speed limits.
+        """
+        if self.problem.average:
+            raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
+        sent, speed = _six(twist), self.problem.twist_limit.speed
+        if np.any(np.abs(sent) > speed + _ROUNDING):
+            raise InputError(f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}")
+        self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
+
+    def _brake(self, dt: float, enable: float = 1.0) -> Step:
+        start = time.perf_counter()
+        into = self._inputs
+        into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = 0.0, 0.0, 0.0, 1.0
+        into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, enable
+        notes: dict[str, str] = {}
+        if self._log is not None:
+            self._record(notes)
+        self._call()
+        into["ask"][0] = 0.0
+        return self._answer(notes, start)
+
+    def _answer(self, notes: Mapping[str, str], start: float) -> Step:
+        account, into = self._out.copy(), self._inputs
+        self._state_in[:] = self._state_out
+        seen = (into["posture"].copy(), into["dt"][0], into["age"][0])
+        twist, status = account[self._slices["twist"]], _STATUSES[int(account[self._status_at])]
+        return Step(twist, status, self.problem, account, self._slices, seen, notes, start)
+
+    def _record(self, notes: dict[str, str]) -> None:
+        entry = {name: values.tolist() for name, values in self._inputs.items()}
+        try:
+            if self._log is not None:
+                self._log({"loop": dict(self._loop), "notes": dict(notes), **entry})
+        except Exception as error:  # the loop never stops for its log
+            notes["log"] = f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
+
+
+def _six(twist: Any) -> np.ndarray:
+    return read_array("twist", twist, (6,), "6 finite numbers")
+
+
+__all__ = ["Cause", "Status", "Step", "Stepper"]

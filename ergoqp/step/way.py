@@ -1,0 +1,170 @@
+"""What lies between the plan and the object: the mean that is sent, what a declared robot has not done of it, where it lands.
+
+The limits are kept by the planned ("virtual") twist u, a line from period to period, which nothing that is measured ever
+changes. Sent is the mean of u over the last W seconds, at the end of the period that it is sent for: every convex limit
+holds for a mean too, its acceleration is at most that of u, and its jerk (u'(t) - u'(t - W)) / W at most 2 a / W.
+
+A measured pose shows the object as it was `dead_time` seconds ago, and a robot that lags has not done all of what it was sent
+before that. Of a twist sent at age x, the share exp(-max(x - dead_time, 0) / lag) is still to come, so the object lands at the
+measured pose moved by all of these, and by what the mean still holds of u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from ergoqp.expressions.linear import Shape, dense, vectors, written_out
+from ergoqp.step.ages import weights_function
+from ergoqp.step.history import history_sizes, owes
+from ergoqp.step.parts import count, split
+
+if TYPE_CHECKING:
+    from ergoqp.problem.problem import Problem
+
+
+@dataclass(frozen=True)
+class UnderWay:
+    """The object's motion between where it was measured and where it comes to rest if the planned twist were zero from now on.
+
+    Attributes:
+        total: displacement (6,) [m, rad].
+        twists: what is under way, piece by piece (6, k).
+        seconds: for how long each piece still acts (k,) [s].
+        weights: of the planned ones, the first of them, in the mean (n,); None: every twist is sent as planned.
+        tail: of what is older than the pieces: positive and negative parts (6, 2) [m, rad]; None: nothing is.
+        clung: what a lagging robot may have still to do of one hold on to what is older, along each axis and against it (6, 2)
+            [m, rad]; None: nothing.
+        turn: largest angle of the part that a robot may have done already [rad]; None: there is none.
+        owed: displacement of the part that was sent (6,) [m, rad].
+        up: the most that the robot may still move along each axis (6,) [m, rad].
+        down: and against it (6,) [m, rad].
+        previous: twist that was planned last (6,).
+        sent: and the one that was sent (6,).
+        lasted: for how long [s].
+        changed: displacement by which less is owed than a period ago (6,) [m, rad].
+        slowest: least twist (6,) in the last period of a robot that does no more than it was sent.
+        fastest: its greatest (6,).
+        swift: how fast it can be now, along each axis and against it (6, 2); None: as fast as it was sent.
+        dt: period [s].
+        dt_ok: whether that is what was given.
+        aged: ages of the ends of the periods before, at the end of this one, as many as are kept (k,) [s].
+        idled: for how long all will have stood still then, if it does [s].
+        begun: twist that is sent however the plan goes on (6,).
+        own: share of the planned twist that is sent beside it.
+        fits: whether the history still reaches far enough back after the period: it does not if periods are too short.
+        parked: whether nothing was planned and nothing sent for as long as the history reaches.
+    """
+
+    total: ca.MX
+    twists: ca.MX
+    seconds: ca.MX
+    weights: ca.MX | None
+    tail: ca.MX | None
+    clung: ca.MX | None
+    turn: ca.MX | None
+    owed: ca.MX
+    up: ca.MX
+    down: ca.MX
+    previous: ca.MX
+    sent: ca.MX
+    lasted: ca.MX
+    changed: ca.MX
+    slowest: ca.MX
+    fastest: ca.MX
+    swift: ca.MX | None
+    dt: ca.MX
+    dt_ok: ca.MX
+    aged: ca.MX
+    idled: ca.MX
+    begun: ca.MX
+    own: ca.MX
+    fits: ca.MX
+    parked: ca.MX
+
+
+def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
+    """Return what is under way at the begin of a period.
+
+    Args:
+        problem: the task.
+        history: as one vector of `history_sizes`.
+        dt: period as it was given; what is none is taken for the problem's [s].
+        shape: how functions are written, see `ergoqp.expressions.linear`.
+    """
+    sizes = history_sizes(problem)
+    symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
+    parts = vars(_under_way(problem, split(sizes, symbols[0]), symbols[1]))
+    present = [name for name, part in parts.items() if part is not None]
+    function = ca.Function("under_way", symbols, [ca.densify(parts[name]) for name in present])
+    found = written_out(shape(function), history, dt)
+    return UnderWay(**(dict.fromkeys(parts) | dict(zip(present, found, strict=True))))  # pyright: ignore[reportArgumentType]
+
+
+def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
+    W, robot, lag = problem.average, problem.robot, problem.robot.lag
+    by_ages = weights_function(problem)(part["ages"], part["idle"], dt)
+    own, of_plan, now, remaining, period, dt_ok, aged, idled, fits, parked = by_ages
+    pieces, seconds = [], []
+    begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
+    if W:
+        sums = part["planned"] @ of_plan
+        begun, total = sums[:, 0], sums[:, 1]
+        pieces, seconds = [part["planned"]], [of_plan[:, 1]]
+    tail = turn = swift = None
+    if owes(problem):
+        owed = part["sent"] @ remaining
+        up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
+        turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
+        if lag:
+            tail = part["tail"]
+            up, down = up + tail[:, 0], down + tail[:, 1]
+            owed += tail[:, 0] - tail[:, 1]
+            turn += ca.norm_2(tail[3:, 0] + tail[3:, 1])
+        total = total + owed
+        pieces, seconds = [*pieces, part["sent"]], [*seconds, remaining]
+    slowest, fastest = _extremes(part["sent"])
+    if lag:
+        swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
+        fastest, slowest = ca.fmax(fastest, part["swift"][:, 0]), ca.fmin(slowest, -part["swift"][:, 1])
+    stretch = 1 + robot.gain_error
+    return UnderWay(
+        total=total,
+        twists=ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
+        seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
+        weights=now if W else None,
+        tail=tail,
+        clung=part.get("clung"),
+        turn=turn,
+        owed=owed,
+        up=up,
+        down=down,
+        previous=part["planned"][:, 0],
+        sent=part["sent"][:, 0],
+        lasted=part["ages"][0],
+        changed=part["owed"] - owed if "owed" in part else owed,
+        slowest=stretch * slowest,
+        fastest=stretch * fastest,
+        swift=swift,
+        dt=period,
+        dt_ok=dt_ok,
+        aged=aged,
+        idled=idled,
+        begun=begun,
+        own=own,
+        fits=fits,
+        parked=parked,
+    )
+
+
+def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Return the least and the greatest entry of each row, of them and zero."""
+    given = ca.SX.sym("twists", *twists.shape)
+    low = high = ca.SX(twists.shape[0], 1)
+    for twist in ca.horzsplit(given):
+        low, high = ca.fmin(low, twist), ca.fmax(high, twist)
+    low, high = ca.Function("extremes", [given], dense([low, high])).call([twists])
+    return low, high

@@ -1,0 +1,1 @@
+"""The EPFL report's forearm and its learned policy."""
