@@ -95,7 +95,7 @@ def held_of(name: str, every: int, count: int) -> list[tuple[str, float, float]]
     """Return (kind of bias, way with rows, way without) of every bias on one problem."""
     problem = load_problem(name)
     bare = without_rows(problem)
-    with_rows, without = problem.stepper(), bare.stepper()
+    with_rows, without = Stepper(problem), Stepper(bare)
     comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
     found = []
     for kind, bias in biases(np.random.default_rng(5), count)[::every]:
@@ -170,7 +170,7 @@ def following_of(name: str, people: range, count: int) -> list[tuple[tuple, tupl
     """Return, for every person and bias, the facts of the loop with rows and without."""
     problem = load_problem(name)
     bare = without_rows(problem)
-    steppers, found = (problem.stepper(), bare.stepper()), []
+    steppers, found = (Stepper(problem), Stepper(bare)), []
     for seed in people:
         person, rng = sample_person(problem, seed), np.random.default_rng([seed, 9])
         start = start_at(person, awkward_start(problem, person, seed, 10))
@@ -207,7 +207,7 @@ def narrow_of(name: str, seeds: range) -> tuple[int, int, int, int]:
         limits = [replace(joints, ranges_deg=ranges) if limit is joints else limit for limit in problem.limits]
         gone = []
         for each in (problem.replace(limits=limits), without_rows(problem)):
-            trace = run_loop(each, person, start, duration=6.0, seed=seed, stepper=each.stepper())
+            trace = run_loop(each, person, start, duration=6.0, seed=seed, stepper=Stepper(each))
             gone.append(has_gone(trace))
         count, still, both = count + 1, still + (not gone[0]), both + (not gone[0] and not gone[1])
         needless += not gone[0] and gone[1] and could_go(problem, start.posture, ranges)

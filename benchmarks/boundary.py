@@ -30,6 +30,7 @@ from ergoqp.limits import OneClassBoundary, Rows, Situation, TwistLimit
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.responses import LinearResponse
+from ergoqp.step.stepper import Stepper
 
 DIMENSIONS = (3, 4, 6, 8, 12, 16, 20, 26, 32)
 LOOP = 150
@@ -149,7 +150,7 @@ def attack(seed: int, n: int, steps: int, first_order: bool) -> Attack:
 
 
 def _drive(problem: Problem, case: Case, steps: int, rng: np.random.Generator, found: Attack) -> None:
-    stepper, limit = problem.stepper(), problem.twist_limit
+    stepper, limit = Stepper(problem), problem.twist_limit
     before, after, stops = [], [], []
     state, previous = case.inside[0], np.zeros(6)
     for number in range(steps):

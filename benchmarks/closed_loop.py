@@ -32,6 +32,7 @@ from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import Senses, frames, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import moved
+from ergoqp.step.stepper import Stepper
 
 EPS = 0.02
 """Gain of the plain way: a slope of 10 points per metre gives 0.2 m/s."""
@@ -55,7 +56,7 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, BothL
         loops.plain_end.append(end)
         loops.plain_violations.append(broken)
 
-    run_loops(loops, problem, person, person_seed, count, problem.stepper(), beside, optimum_of(problem, person))
+    run_loops(loops, problem, person, person_seed, count, Stepper(problem), beside, optimum_of(problem, person))
     return name, loops
 
 

@@ -21,6 +21,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.one_class import load_one_class
 from ergoqp.paths import data_folder
+from ergoqp.placing.find import optimise
 from ergoqp.placing.ledger import FILE as LEDGER
 from ergoqp.placing.ledger import Ledger
 from ergoqp.placing.optimum import Optimum, Trial
@@ -185,7 +186,7 @@ def optima(folder: Path) -> Kind:
     from ergoqp.step.place import read_guide
 
     problem = load_problem("screwing")
-    best = problem.optimise(problem.response.comfort, starts=1, seed=0)  # pyright: ignore[reportAttributeAccessIssue]
+    best = optimise(problem, problem.response.comfort, starts=1, seed=0)  # pyright: ignore[reportAttributeAccessIssue]
     best.save(folder / "whole.json")
     whole = [(folder / "whole.json").read_bytes()]
     return Kind("optimum", ".json", True, partial(_one_of, whole), lambda path: read_guide(problem, Optimum.load(path)))

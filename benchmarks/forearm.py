@@ -37,6 +37,7 @@ from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
+from ergoqp.step.stepper import Stepper
 from ergoqp.studies.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
 from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
 from ergoqp.studies.forearm.models import ForearmModels, fit_forearm_models
@@ -82,7 +83,7 @@ def _processes() -> ProcessPoolExecutor:
 
 def constrained(problem: Problem, starts: Array) -> tuple[Array, list[Array], float]:
     """Return where the control step leads from each start, all states on the way, and the median duration [s]."""
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     runs = [run_points(problem, start, LONGEST, stepper=stepper) for start in starts]
     seconds = float(np.median([len(one.twists) * one.dt for one in runs]))
     return np.array([one.states[-1] for one in runs]), [one.states for one in runs], seconds

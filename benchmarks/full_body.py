@@ -40,6 +40,7 @@ from ergoqp.simulation.best import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import sample_person
+from ergoqp.step.stepper import Stepper
 
 PROBLEM = "screwing"
 COSTS = ("smooth_reba", "upright", "quadratic", "gmr", "svr_default", "svr", "one_class_ladder", "neural")
@@ -119,7 +120,7 @@ def loops(cost: str, per_score: int, people: int, starts: int) -> tuple[str, Fou
     """Run all loops of one cost."""
     problem = problem_with(cost, per_score)
     plain = load_problem(PROBLEM)
-    stepper, found = problem.stepper(), Found()
+    stepper, found = Stepper(problem), Found()
     for seed in range(people):
         person = sample_person(plain, seed)
         best = workspace_map(plain, person).best

@@ -1,7 +1,7 @@
 """The fuzzer's judge of twists, in numpy and without the step's code: what was sent, and what could have been sent instead.
 
 `Sent` holds speed, allowed axes, acceleration and jerk against what was sent before, and nothing else. `Law` decides whether
-some twist other than braking was possible. It goes by the law of the stop alone (the docstring of `ergoqp.step.braking`), in its
+some twist other than braking was possible. It goes by the law of the stop alone (the docstring of `ergoqp.limits.stop`), in its
 own arithmetic: what is under way counts first, then half a period at the new plan, the stop from it, and what a mean that still
 rises can add.
 """
@@ -122,7 +122,7 @@ class Joints:
 
 
 class Law:
-    """How a problem's object stops, by the law of `ergoqp.step.braking` in numbers, and what could be sent instead of braking.
+    """How a problem's object stops, by the law of `ergoqp.limits.stop` in numbers, and what could be sent instead of braking.
 
     The planned twists are the only thing that is read from the step: they are what its law is about. What was sent must be
     their mean over the last W seconds, which is checked here by integration.
@@ -204,7 +204,7 @@ class Law:
         return previous * max(0.0, 1 - dt / seconds) if seconds > 0 else previous
 
     def climb(self) -> np.ndarray:
-        """Return what is added (6,) while the mean still rises to the last planned twist, see `ergoqp.step.braking`."""
+        """Return what is added (6,) while the mean still rises to the last planned twist, see `ergoqp.limits.stop`."""
         W, way = self.problem.average, np.zeros(6)
         for sign in (1, -1) if W else ():
             plan = [(np.maximum(sign * twist, 0), lasted) for twist, lasted in self._plan]

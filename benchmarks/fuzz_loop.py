@@ -20,7 +20,7 @@ from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import RobotKind
-from ergoqp.step.stepper import Step
+from ergoqp.step.stepper import Step, Stepper
 
 _BRAKES: Final = ("braking", "invalid")
 
@@ -45,7 +45,7 @@ class Loop:
             tally: takes what is found.
         """
         self._problem, self._rng, self._dice, self._tally = problem, rng, dice, tally
-        self._law, self._stepper = Law(problem), problem.stepper()
+        self._law, self._stepper = Law(problem), Stepper(problem)
         self._joints, self._state = self._law.joints, self._stepper._inputs["state"]
         self._object = ObjectJudge(problem, self._stepper, self._law, tally, dice)
         self._reasons = ReasonJudge(problem, self._law.rows, self._joints, tally)

@@ -26,6 +26,7 @@ import time
 import numpy as np
 
 from benchmarks.report import Report, run
+from ergoqp.placing.find import optimise
 from ergoqp.placing.group.grid import shared_grid
 from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.people import read_people
@@ -54,7 +55,7 @@ def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: fl
     search = PlaceSearch(problem, people, mean.grid, "mean")
     there = search.coming(search.at(search.placing.point(average.pose)))
     scores = there.scores[there.scores > 0]
-    alone = [problem.optimise(starts=report.pick(6, 16), person=person.follower).reba_after for person in people]
+    alone = [optimise(problem, starts=report.pick(6, 16), person=person.follower).reba_after for person in people]
     own = np.array([member.own_reba for member in mean.members])
     pays = [member.pays for member in mean.members]
     figures = {

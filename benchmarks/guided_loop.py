@@ -33,6 +33,7 @@ from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import sample_person
 from ergoqp.step.guide import BACK, THERE
+from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 20
 """Seed of the first person: none whom anything was chosen on."""
@@ -71,7 +72,7 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
 
     for way, place in places.items():
         told = loops[way].beside if way else beside
-        run_loops(loops[way], problem, person, person_seed, count, problem.stepper(guide=place), told, own)
+        run_loops(loops[way], problem, person, person_seed, count, Stepper(problem, guide=place), told, own)
     return name, loops
 
 

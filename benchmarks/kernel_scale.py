@@ -23,6 +23,7 @@ from ergoqp.learning.features import Columns
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
+from ergoqp.step.stepper import Stepper
 
 COUNTS = (30, 100, 300, 1000, 3000, 10_000)
 
@@ -44,7 +45,7 @@ def machine(count: int) -> tuple[Svr, object]:
 
 def step_times(problem: Problem, steps: int) -> NDArray[np.float64]:
     """Return the times of so many steps near an awkward posture [us]."""
-    stepper, rng = problem.stepper(), np.random.default_rng(0)
+    stepper, rng = Stepper(problem), np.random.default_rng(0)
     posture = problem.response.comfort + 0.15  # type: ignore[attr-defined]
     pose = stepper.step(posture).pose
     times = []

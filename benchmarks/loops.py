@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.placing.find import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
@@ -56,7 +57,7 @@ Beside = Callable[[Start, int, Trace], None]
 def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
     """Return the best place for a person who is at ease, None: the model, as ``ergoqp optimise`` finds it."""
     response = person_of(problem) if person is None else person.response
-    return problem.optimise(response.comfort, person=person)
+    return optimise(problem, response.comfort, person=person)
 
 
 def run_loops(

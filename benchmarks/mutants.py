@@ -43,8 +43,8 @@ from benchmarks.report import Report, run
 ROOT: Final = Path(__file__).resolve().parents[1]
 
 MUTATED: Final = (
-    *("ergoqp/step*.py", "ergoqp/step/certification.py", "ergoqp/step/qp.py", "ergoqp/step/rest.py", "ergoqp/limits/*.py"),
-    *("ergoqp/native/layout.py", "ergoqp/simulation/check.py", "ergoqp/sheets/*.py", "ergoqp/sheets/*.toml"),
+    *("ergoqp/step/*.py", "ergoqp/limits/*.py"),
+    *("ergoqp/export/layout.py", "ergoqp/simulation/check.py", "ergoqp/sheets/*.py", "ergoqp/sheets/*.toml"),
 )
 
 TESTS: Final = (

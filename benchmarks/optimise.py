@@ -38,12 +38,14 @@ import numpy as np
 
 from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
+from ergoqp.placing.find import optimise
 from ergoqp.placing.start import RESIDUAL
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.best import draw_starts, workspace_map
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start
+from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 100
 STARTS = 32
@@ -75,12 +77,12 @@ def cases_of_person(name: str, person_seed: int, count: int) -> tuple[str, Cases
     problem = load_problem(name)
     person = sample_person(problem, person_seed)
     best = workspace_map(problem, person).best
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     cases = Cases()
     for number, start in enumerate(draw_starts(problem, person, count, person_seed, best + ABOVE)):
         seed = 1000 * person_seed + number
         options = {"starts": STARTS, "seed": seed, "pose": start.pose, "person": person}
-        optimum = problem.optimise(start.posture, **options)
+        optimum = optimise(problem, start.posture, **options)
         trace = run_loop(problem, person, start, duration=DURATION, seed=seed, stepper=stepper, stop_when_still=STILL)
         chosen = next(trial for trial in optimum.trials if trial.pose is optimum.pose)
         cases.start.append(optimum.reba_before)
@@ -88,7 +90,7 @@ def cases_of_person(name: str, person_seed: int, count: int) -> tuple[str, Cases
         cases.loop.append(end_score(problem, person, start, trace.postures[-1], trace.poses[-1]))
         cases.found.append(optimum.reba_after)
         if number == 0:
-            bound = problem.optimise(start.posture, mode="cooperative", **options)
+            bound = optimise(problem, start.posture, mode="cooperative", **options)
             cases.cooperative.append(bound.reba_after)
             cases.beside.append(optimum.reba_after)
         cases.kkt.append(optimum.kkt_residual)
@@ -146,11 +148,11 @@ def timing(report: Report, name: str) -> None:
     person = sample_person(problem, FIRST_PERSON)
     starts = report.pick(quick=16, full=192)
     posture = awkward_start(problem, person, FIRST_PERSON)
-    problem.optimise(posture, starts=4, jobs=2, person=person)
+    optimise(problem, posture, starts=4, jobs=2, person=person)
     seconds, cpu = {}, 0.0
     for jobs in (2, 1):
         begin, cpu = time.perf_counter(), time.process_time()
-        problem.optimise(posture, starts=starts, jobs=jobs, person=person)
+        optimise(problem, posture, starts=starts, jobs=jobs, person=person)
         seconds[jobs], cpu = time.perf_counter() - begin, time.process_time() - cpu
     report.figure(f"{name}.cpu_ms_per_start", 1e3 * cpu / starts)
     report.figure(f"{name}.ms_per_start", 1e3 * seconds[1] / starts, f"ms, of {starts} starts")

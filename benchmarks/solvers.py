@@ -57,6 +57,7 @@ from ergoqp.solvers.sequence import Array, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions
 from ergoqp.step.qp import FREE, TOLERANCE, build_qp
+from ergoqp.step.stepper import Stepper
 
 PROBLEMS = (*TASKS, "screwing_learned", "forearm")
 ACCURACY = 1e-6
@@ -102,7 +103,7 @@ def contradicted_steps(problem: Problem, steps: int) -> tuple[int, int]:
     """Return how many steps of a contradictory problem do not report it, and how many brake with the reason for it."""
     response = problem.response
     assert isinstance(response, IkResponse)
-    stepper, rng = contradictory(problem).stepper(), np.random.default_rng(0)
+    stepper, rng = Stepper(contradictory(problem)), np.random.default_rng(0)
     unreported = braking = 0
     for _ in range(steps):
         step = stepper.step(response.comfort + np.radians(4) * rng.normal(size=len(problem.coordinates)))

@@ -104,7 +104,7 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
     if "daqp" not in qpsolvers.available_solvers:
         return None
     data, n, asked, previous = qp_data(problem), len(problem.coordinates), [], np.zeros(6)
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     for posture, pose, age in calls:
         unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
@@ -135,7 +135,7 @@ def measure(report: Report) -> None:
     medians: dict[str, float] = {}
     for name in ("screwing", *(other for other in TASKS if other != "screwing")):
         problem = load_problem(name)
-        stepper = problem.stepper()
+        stepper = Stepper(problem)
         recorder = trajectory(problem, stepper, duration if name == "screwing" else duration / 2)
         whole, alone = time_calls(stepper, recorder.calls)
         kinds = {status: recorder.statuses.count(status) for status in sorted(set(recorder.statuses))}
@@ -158,13 +158,13 @@ def measure(report: Report) -> None:
 def _peers(report: Report, median: float) -> None:
     """The other forms of the step, and what others need for the same, on one recorded loop of ``screwing``."""
     problem = load_problem("screwing")
-    calls = trajectory(problem, problem.stepper(), report.pick(20.0, 100.0)).calls
+    calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
     phases = phases_us(problem, calls)
     for name, value in phases.items():
         report.figure(f"phase_{name}_us", value)
     report.figure("phase_other_us", median - sum(phases.values()), "copying, certification, account, Python: the rest")
 
-    compiled = time_calls(problem.stepper(compiled=True), calls)[0]
+    compiled = time_calls(Stepper(problem, compiled=True), calls)[0]
     report.figure("compiled_median_us", float(np.median(compiled)), "whole Stepper.step call, compiled=True")
     report.figure("compiled_p99_us", float(np.percentile(compiled, 99)))
     report.figure("compiled_p999_us", float(np.percentile(compiled, 99.9)))
@@ -178,7 +178,7 @@ def _peers(report: Report, median: float) -> None:
         report.figure("c_max_difference", c.difference, f"largest difference from Python over {c.states} steps [m/s, rad/s]")
         forms["mink_ratio_c"] = c.median_us
     problem = sent_as_planned(problem)
-    calls = trajectory(problem, problem.stepper(), report.pick(20.0, 100.0)).calls
+    calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
     peer = mink_steps(problem, calls, "arm")
     report.figure("mink_us", float(np.median(peer.whole_us)), "mink on the same QP, arm as unknowns, inputs to twist")
     report.figure("mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP")

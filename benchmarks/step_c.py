@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.native.export import export_step
+from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem
+from ergoqp.step.stepper import Stepper
 
 Call = tuple[Any, Any, float]
 
@@ -66,7 +67,7 @@ def c_times(problem: Problem, calls: Sequence[Call], passes: int) -> CTimes | No
         answers = (folder / "outputs").read_bytes()
     size = len(answers) // len(calls)
     outputs = [wrapper.Output.from_buffer_copy(answers, i * size) for i in range(len(calls))]
-    stepper, difference = problem.stepper(), 0.0
+    stepper, difference = Stepper(problem), 0.0
     for (posture, pose, age), output in zip(calls, outputs, strict=True):
         twist = stepper.step(posture, pose, age=age).twist
         difference = max(difference, float(np.abs(twist - output.twist[:]).max()))

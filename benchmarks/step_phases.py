@@ -18,6 +18,7 @@ from ergoqp.solvers import solver_named
 from ergoqp.step.data import QP_DATA, qp_data
 from ergoqp.step.objective import cost_function, gain_function
 from ergoqp.step.qp import build_qp
+from ergoqp.step.stepper import Stepper
 
 
 def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict[str, float]:
@@ -28,7 +29,7 @@ def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict
     everything = {"cost": cost, "response": response, "data": data, "qp": solver, "gain": gain}
     timers = {name: _Timer(function) for name, function in everything.items()}
     n = len(problem.coordinates)
-    stepper, previous = problem.stepper(), np.zeros(6)
+    stepper, previous = Stepper(problem), np.zeros(6)
     for posture, pose, age in calls:
         unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)

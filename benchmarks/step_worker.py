@@ -14,6 +14,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from ergoqp.step.stepper import Stepper
+
 ALL = {"delay": 0.03, "lag": 0.05, "gain_error": 0.02, "pose_delay": 0.02, "pose_noise": 0.001, "pose_noise_deg": 0.2}
 ALL |= {"longest_hold": 0.05}
 """Everything that can be declared of a robot, at once."""
@@ -32,19 +34,19 @@ def main(folder: str, form: str, declared: str, seconds: str) -> None:
         from ergoqp.problem.robot import DeclaredRobot
 
         problem = problem.replace(robot=DeclaredRobot(**ALL))
-    calls = of_version.trajectory(problem, problem.stepper(), float(seconds)).calls
+    calls = of_version.trajectory(problem, Stepper(problem), float(seconds)).calls
     if form == "c":
         with tempfile.TemporaryDirectory() as scratch:
             ready = _exported(problem, calls, Path(scratch) / "step")
             answer(ready)
         return
-    stepper = problem.stepper(compiled=form == "compiled")
+    stepper = Stepper(problem, compiled=form == "compiled")
     answer(lambda: float(np.median(of_version.time_calls(stepper, calls)[0])))
 
 
 def _exported(problem: Any, calls: Any, folder: Path) -> Any:
     from benchmarks import step_c as of_version
-    from ergoqp.native.export import export_step
+    from ergoqp.export.folder import export_step
 
     export_step(problem, folder)
     for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):

@@ -54,6 +54,7 @@ from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start
+from ergoqp.step.stepper import Stepper
 
 REPORTS = ("pose", "twist", "both", "lost", "nothing")
 
@@ -101,7 +102,7 @@ def people_of(name: str, seeds: range, duration: float) -> tuple[int, int]:
     worse = count = 0
     for lag, delay in ((0.1, 0.0), (0.2, 0.0), (0.05, 0.05)):
         problem = load_problem(name).replace(robot=DeclaredRobot(lag=lag, delay=delay, pose_noise=0.001, pose_noise_deg=0.2))
-        stepper = problem.stepper()
+        stepper = Stepper(problem)
         for seed in seeds:
             person = sample_person(problem, seed)
             start = start_at(person, awkward_start(problem, person, seed, 10))

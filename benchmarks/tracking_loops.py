@@ -20,6 +20,7 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.step.inputs import stand_in
+from ergoqp.step.stepper import Stepper
 
 JUMP = 0.6
 """Every so often the posture is another one [s]."""
@@ -108,7 +109,7 @@ def stepper_of(name: str, declared: DeclaredRobot, form: str = "interpreted", na
     problem = driven(name, declared, narrow)
     if form == "c":
         return _CStepper(problem)
-    return problem.stepper(compiled=form == "compiled")
+    return Stepper(problem, compiled=form == "compiled")
 
 
 class _CStepper:

@@ -44,6 +44,7 @@ from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.starts import awkward_start
+from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import Robot, WholeBody, load_robot
 from ergoqp.whole_body.loop import EXACT, WholeBodyTrace, run_whole_body
 
@@ -206,7 +207,7 @@ def _times(report: Report, duration: float) -> None:
     taken = [step.solve_time for step in run_whole_body(whole, person, posture, duration=duration, senses=Senses()).steps]
     report.figure("step_us", 1e6 * float(np.median(taken)), "the whole body's step, median")
     report.figure("step_p99_us", 1e6 * float(np.percentile(taken, 99)))
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     calls = trajectory(problem, stepper, duration).calls
     report.figure("fast_us", float(np.median(time_calls(stepper, calls)[0])), "the fast step, median")
     peers = {"mink_us": mink_steps(problem, calls, "whole"), "mink_arm_us": mink_steps(problem, calls, "arm")}

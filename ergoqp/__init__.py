@@ -2,34 +2,53 @@
 
 >>> import ergoqp
 >>> problem = ergoqp.load_problem("screwing")
->>> stepper = problem.stepper()
+>>> stepper = ergoqp.Stepper(problem)
 >>> step = stepper.step(problem.response.comfort)
 >>> step.twist.shape
 (6,)
 
-What needs CasADi or MuJoCo is imported when it is first used.
+What needs CasADi or MuJoCo is imported when it is first used; so are the package's folders, such as `ergoqp.limits`.
 """
 
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 from ergoqp import errors as errors
+from ergoqp._version import __version__ as __version__
 from ergoqp.joints import JOINTS as JOINTS
 from ergoqp.sheets import reba as reba
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
     from ergoqp.costs.learned import load_cost as load_cost
+    from ergoqp.placing.find import optimise as optimise
     from ergoqp.problem.control import Control as Control
     from ergoqp.problem.problem import Problem as Problem
     from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.problem_files.load import load_problem as load_problem
-    from ergoqp.recordings import load_recording as load_recording
+    from ergoqp.recordings.load import load_recording as load_recording
+    from ergoqp.simulation.simulate import simulate as simulate
     from ergoqp.step.answer import Step as Step
+    from ergoqp.step.function import step_function as step_function
     from ergoqp.step.log import replay as replay
     from ergoqp.step.stepper import Stepper as Stepper
 
-__version__ = "0.1.0"
+_LATER = {
+    "Control": "ergoqp.problem.control",
+    "DeclaredRobot": "ergoqp.problem.robot",
+    "Problem": "ergoqp.problem.problem",
+    "Step": "ergoqp.step.answer",
+    "Stepper": "ergoqp.step.stepper",
+    "compare": "ergoqp.comparison.compare",
+    "load_cost": "ergoqp.costs.learned",
+    "load_problem": "ergoqp.problem_files.load",
+    "load_recording": "ergoqp.recordings.load",
+    "optimise": "ergoqp.placing.find",
+    "replay": "ergoqp.step.log",
+    "simulate": "ergoqp.simulation.simulate",
+    "step_function": "ergoqp.step.function",
+}
 
 __all__ = [
     "JOINTS",
@@ -44,33 +63,30 @@ __all__ = [
     "load_cost",
     "load_problem",
     "load_recording",
+    "optimise",
     "reba",
     "replay",
+    "simulate",
+    "step_function",
 ]
-
-_LATER = {
-    "Control": "ergoqp.problem.control",
-    "DeclaredRobot": "ergoqp.problem.robot",
-    "Problem": "ergoqp.problem.problem",
-    "Step": "ergoqp.step.stepper",
-    "Stepper": "ergoqp.step.stepper",
-    "compare": "ergoqp.comparison.compare",
-    "load_cost": "ergoqp.costs.learned",
-    "load_problem": "ergoqp.problem_files.load",
-    "load_recording": "ergoqp.recordings",
-    "replay": "ergoqp.step.log",
-}
 
 
 def __getattr__(name: str) -> Any:
     """Import what is used for the first time."""
-    if name not in _LATER:
+    if name in _LATER:
+        value = getattr(import_module(_LATER[name]), name)
+    elif name in _folders():
+        value = import_module(f"ergoqp.{name}")
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_LATER[name]), name)
     globals()[name] = value
     return value
 
 
+def _folders() -> set[str]:
+    return {found.name for found in iter_modules(__path__) if not found.name.startswith("_")}
+
+
 def __dir__() -> list[str]:
     """List the public names, those not imported yet included."""
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_folders()})

@@ -8,7 +8,7 @@ import numpy as np
 import ergoqp
 
 problem = ergoqp.load_problem("screwing")
-stepper = problem.stepper()
+stepper = ergoqp.Stepper(problem)
 
 # Where the person is now: arm raised and reaching, in the order of ergoqp.JOINTS, in radians.
 posture = np.zeros(32)

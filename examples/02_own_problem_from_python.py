@@ -51,7 +51,7 @@ for name, degrees in {"right_shoulder_flexion": 80, "right_elbow_flexion": 40, "
     start[ergoqp.JOINTS.index(name)] = np.radians(degrees)
 
 for variant in (problem, problem.replace(cost=Quadratic(problem.response.comfort, weight=1.0))):
-    run = variant.simulate(start, duration=8.0)
+    run = ergoqp.simulate(variant, start, duration=8.0)
     print(
         f"{variant.cost.name:<12} REBA {run.reba[0]} -> {run.reba[-1]}, standing still {run.reba_standing_still}, "
         f"limits broken {sum(run.violations.values())} times"

@@ -32,5 +32,5 @@ with tempfile.TemporaryDirectory() as folder:
     cost.save(path, {"unseen": found.as_dict()})
     problem = problem.replace(cost=ergoqp.load_cost(path))
 
-step = problem.stepper().step(problem.response.comfort)
+step = ergoqp.Stepper(problem).step(problem.response.comfort)
 print(f"cost {step.cost:.2f}, boundary margin {step.margins['boundary']:.2f}, {step.status}: twist {step.twist.round(4)}")

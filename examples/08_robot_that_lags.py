@@ -17,7 +17,7 @@ held = np.array(problem.response.contact()(posture)[0])
 
 def loop(problem: ergoqp.Problem, seconds: float) -> tuple[ergoqp.Stepper, ergoqp.Step]:
     """Close the loop of a posture that does not follow and a robot with a lag of 80 ms; say what the step says."""
-    stepper, robot = problem.stepper(), SimulatedRobot(RobotKind(lag=0.08), held, np.random.default_rng(0))
+    stepper, robot = ergoqp.Stepper(problem), SimulatedRobot(RobotKind(lag=0.08), held, np.random.default_rng(0))
     for period in range(round(seconds / problem.dt)):
         step = stepper.step(posture, pose=robot.measured_pose())
         for _ in robot.execute(step.twist, problem.dt):

@@ -19,6 +19,7 @@ from matplotlib import pyplot as plt
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
+from ergoqp.step.stepper import Stepper
 from ergoqp.studies.forearm import forearm_data, forearm_length, nearest_sample_cost, true_cost
 from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
 from ergoqp.studies.forearm.models import fit_forearm_models
@@ -98,7 +99,7 @@ def led(cost):
     plain = load_problem("forearm")
     limits = [one for one in plain.limits if not isinstance(one, OneClassBoundary)]
     problem = plain.replace(cost=cost, limits=[*limits, OneClassBoundary(models.boundary, hard=True)])
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     runs = [run_points(problem, one, studies.size(3.0, 20.0), stepper=stepper).states for one in starts]
     return np.array([states[-1] for states in runs]), np.concatenate(runs)
 

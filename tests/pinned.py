@@ -130,8 +130,8 @@ def stepper_of(loop: Loop) -> Stepper:
     """Return a stepper of a loop, as new."""
     problem = loop.problem()
     if not loop.guided:
-        return problem.stepper()
-    return problem.stepper(guide=amid(problem))
+        return Stepper(problem)
+    return Stepper(problem, guide=amid(problem))
 
 
 def amid(problem: Problem) -> np.ndarray:

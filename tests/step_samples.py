@@ -41,12 +41,12 @@ def bold_of(name: str) -> Problem:
 
 @cache
 def bold_stepper(name: str) -> Stepper:
-    return bold_of(name).stepper()
+    return Stepper(bold_of(name))
 
 
 @cache
 def _stepper(name: str, solver: str, plain: bool) -> Stepper:
-    return (plain_of if plain else problem_of)(name).stepper(solver=solver)
+    return Stepper((plain_of if plain else problem_of)(name), solver=solver)
 
 
 def stepper_of(name: str, solver: str = "daqp", plain: bool = False) -> Stepper:

@@ -8,6 +8,7 @@ import pytest
 
 from ergoqp import load_problem
 from ergoqp.errors import InputError
+from ergoqp.step.stepper import Stepper
 from ergoqp.studies.policy import Policy, RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
 
 
@@ -96,7 +97,7 @@ def test_each_posture_is_answered_from_standstill(problem):
     assert (np.abs(together) <= problem.twist_limit.speed + 1e-9).all()
     assert (np.abs(twists_of(problem, postures, 1)) <= problem.twist_limit.acceleration * problem.dt + 1e-9).all()
     planned = problem.replace(control=replace(problem.control, average=0.0))
-    single = planned.stepper().step(postures[0]).twist
+    single = Stepper(planned).step(postures[0]).twist
     np.testing.assert_array_equal(twists_of(problem, postures[0], 1)[0], single)
 
 

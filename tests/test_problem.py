@@ -14,6 +14,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
+from ergoqp.step.stepper import Stepper
 
 
 def terms(**changed: Any) -> dict[str, Any]:
@@ -26,7 +27,7 @@ def test_a_problem_of_python_steps() -> None:
     assert problem.coordinates == JOINTS
     assert problem.joints == problem.response.joints
     assert problem.row_names == JOINTS
-    step = problem.stepper().step(comfort_of("screwing"))
+    step = Stepper(problem).step(comfort_of("screwing"))
     assert step.status in ("optimal", "settled")
     assert tuple(step.margins) == problem.row_names
 
@@ -45,7 +46,7 @@ def test_replace_changes_one_term_and_leaves_the_rest() -> None:
     assert (other.dt, other.name) == (0.002, "quick")
     assert other.response is problem.response
     assert problem.dt == 0.01
-    assert other.stepper().dt == 0.002
+    assert Stepper(other).dt == 0.002
 
 
 def test_limits_are_found_by_their_kind() -> None:
@@ -98,7 +99,7 @@ def test_controls_that_are_none_are_refused(changed: dict[str, Any], sentence: s
 def test_control_changes_the_answer() -> None:
     q = comfort_of("screwing") + 0.2 * np.random.default_rng(0).normal(size=32)
     bold, shy = (problem_of("screwing").replace(control=Control(effort_linear=e, effort_angular=e)) for e in (0.1, 50.0))
-    speeds = [np.linalg.norm([p.stepper().step(q).twist for _ in range(1)]) for p in (bold, shy)]
+    speeds = [np.linalg.norm([Stepper(p).step(q).twist for _ in range(1)]) for p in (bold, shy)]
     assert speeds[0] > 2 * speeds[1]
 
 
@@ -122,7 +123,7 @@ def test_the_narrowest_workspace_is_come_back_to_and_rested_in(above: bool, off:
     middle = x - off if above else x + off
     narrow = WorkspaceBox((middle - 1.24e-4, *box.lower[1:]), (middle + 1.24e-4, *box.upper[1:]))
     problem = problem.replace(limits=[narrow if limit is box else limit for limit in problem.limits])
-    q, loop = comfort_of("screwing"), Held(problem.stepper(), pose)
+    q, loop = comfort_of("screwing"), Held(Stepper(problem), pose)
     statuses = [loop.step(q).status for _ in range(300)]
     assert ("recovering" in statuses) == (off > 1.24e-4)
     assert statuses[-1] == "settled"

@@ -11,6 +11,7 @@ from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import ArmLength, JointLimit, OneClassBoundary
 from ergoqp.problem_files.load import problem_from_dict
 from ergoqp.responses import IkResponse, LinearResponse
+from ergoqp.step.stepper import Stepper
 
 
 def save_models(folder, name, coordinates):
@@ -54,7 +55,7 @@ def test_a_problem_of_points(folder):
     assert problem.limit_of(OneClassBoundary).hard
     assert problem.limit_of(JointLimit) is None
     assert problem.twist_limit.speed.tolist() == [0.1] * 6
-    step = problem.stepper().step([0.1, 0.0, 0.0, 0.1, 0.26, 0.0])
+    step = Stepper(problem).step([0.1, 0.0, 0.0, 0.1, 0.26, 0.0])
     assert step.margins.keys() == {"arm length", "boundary"}
 
 
@@ -63,7 +64,7 @@ def test_a_persons_problem_with_learned_terms(folder):
     assert isinstance(problem.response, IkResponse)
     assert isinstance(problem.cost, Neural)
     assert problem.limit_of(JointLimit) is not None
-    step = problem.stepper().step(problem.response.comfort)
+    step = Stepper(problem).step(problem.response.comfort)
     assert step.cost == pytest.approx(problem.cost(problem.response.comfort)[0], abs=1e-10)
     assert step.status != "invalid"
 
@@ -93,5 +94,5 @@ def test_a_path_is_relative_to_the_file(folder):
 )
 def test_every_mistake_has_its_sentence(folder, raw, said):
     with pytest.raises(ErgoqpError) as caught:
-        problem_from_dict(raw, "mine", folder).stepper()
+        Stepper(problem_from_dict(raw, "mine", folder))
     assert said in str(caught.value)

@@ -13,7 +13,9 @@ from step_samples import comfort_of, held_pose, near_comfort, problem_of
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.limits import AxisCone
+from ergoqp.placing.find import optimise
 from ergoqp.simulation.robot import moved
+from ergoqp.step.stepper import Stepper
 
 MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
 DOUBLED = np.diag([1.0, 1.0, 1.0, 2.0])
@@ -49,15 +51,15 @@ BAD = [
 def test_everybody_refuses_the_same_poses(where: str, wrong: Any, said: str) -> None:
     problem = problem_of("screwing")
     if where == "step":
-        step = problem.stepper().step(comfort_of("screwing"), wrong)
+        step = Stepper(problem).step(comfort_of("screwing"), wrong)
         assert step.status == "invalid"
         assert "pose" in step.reason
         return
     if where == "whole body":
         whole_body = pytest.importorskip("ergoqp.whole_body", reason="the extra mink is not installed")
     given = {
-        "guide": lambda: problem.stepper(guide=wrong),
-        "optimise": lambda: problem.optimise(comfort_of("screwing"), pose=wrong, starts=1),
+        "guide": lambda: Stepper(problem, guide=wrong),
+        "optimise": lambda: optimise(problem, comfort_of("screwing"), pose=wrong, starts=1),
         "whole body": lambda: whole_body.WholeBody(problem, "panda", base=wrong),
     }[where]
     with pytest.raises(InputError, match=said):
@@ -70,7 +72,7 @@ def test_the_cone_holds_for_a_pose_of_four_decimals() -> None:
     cone = problem.limit_of(AxisCone)
     tight = AxisCone(cone.direction, 1.0)
     problem = problem.replace(limits=[tight if limit is cone else limit for limit in problem.limits])
-    stepper, rng, farthest = problem.stepper(), np.random.default_rng(0), 0.0
+    stepper, rng, farthest = Stepper(problem), np.random.default_rng(0), 0.0
     for _ in range(30):
         axis = rng.normal(size=3)
         pose = moved(held_pose("screwing"), np.concatenate([np.zeros(3), np.radians(0.98) * axis / np.linalg.norm(axis)]))

@@ -404,7 +404,7 @@ class Nowhere:
 def test_an_uncertified_answer_brakes_and_says_so() -> None:
     problem, q, pose = plain_of("screwing"), near_comfort("screwing", np.random.default_rng(4), 30.0), held_pose("screwing")
     # On its way to where it wants to go.
-    wished = problem.stepper().step(q, pose).twist
+    wished = Stepper(problem).step(q, pose).twist
     axis, twist = int(np.argmax(np.abs(wished[:3]))), np.zeros(6)
     twist[axis] = 0.06 * np.sign(wished[axis])
     seconds = 0.06 / problem.twist_limit.acceleration[axis]
@@ -413,7 +413,7 @@ def test_an_uncertified_answer_brakes_and_says_so() -> None:
     way = np.linalg.norm(braked) * (0.01 + (seconds - 0.01) / 2)
     answers = []
     for room in (1.0 + 1e-5, 1.1, 1e6):
-        stepper = problem.replace(limits=[*problem.limits, Nowhere(way * room)]).stepper()
+        stepper = Stepper(problem.replace(limits=[*problem.limits, Nowhere(way * room)]))
         stepper.reset(twist=twist)
         answers.append(stepper.step(q, pose))
     tight, some, free = answers
@@ -431,7 +431,7 @@ def test_rates_that_braking_alone_breaks_give_way_and_are_named(rate_deg: float,
     """Of an object that is taken over at 0.1 m/s the person's joints are faster than allowed, however it brakes."""
     problem = plain_of("screwing")
     narrowed = [replace(limit, rate_deg=rate_deg) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
-    stepper = problem.replace(limits=narrowed).stepper()
+    stepper = Stepper(problem.replace(limits=narrowed))
     stepper.reset(twist=[0.1, 0, 0, 0, 0, 0])
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
     assert step.status == status
@@ -446,7 +446,7 @@ def test_rates_that_braking_alone_breaks_give_way_and_are_named(rate_deg: float,
 def test_rates_that_are_broken_by_braking_are_named_too() -> None:
     problem = plain_of("screwing")
     narrowed = [replace(limit, rate_deg=5.0) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
-    stepper = problem.replace(limits=narrowed).stepper()
+    stepper = Stepper(problem.replace(limits=narrowed))
     stepper.reset(twist=[0.1, 0, 0, 0, 0, 0])
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"), enable=False)
     assert step.status == "braking"
@@ -515,7 +515,7 @@ def asked_back() -> tuple[Any, np.ndarray, int]:
     limits = [narrow if isinstance(limit, JointLimit) else limit for limit in problem.limits]
     q = comfort_of("screwing")
     q[joint] = np.radians(83)
-    return Held(problem.replace(limits=limits).stepper(), held_pose("screwing")), q, joint
+    return Held(Stepper(problem.replace(limits=limits)), held_pose("screwing")), q, joint
 
 
 def test_a_narrowed_range_that_asks_is_recovering_and_comes_back() -> None:
@@ -587,7 +587,7 @@ def test_a_joint_at_its_end_is_locked_and_the_object_goes_on() -> None:
 def walk(name: str, steps: int, seed: int, log: Any = None) -> list[ergoqp.step.stepper.Step]:
     """A loop with noise, lost frames, late frames, odd periods, reported twists, masks, and the robot's own watchdog."""
     rng = np.random.default_rng(seed)
-    stepper = problem_of(name).stepper(log=log) if log is not None else stepper_of(name)
+    stepper = Stepper(problem_of(name), log=log) if log is not None else stepper_of(name)
     q, found, pose, twist = near_comfort(name, rng), [], held_pose(name), np.zeros(6)
     for number in range(steps):
         seen = rng.random(32) > 0.1 if number % 7 == 3 else None
@@ -642,7 +642,7 @@ def test_a_log_survives_json() -> None:
 
 def test_a_log_holds_the_periods_that_a_robot_has_ramped_down_by_itself_too() -> None:
     log: list[dict[str, Any]] = []
-    stepper, q = problem_of("desk").stepper(log=log.append), near_comfort("desk", np.random.default_rng(9), 15)
+    stepper, q = Stepper(problem_of("desk"), log=log.append), near_comfort("desk", np.random.default_rng(9), 15)
     for _ in range(20):
         stepper.step(q)
     steps = [stepper.brake(elapsed=0.044), stepper.step(q)]
@@ -660,7 +660,7 @@ def test_a_log_that_raises_is_named_and_tried_again() -> None:
             raise OSError("no space left")
         kept.append(entry)
 
-    stepper, steps = problem_of("desk").stepper(log=full_for_a_while), []
+    stepper, steps = Stepper(problem_of("desk"), log=full_for_a_while), []
     for stepped in range(10):
         steps.append(stepper.step(comfort_of("desk")) if stepped != 4 else stepper.brake())
     said = "log: OSError in what was given as log=, this step is not recorded"
@@ -674,7 +674,7 @@ def test_a_log_that_raises_is_named_and_tried_again() -> None:
 def test_a_log_replays_with_the_period_of_its_loop() -> None:
     log: list[dict[str, Any]] = []
     stepper, q = (
-        problem_of("screwing").stepper(dt=0.002, log=log.append),
+        Stepper(problem_of("screwing"), dt=0.002, log=log.append),
         near_comfort("screwing", np.random.default_rng(3), 15),
     )
     steps = [stepper.step(q) for _ in range(30)]
@@ -685,7 +685,7 @@ def test_a_log_replays_with_the_period_of_its_loop() -> None:
 @pytest.mark.parametrize("broken", [{}, {"notes": {}}, {"posture": "upright"}, None], ids=["empty", "no loop", "text", "none"])
 def test_an_entry_that_is_none_is_named(broken: Any) -> None:
     log: list[Any] = []
-    stepper = problem_of("desk").stepper(log=log.append)
+    stepper = Stepper(problem_of("desk"), log=log.append)
     stepper.step(comfort_of("desk"))
     second = {**log[0], **broken} if broken and "posture" in broken else broken
     with pytest.raises(InputError, match=r"log: entry 1 is not one of a loop of this problem .*allowed"):
@@ -717,7 +717,7 @@ def test_without_a_pose_it_is_integrated_from_the_last() -> None:
 def test_speed_does_not_depend_on_the_control_rate() -> None:
     q, reached = near_comfort("screwing", np.random.default_rng(12), 15), []
     for dt in (0.001, 0.005, 0.02):
-        loop = Held(problem_of("screwing").stepper(dt=dt), held_pose("screwing"))
+        loop = Held(Stepper(problem_of("screwing"), dt=dt), held_pose("screwing"))
         for _ in range(round(0.4 / dt)):
             step = loop.step(q)
         reached.append(step.twist)
@@ -774,7 +774,7 @@ def test_reset_takes_over_an_object_that_moves(name: str, plain: bool) -> None:
 
 @pytest.mark.parametrize("wrong", [np.full(6, np.nan), np.zeros(5), "fast", [None] * 6, [[1.0], [2.0, 3.0]], 0.1])
 def test_a_twist_that_cannot_be_taken_over_is_refused_and_changes_nothing(wrong: Any) -> None:
-    q, one, other = near_comfort("screwing", np.random.default_rng(17)), *(problem_of("screwing").stepper() for _ in range(2))
+    q, one, other = near_comfort("screwing", np.random.default_rng(17)), *(Stepper(problem_of("screwing")) for _ in range(2))
     for stepper in (one, other):
         for _ in range(10):
             stepper.step(q)
@@ -795,7 +795,7 @@ def moving_stepper(plain: bool = False, share: float = 0.5) -> ergoqp.step.stepp
 
 
 def test_brake_gives_the_stop_that_a_lost_frame_gives() -> None:
-    one, other = moving_stepper(), problem_of("screwing").stepper()
+    one, other = moving_stepper(), Stepper(problem_of("screwing"))
     other._state_in[:] = one._state_in
     for dt in (0.01, 0.02, 0.003, 0.03, 0.01):
         asked, lost = one.brake(dt), other.step(None, dt=dt)
@@ -863,7 +863,7 @@ def test_brake_after_the_robots_own_ramp_is_where_braking_for_so_long_leads(elap
 @pytest.mark.parametrize("elapsed", [0.02, 0.05, 0.09, 0.2])
 def test_brake_after_the_robots_own_ramp_is_brake_called_meanwhile(elapsed: float) -> None:
     """With the mean, too: the same periods one by one give the same twist and the same place."""
-    one, other, left = moving_stepper(), problem_of("screwing").stepper(), elapsed
+    one, other, left = moving_stepper(), Stepper(problem_of("screwing")), elapsed
     other._state_in[:] = one._state_in
     while left > 1e-9:
         other.brake(min(left, 0.03))
@@ -882,7 +882,7 @@ def test_a_robot_that_has_ramped_down_for_long_stands_still(elapsed: float) -> N
 def test_brake_never_raises(value: Any) -> None:
     """What is no number of seconds is none; what is no period is the loop's."""
     for given in ({"elapsed": value}, {"dt": value}):
-        one, other = moving_stepper(), problem_of("screwing").stepper()
+        one, other = moving_stepper(), Stepper(problem_of("screwing"))
         other._state_in[:] = one._state_in
         assert one.brake(**given).twist.tobytes() == other.brake().twist.tobytes()
 
@@ -901,12 +901,12 @@ def test_answers_do_not_share_memory_with_the_stepper() -> None:
 @pytest.mark.parametrize("dt", [0.0, -0.01, 1.0, float("nan")])
 def test_a_stepper_with_an_impossible_period_is_refused(dt: float) -> None:
     with pytest.raises(InputError, match="dt: got"):
-        problem_of("desk").stepper(dt=dt)
+        Stepper(problem_of("desk"), dt=dt)
 
 
 def test_an_unknown_solver_is_refused() -> None:
     with pytest.raises(InputError, match="solver: got 'simplex', allowed one of daqp, piqp, osqp"):
-        problem_of("desk").stepper(solver="simplex")
+        Stepper(problem_of("desk"), solver="simplex")
 
 
 def test_in_the_middle_of_the_cone_its_row_does_not_hold_the_object_back() -> None:

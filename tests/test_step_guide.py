@@ -28,7 +28,7 @@ STEPPERS: dict[str, Stepper] = {}
 def guided_stepper(name: str) -> Stepper:
     """A stepper as new that can be drawn somewhere; there is one per problem."""
     if name not in STEPPERS:
-        STEPPERS[name] = problem_of(name).stepper(guide=held_pose(name))
+        STEPPERS[name] = Stepper(problem_of(name), guide=held_pose(name))
     stepper = STEPPERS[name]
     stepper.guide(held_pose(name))
     stepper.reset()
@@ -61,7 +61,7 @@ def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]
 def test_without_a_place_it_is_the_same_step_to_the_last_bit(name: str) -> None:
     stepper = guided_stepper(name)
     stepper.guide(None)
-    for plain, led in zip(walk(problem_of(name).stepper(), name, 0), walk(stepper, name, 0), strict=True):
+    for plain, led in zip(walk(Stepper(problem_of(name)), name, 0), walk(stepper, name, 0), strict=True):
         for name_out in plain._parts:
             ours, other = plain.account(name_out), led.account(name_out)
             # A stepper that can be led has the trial behind the rest of its state.
@@ -229,7 +229,7 @@ def wrong_places() -> list[tuple[Any, str]]:
 @pytest.mark.parametrize(("place", "sentence"), wrong_places())
 def test_a_place_that_cannot_be_used_is_refused_at_construction_and_none_in_the_loop(place: Any, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        problem_of("screwing").stepper(guide=place)
+        Stepper(problem_of("screwing"), guide=place)
     stepper = guided_stepper("screwing")
     stepper.guide(place)
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
@@ -249,12 +249,12 @@ def test_whatever_a_place_does_when_it_is_read_the_loop_goes_on() -> None:
 
 def test_a_problem_without_a_person_has_no_place_for_an_object() -> None:
     with pytest.raises(InputError, match=r"guide: problem forearm moves elbow_x, .*, allowed problems of a person"):
-        problem_of("forearm").stepper(guide=np.eye(4))
+        Stepper(problem_of("forearm"), guide=np.eye(4))
 
 
 def test_a_stepper_without_a_guide_says_that_it_has_none() -> None:
     with pytest.raises(InputError, match="guide: the stepper was made without one"):
-        problem_of("screwing").stepper().guide(held_pose("screwing"))
+        Stepper(problem_of("screwing")).guide(held_pose("screwing"))
 
 
 def test_what_a_place_promises_is_the_cost_of_its_posture() -> None:
@@ -285,7 +285,7 @@ def test_a_guided_log_replays_bit_for_bit() -> None:
 
     log: list[dict[str, Any]] = []
     problem = problem_of("screwing")
-    stepper = problem.stepper(log=log.append, guide=held_pose("screwing"))
+    stepper = Stepper(problem, log=log.append, guide=held_pose("screwing"))
     set_out(stepper)
     steps = walk(stepper, "screwing", 3, 60)
     stepper.guide(np.full((4, 4), np.nan))
@@ -314,7 +314,7 @@ def test_compiled_it_is_led_alike() -> None:
         compiler()
     except CompilerError as absent:
         pytest.skip(str(absent))
-    compiled, plain = problem_of("dentist").stepper(compiled=True, guide=held_pose("dentist")), guided_stepper("dentist")
+    compiled, plain = Stepper(problem_of("dentist"), compiled=True, guide=held_pose("dentist")), guided_stepper("dentist")
     set_out(compiled)
     set_out(plain)
     answers = [walk(stepper, "dentist", 6, 60) for stepper in (compiled, plain)]

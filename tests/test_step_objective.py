@@ -10,6 +10,7 @@ from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
 from ergoqp.step.data import qp_data
 from ergoqp.step.objective import gain_function
+from ergoqp.step.stepper import Stepper
 
 
 def curvature(name: str, stalled: float) -> np.ndarray:
@@ -32,7 +33,7 @@ def test_the_longer_nothing_improves_the_dearer_it_is_to_move() -> None:
 
 def test_a_stepper_counts_for_how_long_nothing_improved() -> None:
     problem = bold_of("screwing")
-    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 15)
+    stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 15)
     loop = Held(stepper, held_pose("screwing"))
     assert stepper.stalled == 0
     for number in range(30):
@@ -48,7 +49,7 @@ def test_a_stepper_counts_for_how_long_nothing_improved() -> None:
 
 def test_at_rest_nothing_is_dearer_so_that_what_a_move_would_gain_is_judged_as_ever() -> None:
     problem = problem_of("screwing")
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     loop, comfort = Held(stepper, held_pose("screwing")), np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
     statuses = [loop.step(comfort).status for _ in range(500)]
     assert statuses[-1] == "settled"
@@ -58,7 +59,7 @@ def test_at_rest_nothing_is_dearer_so_that_what_a_move_would_gain_is_judged_as_e
 def test_without_a_time_to_stall_the_object_moves_as_ever() -> None:
     problem = problem_of("screwing")
     problem = problem.replace(control=replace(problem.control, stall_after=0.0))
-    loop, q = Held(problem.stepper(), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
+    loop, q = Held(Stepper(problem), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
     assert {loop.step(q).status for _ in range(5)} <= {"optimal", "settled"}
 
 

@@ -11,6 +11,7 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.parts import count
+from ergoqp.step.stepper import Stepper
 from ergoqp.step.story import watch_blocks
 from ergoqp.step.watch import reckoned
 
@@ -19,7 +20,7 @@ from ergoqp.step.watch import reckoned
 def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: RobotKind) -> None:
     """What it did later, beyond what was sent just then, was not believed: 8 mm outside within a minute."""
     problem = small("screwing", DeclaredRobot(), None)
-    stepper, rng, nearest, named = problem.stepper(), np.random.default_rng(3), -1.0, 0
+    stepper, rng, nearest, named = Stepper(problem), np.random.default_rng(3), -1.0, 0
     mover = SimulatedRobot(kind, held_pose("screwing"), rng)
     for number in range(3000):
         if number % 60 == 0:
@@ -36,7 +37,7 @@ def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: Robo
 
 @pytest.mark.parametrize("share", [2.0, -0.5, 0.3, None])
 def test_nothing_that_is_reported_leads_further_than_what_was_sent(share: float | None) -> None:
-    stepper, q = problem_of("screwing").stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = Stepper(problem_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
     rng, begin, most = np.random.default_rng(0), held_pose("screwing"), np.zeros((2, 3))
     step = stepper.step(q, begin)
     for number in range(200):
@@ -57,7 +58,7 @@ def test_how_a_lagging_robot_goes_on_while_a_call_is_late_is_no_fault_when_it_re
     problem = small("screwing", DeclaredRobot(lag=lag, longest_hold=0.1), None)
     rng = np.random.default_rng(at)
     for _ in range(2):
-        stepper, mover = problem.stepper(), SimulatedRobot(RobotKind(lag=lag), held_pose("screwing"), rng)
+        stepper, mover = Stepper(problem), SimulatedRobot(RobotKind(lag=lag), held_pose("screwing"), rng)
         for number in range(300):
             if number % 60 == 0:
                 q = np.clip(comfort_of("screwing") + 0.6 * rng.normal(size=32), LOWER, UPPER)
@@ -67,7 +68,7 @@ def test_how_a_lagging_robot_goes_on_while_a_call_is_late_is_no_fault_when_it_re
 
 
 def test_a_robot_that_reports_the_middle_of_its_ramp_is_not_late() -> None:
-    stepper, q = bold_of("screwing").stepper(), near_comfort("screwing", np.random.default_rng(5), 30)
+    stepper, q = Stepper(bold_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 30)
     loop, before, last, fastest = Held(stepper, held_pose("screwing")), np.zeros(6), np.zeros(6), 0.0
     for _ in range(60):
         step = loop.step(q, twist=(before + last) / 2)
@@ -82,7 +83,7 @@ NOISE = 0.004
 def test_a_declared_hold_that_hides_in_the_noise_is_no_fault() -> None:
     # Nor does its turn stand out.
     problem = bold_of("screwing").replace(robot=DeclaredRobot(pose_noise=NOISE, pose_noise_deg=5.0, longest_hold=0.1))
-    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 30)
+    stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 30)
     pose, held = held_pose("screwing"), 0.0
     for number in range(90):
         sign = -1.0 if number < 20 else 1.0 if number != 41 else -1.0
@@ -102,7 +103,7 @@ def test_a_declared_hold_that_hides_in_the_noise_is_no_fault() -> None:
 def test_a_hold_that_is_declared_does_not_hide_what_moves_at_rest(hold: float) -> None:
     """With a hold declared, three times the noise was let pass, at rest too."""
     problem = problem_of("screwing").replace(robot=DeclaredRobot(pose_noise=NOISE, longest_hold=hold))
-    stepper, q = problem.stepper(), comfort_of("screwing")
+    stepper, q = Stepper(problem), comfort_of("screwing")
     loop = Held(stepper, held_pose("screwing"))
     for _ in range(200):
         step = loop.step(q)
@@ -116,7 +117,7 @@ def test_a_hold_that_is_declared_does_not_hide_what_moves_at_rest(hold: float) -
 
 def test_what_a_robot_was_short_of_is_forgotten_once_it_is_forgiven() -> None:
     """Where it stood still it owes nothing later: half a second after it is late no more."""
-    stepper, rng = bold_of("screwing").stepper(), np.random.default_rng(5)
+    stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(5)
     q, step = near_comfort("screwing", rng, 30), stepper.step(comfort_of("screwing"), held_pose("screwing"))
     blamed = [False]
     while not (blamed[-1] is False and any(blamed)):
@@ -135,7 +136,7 @@ def test_what_a_robot_was_short_of_is_forgotten_once_it_is_forgiven() -> None:
 
 def test_what_a_robot_reports_that_was_taken_over_in_motion_leads_no_further_than_what_was_sent() -> None:
     """How long it had moved before was counted as its motion: a report could lead 88 m away."""
-    stepper, q = problem_of("screwing").stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = Stepper(problem_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
     twist = np.array([0.1, -0.1, 0.05, 0.0, 0.0, 0.0])
     stepper.reset(twist)
     step = stepper.step(q, twist=0.3 * twist)
@@ -151,7 +152,7 @@ def test_what_a_robot_reports_that_was_taken_over_in_motion_leads_no_further_tha
 
 
 def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
-    stepper, moving = problem_of("screwing").stepper(), np.array([0.1, 0, 0, 0, 0, 0])
+    stepper, moving = Stepper(problem_of("screwing")), np.array([0.1, 0, 0, 0, 0, 0])
     for _ in range(30):
         step = stepper.step(None, twist=moving)
         assert step.status == "braking"

@@ -43,7 +43,7 @@ def test_one_declared_hold_of_any_twist_leaves_the_object_inside(name: str, gain
     """The room for a hold was that of the twists before the new one: 0.1 mm too little where the object had just begun."""
     hold = 0.2
     problem = bold_of(name).replace(robot=DeclaredRobot(longest_hold=hold, gain_error=gain_error))
-    stepper, rng, nearest = problem.stepper(), np.random.default_rng(3), -1.0
+    stepper, rng, nearest = Stepper(problem), np.random.default_rng(3), -1.0
     for _ in range(4):
         stepper.reset()
         loop, q = Held(stepper, held_pose(name)), near_comfort(name, rng, 30)
@@ -62,7 +62,7 @@ def test_one_declared_hold_of_any_twist_leaves_the_object_inside(name: str, gain
 def test_after_a_pose_that_jumped_the_object_rests_before_it_moves_again(plain: bool) -> None:
     """Without a mean, and without a late robot, it had always stood still, even while it moved."""
     problem = plain_of("screwing") if plain else problem_of("screwing")
-    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 15)
+    stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 15)
     loop = Held(stepper, held_pose("screwing"))
     for _ in range(60):
         last = loop.step(q)
@@ -83,7 +83,7 @@ def test_a_hold_of_a_lagging_robot_that_is_declared_is_no_fault() -> None:
     """What it could do in a long period was judged by its speed at the end of it."""
     robot = DeclaredRobot(lag=0.05, gain_error=0.08, longest_hold=0.2)
     problem, kind = bold_of("screwing").replace(robot=robot), RobotKind(lag=0.05, gain=1.08)
-    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 20)
     sim = SimulatedRobot(kind, held_pose("screwing"), np.random.default_rng(0))
     for number in range(120):
         dt = 0.2 if number in (25, 70) else 0.01
@@ -99,7 +99,7 @@ def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, b
     declared = DeclaredRobot(delay=0.04, lag=0.05)
     problem = problem_of("screwing").replace(robot=declared)
     kind = RobotKind(delay=share * 0.04, lag=share * 0.05)
-    stepper, twist = problem.stepper(), np.array([0.05, -0.1, 0.02, 0.1, 0.0, -0.2])
+    stepper, twist = Stepper(problem), np.array([0.05, -0.1, 0.02, 0.1, 0.0, -0.2])
     sim = SimulatedRobot(kind, held_pose("screwing"), np.random.default_rng(0))
     for _ in range(60):
         list(sim.execute(twist, 0.01))
@@ -115,7 +115,7 @@ def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, b
 @pytest.mark.parametrize("elapsed", [0.004, 0.03, 0.0312, 0.1, 0.7])
 def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: float) -> None:
     robot = DeclaredRobot(longest_hold=0.2)
-    stepper = bold_of("screwing").replace(robot=robot).stepper()
+    stepper = Stepper(bold_of("screwing").replace(robot=robot))
     loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
     for _ in range(40):
         loop.step(q)
@@ -132,7 +132,7 @@ def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: fl
 def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_rest_either(true_lag: float) -> None:
     """What it held on to was forgotten in the very comparison in which it still counted."""
     problem = bold_of("screwing").replace(robot=DeclaredRobot(lag=0.2, longest_hold=0.2))
-    stepper, q = problem.stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 20)
     sim = SimulatedRobot(RobotKind(lag=true_lag), held_pose("screwing"), np.random.default_rng(0))
     for number in range(200):
         step = stepper.step(q, sim.measured_pose(), enable=number < 20)
@@ -144,7 +144,7 @@ def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_re
 def test_a_hold_that_is_shorter_than_declared_is_no_fault(hold: float) -> None:
     """Of a leap along two axes neither stood out alone, but both together were a fault."""
     problem = bold_of("screwing").replace(robot=DeclaredRobot(longest_hold=0.05))
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     for seed in range(12):
         stepper.reset()
         loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(seed), 20)
@@ -157,7 +157,7 @@ def test_a_hold_that_is_shorter_than_declared_is_no_fault(hold: float) -> None:
 
 def test_where_a_hold_is_declared_nothing_moves_without_a_measured_pose() -> None:
     """Holds that nobody sees add up: 10 mm out of the box after four of them."""
-    stepper = bold_of("screwing").replace(robot=DeclaredRobot(longest_hold=0.1)).stepper()
+    stepper = Stepper(bold_of("screwing").replace(robot=DeclaredRobot(longest_hold=0.1)))
     loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
     assert [loop.step(q) for _ in range(20)][-1].twist.any()
     step = loop.step(q, pose=None)
@@ -170,7 +170,7 @@ def test_where_a_hold_is_declared_nothing_moves_without_a_measured_pose() -> Non
 @pytest.mark.parametrize("sent", [np.full(6, np.nan), np.full(6, 99.0), np.zeros(5), "fast"])
 def test_what_cannot_have_been_sent_instead_changes_nothing(sent: object) -> None:
     """A NaN was answered by NaN from then on, 99 m/s by 98.99."""
-    stepper = plain_of("screwing").stepper()
+    stepper = Stepper(plain_of("screwing"))
     before = stepper._state_in.copy()
     with pytest.raises(InputError, match="twist: got"):
         stepper.sent_instead(sent)
@@ -191,7 +191,7 @@ def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, h
         robot=DeclaredRobot(lag=lag, longest_hold=hold),
         control=replace(base.control, average=0.0),
     )
-    stepper, furthest = problem.stepper(), -1.0
+    stepper, furthest = Stepper(problem), -1.0
     pose[1:3, 3] = middle[1:]
     for distance in (0.02, 0.04, 0.07):
         for held in (5, 12):
@@ -214,7 +214,7 @@ def test_noise_of_the_orientation_that_is_declared_is_no_fault(noise: float, cor
     base = bold_of("screwing")
     cone = base.limit_of(AxisCone)
     wide = [AxisCone(cone.direction, 60.0) if limit is cone else limit for limit in base.limits]
-    stepper = base.replace(limits=wide, robot=DeclaredRobot(pose_noise_deg=noise)).stepper()
+    stepper = Stepper(base.replace(limits=wide, robot=DeclaredRobot(pose_noise_deg=noise)))
     loop, rng = Held(stepper, held_pose("screwing")), np.random.default_rng(7)
     for number in range(3000):
         if number % 60 == 0:
@@ -227,7 +227,7 @@ def test_noise_of_the_orientation_that_is_declared_is_no_fault(noise: float, cor
 def test_after_a_fault_a_late_robot_is_given_the_time_that_it_needs_to_stand_still() -> None:
     """Half a second, its dead time, and three times its lag: what it still did then would be a fault again."""
     robot = DeclaredRobot(delay=0.05, lag=0.2)
-    stepper = problem_of("screwing").replace(robot=robot).stepper()
+    stepper = Stepper(problem_of("screwing").replace(robot=robot))
     q, pose = near_comfort("screwing", np.random.default_rng(5), 15), held_pose("screwing")
     stepper.step(q, pose)
     # Nothing moved yet, so nothing explains this.
@@ -242,7 +242,7 @@ def test_after_a_fault_a_late_robot_is_given_the_time_that_it_needs_to_stand_sti
 def test_the_speed_that_a_lagging_robot_still_has_in_a_long_period_is_no_jump() -> None:
     """At the end of the period it is nearly still; on the way it was as fast as it had been sent before."""
     robot = DeclaredRobot(lag=0.05, longest_hold=0.2)
-    stepper, q = bold_of("screwing").replace(robot=robot).stepper(), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = Stepper(bold_of("screwing").replace(robot=robot)), near_comfort("screwing", np.random.default_rng(5), 20)
     sim = SimulatedRobot(RobotKind(lag=0.05), held_pose("screwing"), np.random.default_rng(0))
     for number in range(120):
         dt = 0.2 if number in (25, 26, 70) else 0.01
@@ -261,7 +261,7 @@ def test_an_object_that_comes_back_into_a_narrow_box_does_not_leave_it_by_the_ot
     base = plain_of("overhead")
     limits = tuple(narrow if limit is box else limit for limit in base.limits)
     problem = base.replace(robot=robot, limits=limits, dt=0.02)
-    stepper, q = problem.stepper(), near_comfort("overhead", np.random.default_rng(2), 5)
+    stepper, q = Stepper(problem), near_comfort("overhead", np.random.default_rng(2), 5)
     mover = SimulatedRobot(RobotKind(delay=0.02, pose_delay=0.04), pose, np.random.default_rng(0))
     heights = []
     for _ in range(250):
@@ -279,7 +279,7 @@ def test_an_ideal_robot_that_turns_fast_is_not_blamed() -> None:
     quick = replace(base.limit_of(TwistLimit), angular_speed=1.5, angular_acceleration=10.0)
     limits = tuple(quick if isinstance(limit, TwistLimit) else limit for limit in base.limits)
     problem = base.replace(limits=limits, dt=0.02)
-    stepper, rng, fastest = problem.stepper(), np.random.default_rng(0), 0.0
+    stepper, rng, fastest = Stepper(problem), np.random.default_rng(0), 0.0
     loop = Held(stepper, held_pose("screwing"))
     for number in range(300):
         if number % 10 == 0:
@@ -292,7 +292,7 @@ def test_an_ideal_robot_that_turns_fast_is_not_blamed() -> None:
 
 @pytest.mark.parametrize("beyond", [0.5e-9, 2e-9])
 def test_what_was_sent_instead_may_be_at_the_limit_to_rounding(beyond: float) -> None:
-    stepper = plain_of("screwing").stepper()
+    stepper = Stepper(plain_of("screwing"))
     sent = stepper.problem.twist_limit.speed + beyond
     if beyond < 1e-9:
         stepper.sent_instead(sent)

@@ -22,7 +22,7 @@ from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.step.function import build_step
 from ergoqp.step.state import initial_state
-from ergoqp.step.stepper import Step
+from ergoqp.step.stepper import Step, Stepper
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 periods = st.floats(0.001, 0.05)
@@ -374,7 +374,7 @@ def test_a_period_that_is_a_late_call_sends_nothing_from_rest_and_is_named(dt: f
 
 def test_a_robot_that_is_declared_to_hold_for_longer_is_allowed_that_period() -> None:
     q, problem = near_comfort("screwing", np.random.default_rng(5), 15), problem_of("screwing")
-    stepper = problem.replace(robot=DeclaredRobot(longest_hold=0.2)).stepper()
+    stepper = Stepper(problem.replace(robot=DeclaredRobot(longest_hold=0.2)))
     assert stepper.step(q, held_pose("screwing"), dt=0.2).status == "optimal"
     assert "dt is 0.201 s, allowed 0.2 s" in stepper.step(q, dt=0.201).reason
 
@@ -388,7 +388,7 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
     narrow = JointLimit(ranges_deg={"right_elbow_flexion": (10, 10.2), "trunk_flexion": (60, 60.1)})
     for limits in ([flat], [opposite], [flat, opposite], [flat, opposite, narrow]):
         hard = [problem.twist_limit, *limits, *([] if narrow in limits else [JointLimit()])]
-        stepper, checker = problem.replace(limits=hard).stepper(), Checker(problem.replace(limits=hard))
+        stepper, checker = Stepper(problem.replace(limits=hard)), Checker(problem.replace(limits=hard))
         previous = np.zeros(6)
         for number in range(40):
             step = stepper.step(comfort_of("screwing"), pose if number == 0 else None)

@@ -14,10 +14,10 @@ from ergoqp.limits import AxisCone, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step.braking import Stop
 from ergoqp.step.counted import split_way, way_of
 from ergoqp.step.history import history_sizes, initial_history, next_history
 from ergoqp.step.parts import count
+from ergoqp.step.stepper import Stepper
 from ergoqp.step.way import under_way
 
 DT = 0.01
@@ -44,7 +44,7 @@ class Believed:
         where = {"pose": place[0], "ahead": parts.ahead, "lost": parts.lost, "stray": parts.stray, "raised": parts.raised}
         situation = Situation(**nobody, **where, lead=place[2][:, 1], most=place[2][:, 2])
         margin = ca.Function("margin", place, [cone.margins(situation, place[2][:, 0])])
-        law, u, h = Stop.of(problem), ca.SX.sym("u", 6), ca.SX.sym("h")
+        law, u, h = problem.stop, ca.SX.sym("u", 6), ca.SX.sym("h")
         ways = ca.Function("ways", [u, h], [law.ways(u, h)])
         self.margin = ca.Function("believed", [at, history, twist, dt], [margin(landed, way, ways(twist, dt))])
         mean = found.begun + found.own * twist
@@ -203,7 +203,7 @@ def test_with_a_long_mean_the_object_does_not_creep_out_of_a_wide_cone(inside: f
     kinds = {AxisCone: cone, TwistLimit: fast}
     limits = tuple(kinds.get(type(limit), limit) for limit in base.limits)
     problem = base.replace(limits=limits, control=replace(base.control, average=0.5))
-    stepper, rng, farthest, moving = problem.stepper(), np.random.default_rng(0), -1.0, 0
+    stepper, rng, farthest, moving = Stepper(problem), np.random.default_rng(0), -1.0, 0
     middle = np.asarray(cone.direction)
     for _ in range(6):
         stepper.reset()

@@ -14,6 +14,7 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.explained import explained_function
 from ergoqp.step.parts import split
+from ergoqp.step.stepper import Stepper
 from ergoqp.step.story import STORY
 
 UNASKED = "robot: moves although nothing was sent"
@@ -29,7 +30,7 @@ def test_a_robot_less_late_than_declared_stays_inside_while_its_pose_is_lost(
     declared = DeclaredRobot(delay=0.03, lag=0.05, pose_delay=0.02)
     problem = small(name, declared, average)
     mover = SimulatedRobot(RobotKind.of(declared, np.random.default_rng(0), share), held_pose(name), np.random.default_rng(0))
-    stepper, rng, nearest = problem.stepper(), np.random.default_rng(1), -1.0
+    stepper, rng, nearest = Stepper(problem), np.random.default_rng(1), -1.0
     for number in range(450):
         if number % 60 == 0:
             q = np.clip(comfort_of(name) + 0.6 * rng.normal(size=32), LOWER, UPPER)
@@ -53,7 +54,7 @@ def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_a
     mover = SimulatedRobot(
         RobotKind.of(declared, np.random.default_rng(0), share), held_pose("screwing"), np.random.default_rng(0)
     )
-    stepper, rng, turned = problem.stepper(), np.random.default_rng(1), 0.0
+    stepper, rng, turned = Stepper(problem), np.random.default_rng(1), 0.0
     for number in range(900):
         if number % 90 == 0:
             q = np.clip(comfort_of("screwing") + 0.8 * rng.normal(size=32), LOWER, UPPER)
@@ -71,7 +72,7 @@ def test_what_moves_although_nothing_was_sent_is_named_and_starts_again(
     speed: float, given: dict[str, Any], reported: bool
 ) -> None:
     """At rest the comparison began anew with every step: an object was carried 180 mm and settled all the way."""
-    stepper, q = problem_of("screwing").stepper(), comfort_of("screwing")
+    stepper, q = Stepper(problem_of("screwing")), comfort_of("screwing")
     loop = Held(stepper, held_pose("screwing"))
     for _ in range(200):
         step = loop.step(q)
@@ -98,7 +99,7 @@ def test_what_moves_although_nothing_was_sent_is_named_and_starts_again(
 
 def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_is_seen_again() -> None:
     """It had come to rest without a pose, and what it was compared with began there: nowhere."""
-    stepper, q = problem_of("screwing").stepper(), near_comfort("screwing", np.random.default_rng(5), 15)
+    stepper, q = Stepper(problem_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
     loop, pushed = Held(stepper, held_pose("screwing")), np.array([0.0, 0.005, 0.0, 0.0, 0.0, 0.0])
     for _ in range(40):
         step = loop.step(q)
@@ -116,7 +117,7 @@ def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_
 
 
 def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
-    stepper, q = problem_of("screwing").stepper(), comfort_of("screwing")
+    stepper, q = Stepper(problem_of("screwing")), comfort_of("screwing")
     for _ in range(200):
         stepper.step(q, twist=np.zeros(6))
     rng, still = np.random.default_rng(0), [0.0] * 6
@@ -131,7 +132,7 @@ def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
 @pytest.mark.parametrize("speed", [0.05, 0.3])
 @pytest.mark.parametrize("reported", [False, True])
 def test_what_is_not_enabled_may_be_moved_by_hand(speed: float, reported: bool) -> None:
-    stepper, q = problem_of("screwing").stepper(), comfort_of("screwing")
+    stepper, q = Stepper(problem_of("screwing")), comfort_of("screwing")
     loop = Held(stepper, held_pose("screwing"))
     step = loop.step(q)
     for number in range(400):
@@ -152,7 +153,7 @@ def test_a_robot_that_ramped_down_by_itself_is_not_judged_and_rests_before_it_mo
 ) -> None:
     """Its own ramp is not the step's to the last millimetre: it was said to stand still, or its pose to jump."""
     problem, q = bold_of("screwing").replace(robot=robot), near_comfort("screwing", np.random.default_rng(5), 20)
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     mover = SimulatedRobot(RobotKind.of(robot, np.random.default_rng(0)), held_pose("screwing"), np.random.default_rng(0))
     for _ in range(40):
         step = stepper.step(q, mover.measured_pose())
@@ -179,7 +180,7 @@ def test_a_robot_that_ramped_down_by_itself_is_not_judged_and_rests_before_it_mo
 def test_two_points_come_to_rest_without_a_frame_whatever_their_distance(wrong: float) -> None:
     """A length that was measured wrong was mended for ever from a posture that nobody updated: 13 mm in a minute."""
     problem = problem_of("forearm")
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     elbow, wrist = np.array([0.1, -0.2, -0.25]), np.array([0.3, -0.15, -0.1])
     wrist = elbow + (wrist - elbow) / np.linalg.norm(wrist - elbow) * 0.2555 * wrong
     for _ in range(30):
@@ -195,7 +196,7 @@ def test_two_points_come_to_rest_without_a_frame_whatever_their_distance(wrong: 
 def test_however_long_it_ramped_down_braking_answers(name: str, elapsed: float) -> None:
     """Cut into periods, for ever was for ever."""
     problem = problem_of(name)
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     stepper.reset(twist=0.5 * problem.twist_limit.speed)
     assert stepper.brake().twist.any()
     step = stepper.brake(elapsed=elapsed)
@@ -206,7 +207,7 @@ def test_however_long_it_ramped_down_braking_answers(name: str, elapsed: float) 
 def creeping(declared: DeclaredRobot, creep: np.ndarray, seconds: float) -> np.ndarray | None:
     """By how much (6,) a robot that keeps its declaration but for a creep has crept when it is blamed; None: it is not."""
     problem, rng = bold_of("screwing").replace(robot=declared), np.random.default_rng(2)
-    stepper, mover = problem.stepper(), SimulatedRobot(RobotKind(), held_pose("screwing"), np.random.default_rng(0))
+    stepper, mover = Stepper(problem), SimulatedRobot(RobotKind(), held_pose("screwing"), np.random.default_rng(0))
     crept = np.zeros(6)
     for number in range(round(seconds * 100)):
         if number % 50 == 0:
@@ -244,7 +245,7 @@ def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() ->
     problem = problem.replace(limits=[along if isinstance(limit, TwistLimit) else limit for limit in problem.limits])
     q, named = near_comfort("screwing", np.random.default_rng(5), 20), {}
     for share in (0.018, 0.0):
-        stepper, mover = problem.stepper(), SimulatedRobot(RobotKind(gain=1.018), pose, np.random.default_rng(0))
+        stepper, mover = Stepper(problem), SimulatedRobot(RobotKind(gain=1.018), pose, np.random.default_rng(0))
         across = 0.0
         for _ in range(250):
             step = stepper.step(q, mover.measured_pose())
@@ -266,7 +267,7 @@ def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() ->
 def test_one_sample_of_a_reported_twist_over_a_long_period_shows_nothing(declared: DeclaredRobot) -> None:
     """Noise of 20 % times half a second is more than a fault, and one sample does not tell it from one; the pose does."""
     problem = bold_of("screwing").replace(robot=declared)
-    stepper = problem.stepper()
+    stepper = Stepper(problem)
     for seed in range(12):
         rng = np.random.default_rng(seed)
         stepper.reset()
@@ -285,7 +286,7 @@ def test_one_sample_of_a_reported_twist_over_a_long_period_shows_nothing(declare
 def test_few_samples_of_a_noisy_twist_are_not_taken_for_exact() -> None:
     """One of 150 such loops was blamed: its few samples scattered less than their noise by chance."""
     problem = bold_of("screwing")
-    stepper, rng = problem.stepper(), np.random.default_rng(4)
+    stepper, rng = Stepper(problem), np.random.default_rng(4)
     mover = SimulatedRobot(RobotKind(speed_noise=0.2), held_pose("screwing"), rng)
     q = near_comfort("screwing", rng, 40)
     for number in range(120):

@@ -16,6 +16,7 @@ from ergoqp.step.counted import Way, split_way, way_of
 from ergoqp.step.history import FAR, history_sizes, initial_history, next_history
 from ergoqp.step.parts import count, split
 from ergoqp.step.state import state_sizes
+from ergoqp.step.stepper import Stepper
 from ergoqp.step.way import under_way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
@@ -205,7 +206,7 @@ def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer
 
 def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on() -> None:
     problem = problem_of("screwing").replace(robot=DeclaredRobot(delay=0.03))
-    stepper, twist = problem.stepper(), 0.5 * problem.twist_limit.speed * np.array([1, -1, 0, 0, 1, 0])
+    stepper, twist = Stepper(problem), 0.5 * problem.twist_limit.speed * np.array([1, -1, 0, 0, 1, 0])
     stepper.reset(twist=twist)
     for _ in range(3):
         state = split(state_sizes(problem), stepper.step(problem.response.comfort).account("next_state"))

@@ -29,6 +29,7 @@ from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.place import Guide
+from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import WholeBody
 
 THOUSANDS_OF_DIGITS = 10**5000
@@ -130,7 +131,7 @@ def test_whatever_a_constructor_is_given_it_answers_with_one_sentence(name: str)
 
 LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
     "stepper": (
-        lambda **given: problem_of("screwing").stepper(**given),
+        lambda **given: Stepper(problem_of("screwing"), **given),
         {},
         ("solver", "compiled", "dt", "log", "guide"),
     ),
@@ -321,7 +322,7 @@ def test_a_cost_of_ones_own_is_judged_before_the_loop(changed: dict[str, Any], s
     bowl = Bowl()
     for name, value in changed.items():
         setattr(bowl, name, value)
-    said = answer(lambda: Problem(**terms(cost=bowl)).stepper(), {})
+    said = answer(lambda: Stepper(Problem(**terms(cost=bowl))), {})
     assert said is not None
     assert said.startswith(sentence)
 
@@ -333,7 +334,7 @@ def test_a_cost_of_ones_own_is_judged_before_the_loop(changed: dict[str, Any], s
         lambda: problem_of("screwing").replace(name="visser : dix", title="visser\u00a0: dix\nlignes"),
         lambda: IkResponse(free_about_tool=np.bool_(True), hands=np.array(["right"])),
         lambda: TwistLimit(axes={"x"}),
-        lambda: problem_of("screwing").stepper(compiled=np.bool_(False), dt=np.float32(0.01)),
+        lambda: Stepper(problem_of("screwing"), compiled=np.bool_(False), dt=np.float32(0.01)),
         lambda: DataSet(np.eye(30)[:, :3], np.arange(30), ("trunk_flexion", "neck_flexion", "trunk_twist")),
         lambda: Senses(delay=np.float64(0.1), lost=0),
     ],

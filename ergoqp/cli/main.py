@@ -12,7 +12,8 @@ from typing import Annotated
 import typer
 
 # Imported for what they register.
-from ergoqp import __version__, cli_person, cli_tools  # noqa: F401
+from ergoqp._version import __version__
+from ergoqp.cli import person, tools  # noqa: F401
 from ergoqp.cli.app import app
 from ergoqp.errors import ErgoqpError
 

@@ -8,13 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from ergoqp._version import __version__
 from ergoqp.comparison.derive import derived
 from ergoqp.comparison.figures import figures_of
+from ergoqp.comparison.picture import comparison_picture
 from ergoqp.comparison.record import Recording, record
+from ergoqp.comparison.sequence_files import save_sequences
 from ergoqp.comparison.trial import Trial, try_solver
 from ergoqp.errors import InputError
 from ergoqp.files.whole import write_whole
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers.judge import tidy
 from ergoqp.solvers.sequence import QpSequence
 from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
 
@@ -63,9 +67,6 @@ class Comparison:
             OSError: if the files cannot be written.
             MissingExtraError: after all else is written, if matplotlib for the picture is not installed.
         """
-        from ergoqp.comparison.picture import comparison_picture
-        from ergoqp.comparison.sequence_files import save_sequences
-
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         save_sequences(self.sequences, folder / "sequences")
@@ -74,13 +75,13 @@ class Comparison:
         picture = folder / "compare.png"
         # An older one would be taken for this comparison's.
         picture.unlink(missing_ok=True)
-        comparison_picture(self, picture)
+        names = sorted(self.figures, key=lambda name: self.figures[name]["sgm_us"])
+        title = f"{self.problem}: {sum(map(len, self.sequences))} QPs, solvers set to {tidy(self.accuracy)}"
+        comparison_picture(title, names, self.trials, self.accuracy, picture)
         return path
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``compare.json`` holds."""
-        from ergoqp import __version__
-
         sequences = [
             {"name": one.name, "qps": len(one), "unknowns": one.size[0], "rows": one.size[1], "feasible": one.feasible}
             for one in self.sequences

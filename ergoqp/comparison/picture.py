@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ergoqp.comparison.trial import Trial
 from ergoqp.errors import MissingExtraError
 from ergoqp.files.whole import whole
-from ergoqp.solvers.judge import TOLERANCES, tidy
+from ergoqp.solvers.judge import TOLERANCES
 from ergoqp.solvers.sessions import SESSIONS
-
-if TYPE_CHECKING:
-    from ergoqp.comparison.compare import Comparison
 
 _COLD, _WARM, _LATE = "#2f5d8c", "#dd6b20", "#b9bec6"
 _LEAST = 1e-16
 
 
-def comparison_picture(comparison: Comparison, path: Path) -> None:
+def comparison_picture(title: str, names: Sequence[str], trials: Sequence[Trial], accuracy: float, path: Path) -> None:
     """Draw the picture of a comparison, and write it (PNG or SVG).
 
     Left the times of the recorded QPs that were solved to the accuracy: a dot each, the median as a line, cold above warm.
     Right the share of all QPs with an answer whose largest residual is at most that of the axis.
+
+    Args:
+        title: of the picture.
+        names: of the solvers, from top to bottom.
+        trials: every solver on every sequence.
+        accuracy: that the solvers were set to.
+        path: of the file.
 
     Raises:
         MissingExtraError: if matplotlib is not installed.
@@ -34,35 +39,29 @@ def comparison_picture(comparison: Comparison, path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtraError("the picture of a comparison", "solvers", "matplotlib") from None
-    names = sorted(comparison.figures, key=lambda name: comparison.figures[name]["sgm_us"])
     figure = Figure(figsize=(11.0, 1.6 + 0.42 * len(names)), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     times, residuals = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    _draw_times(times, comparison, names)
-    _draw_residuals(residuals, comparison, names)
+    _draw_times(times, names, trials, accuracy)
+    _draw_residuals(residuals, names, trials)
     for axes in (times, residuals):
         axes.grid(axis="x", color="#e3e3e3", linewidth=0.8)
         axes.set_axisbelow(True)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
-    figure.suptitle(
-        f"{comparison.problem}: {sum(map(len, comparison.sequences))} QPs, solvers set to {tidy(comparison.accuracy)}",
-        x=0.01,
-        ha="left",
-        fontsize=11,
-    )
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     with whole(path) as scratch:
         figure.savefig(scratch)
 
 
-def _draw_times(axes: Any, comparison: Comparison, names: list[str]) -> None:
+def _draw_times(axes: Any, names: Sequence[str], trials: Sequence[Trial], accuracy: float) -> None:
     rng = np.random.default_rng(0)
     for place, name in enumerate(names):
         kinds = ((False, _COLD, 0.18), (True, _WARM, -0.18)) if SESSIONS[name].warm else ((False, _COLD, 0.0),)
         for warm, colour, above in kinds:
-            trials = [one for one in comparison.trials if one.solver == name and one.warm == warm and one.sequence.follows]
-            micros = 1e6 * np.concatenate([one.seconds for one in trials])
-            good = np.concatenate([one.success(comparison.accuracy) for one in trials])
+            its = [one for one in trials if one.solver == name and one.warm == warm and one.sequence.follows]
+            micros = 1e6 * np.concatenate([one.seconds for one in its])
+            good = np.concatenate([one.success(accuracy) for one in its])
             height = -place + above + rng.uniform(-0.11, 0.11, len(micros))
             axes.scatter(micros[good], height[good], s=4, color=colour, alpha=0.35, linewidths=0, rasterized=True)
             axes.scatter(micros[~good], height[~good], s=8, color=_LATE, marker="x", linewidths=0.7, rasterized=True)
@@ -78,13 +77,13 @@ def _draw_times(axes: Any, comparison: Comparison, names: list[str]) -> None:
     axes.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=9, handletextpad=0.4)
 
 
-def _draw_residuals(axes: Any, comparison: Comparison, names: list[str]) -> None:
+def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[Trial]) -> None:
     from matplotlib import colormaps
 
     colour: Callable[[int], Any] = colormaps["tab10"]
     for place, name in enumerate(names):
-        trials = [one for one in comparison.trials if one.solver == name and one.sequence.feasible]
-        worst = np.sort(np.concatenate([np.maximum(one.worst, _LEAST) for one in trials]))
+        its = [one for one in trials if one.solver == name and one.sequence.feasible]
+        worst = np.sort(np.concatenate([np.maximum(one.worst, _LEAST) for one in its]))
         share = np.arange(1, len(worst) + 1) / len(worst)
         there = np.isfinite(worst)
         x = np.concatenate([worst[there], [1e3]])

@@ -26,6 +26,7 @@ from ergoqp.solvers.session import QpAnswer
 from ergoqp.step.function import build_step
 from ergoqp.step.inputs import OUTPUTS, input_sizes
 from ergoqp.step.qp import FREE, TOLERANCE
+from ergoqp.step.stepper import Stepper
 from ergoqp.studies.forearm import forearm_points
 
 STILL: Final = 1.0
@@ -136,7 +137,7 @@ def record(
         raise InputError(f"steps: got {steps}, allowed 1 or more")
     solver, log = RecordingSolver(), list[dict[str, Any]]()
     function, sizes = build_step(problem, solver), input_sizes(problem)
-    stepper = problem.stepper(log=log.append)
+    stepper = Stepper(problem, log=log.append)
     recordings, done = [], 0
     for loop in range(seed, seed + steps):
         log.clear()

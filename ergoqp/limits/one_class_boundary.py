@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from ergoqp.arguments import check_number, check_text, flag, shown
 from ergoqp.errors import InputError
+from ergoqp.learning.one_class import OneClass
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation
-
-if TYPE_CHECKING:
-    from ergoqp.learning.one_class import OneClass
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +46,9 @@ class OneClassBoundary:
     def __post_init__(self) -> None:
         """Check the numbers."""
         if isinstance(self.model, type) or not hasattr(self.model, "margin_and_slope"):
-            raise InputError(f"model: got {shown(self.model)}, allowed a one-class SVM, such as ergoqp.learning.one_class.OneClass")
+            raise InputError(
+                f"model: got {shown(self.model)}, allowed a one-class SVM, such as ergoqp.learning.one_class.OneClass"
+            )
         check_text("name", self.name)
         object.__setattr__(self, "hard", flag("hard", self.hard))
         check_number("recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")

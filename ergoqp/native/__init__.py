@@ -1,1 +1,1 @@
-"""The step in C: compiled for this machine, or exported as sources for others."""
+"""CasADi functions as machine code for this computer."""

@@ -1,44 +1,44 @@
-"""The step as machine code for this computer: generated, compiled once, kept in the user's cache."""
+"""A function as machine code for this computer: generated, compiled once, kept in the user's cache."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from ergoqp.native.compiler import CompilerError, compiler, shared_library
 from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, sizes_source
-from ergoqp.step.function import build_step
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
-def compiled_step(problem: Problem, guided: bool = False) -> ca.Function:
-    """Return the step function of a problem as machine code: the same answers in a fraction of the time.
+def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
+    """Return a function that solves QPs by DAQP as machine code: the same answers in a fraction of the time.
 
-    The first time this takes some ten seconds of the compiler; afterwards the library is found again by the content of its
-    sources, the compiler and its flags.
+    The first time this takes some ten seconds of the compiler for a control step; afterwards the library is found again by the
+    content of its sources, the compiler and its flags.
+
+    Args:
+        build: makes the function, given the solver, every operation on its own.
 
     Raises:
         CompilerError: if there is no C compiler, or it fails.
     """
     compiler()
     solver = NativeDaqp()
-    function = build_step(problem, solver, guided=guided, unrolled=True)
+    function = build(solver)
+    name = function.name()
     sources = {
-        "step.c": '#include "inline.h"\n' + generated(function, "step")["step.c"],
+        f"{name}.c": '#include "inline.h"\n' + generated(function, name)[f"{name}.c"],
         "qp.c": sizes_source(solver.sizes),
         "inline.h": c_text("inline.h"),
         "qp_daqp.h": c_text("qp_daqp.h"),
     }
-    library = shared_library("step", sources, [daqp_archive()], [daqp_include()])
+    library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
     try:
-        return ca.external(function.name(), str(library))
+        return ca.external(name, str(library))
     except RuntimeError as error:
-        raise CompilerError(f"compiled step: the library {str(library)!r} cannot be loaded: {_last_line(error)}") from None
+        raise CompilerError(f"compiled {name}: the library {str(library)!r} cannot be loaded: {_last_line(error)}") from None
 
 
 def _last_line(error: Exception) -> str:

@@ -140,7 +140,7 @@ class Optimum:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what the file holds: plain numbers, texts, lists and dicts; angles in rad. See ``docs/optimum_json.md``."""
-        from ergoqp import __version__
+        from ergoqp._version import __version__
 
         values = {name: _plain(value) for name, value in vars(self).items()}
         values |= {

@@ -11,6 +11,7 @@ from ergoqp.arguments import as_tuple, check_real, shown
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
+from ergoqp.placing.find import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -93,7 +94,7 @@ def best_of_population(
         if progress is not None:
             progress(number / len(everybody))
         try:
-            found.append(Found(label, problem.optimise(**options)))
+            found.append(Found(label, optimise(problem, **options)))
         except OutOfReachError as nowhere:
             found.append(Found(label, None, str(nowhere)))
     if progress is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.sheets.method import Method
 from ergoqp.sheets.reba import assess
 from ergoqp.sheets.task import TaskOptions
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 PERIODS: Final = (1e-4, 0.1)
 """Shortest and longest control period [s]."""
@@ -38,7 +35,7 @@ _LARGEST: Final = 1e6
 """Beyond this points, distances and tolerances are a slip."""
 
 
-def check_kinds(problem: Problem) -> None:
+def check_kinds(problem: Any) -> None:
     """Check every term of a problem by itself.
 
     Raises:

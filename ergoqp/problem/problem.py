@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -18,18 +17,14 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
-from ergoqp.placing.own_limits import OwnLimits
+from ergoqp.limits.own import OwnLimits
+from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
-
-if TYPE_CHECKING:
-    from ergoqp.placing.optimum import Optimum
-    from ergoqp.simulation.run import Run
-    from ergoqp.step.stepper import Stepper
 
 _AVERAGE: Final = 0.05
 
@@ -111,8 +106,15 @@ class Problem:
 
     @cached_property
     def own_limits(self) -> OwnLimits:
-        """The limits that the package does not know, for those who look at places: see `ergoqp.placing.own_limits`."""
-        return OwnLimits(self)
+        """The limits that the package does not know, for those who look at places: see `ergoqp.limits.own`."""
+        return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
+
+    @cached_property
+    def stop(self) -> Stop:
+        """The law by which the object stops."""
+        robot = self.robot
+        hold, memory = robot.longest_hold, self.average + robot.dead_time + robot.lag
+        return Stop(self.twist_limit, self.average, 3 * self.dt, 1 + robot.gain_error, hold, memory)
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:
@@ -173,12 +175,10 @@ class Problem:
 
     def _check_room(self) -> None:
         """Check that the workspace leaves room to move and to stop along the axes that the object can move along."""
-        from ergoqp.step.braking import Stop
-
         box = self.limit_of(WorkspaceBox)
         if box is None:
             return
-        rises = np.array(Stop.of(self).most(self.dt))[:3, 0] if self.average else np.zeros(3)
+        rises = np.array(self.stop.most(self.dt))[:3, 0] if self.average else np.zeros(3)
         for axis, rise in enumerate(rises.tolist()):
             width, least = box.upper[axis] - box.lower[axis], max(_NARROWEST, rise) + 2 * self.robot.pose_noise
             if self.twist_limit.speed[axis] > 0 and width < least:
@@ -201,59 +201,6 @@ class Problem:
         if unknown := set(terms) - set(self.__dataclass_fields__):
             raise ProblemError(f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}")
         return replace(self, **terms)
-
-    def step_function(self, solver: str = "daqp", compiled: bool = False, *, guided: bool = False) -> ca.Function:
-        """Return the whole control step as one pure CasADi function; see `ergoqp.step.function.build_step`.
-
-        Args:
-            solver: name of the QP solver, see `ergoqp.solvers`.
-            compiled: through the C compiler into the user's cache; the solver is then DAQP.
-            guided: with the inputs of a step that can be drawn toward a given place, see `ergoqp.step.guide`.
-
-        Raises:
-            InputError: if the solver is unknown, or not the one that is compiled.
-            CompilerError: if there is no C compiler.
-        """
-        from ergoqp.solvers import solver_named
-        from ergoqp.step.function import build_step
-
-        chosen = solver_named(solver)
-        if not compiled:
-            return build_step(self, chosen, guided=guided)
-        from ergoqp.native.compiled import compiled_step
-
-        if chosen.name != "daqp":
-            raise InputError(f"compiled: got the solver {solver!r}, allowed only 'daqp'")
-        return compiled_step(self, guided)
-
-    def stepper(
-        self, solver: str = "daqp", compiled: bool = False, dt: float | None = None, log: Any = None, guide: Any = None
-    ) -> Stepper:
-        """Return a control loop's own stepper; one per loop. See `ergoqp.step.stepper.Stepper`."""
-        from ergoqp.step.stepper import Stepper
-
-        return Stepper(self, solver=solver, compiled=compiled, dt=dt, log=log, guide=guide)
-
-    def simulate(self, posture: ArrayLike, duration: float = 20.0, seed: int = 0, **options: Any) -> Run:
-        """Close the loop with a simulated person who starts in `posture`; see `ergoqp.simulation.simulate.simulate`."""
-        from ergoqp.simulation.simulate import simulate
-
-        return simulate(self, posture, duration, seed, **options)
-
-    def optimise(
-        self,
-        posture: ArrayLike | None = None,
-        starts: int = 32,
-        seed: int = 0,
-        jobs: int = 1,
-        mode: str = "stackelberg",
-        solver: str = "ipopt",
-        **options: Any,
-    ) -> Optimum:
-        """Look for the best place of the object, offline; see `ergoqp.placing.find.optimise`."""
-        from ergoqp.placing.find import optimise
-
-        return optimise(self, posture, starts, seed, jobs, mode, solver, **options)
 
 
 def _is_identity(response: Response) -> bool:

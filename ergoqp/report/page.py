@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
-from ergoqp import __version__
+from ergoqp._version import __version__
 from ergoqp.errors import MissingExtraError
 from ergoqp.files.whole import write_whole
 from ergoqp.report import palette

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp import __version__
+from ergoqp._version import __version__
 from ergoqp.files.whole import whole, write_whole
 from ergoqp.joints import JOINTS
 from ergoqp.recordings import Recording

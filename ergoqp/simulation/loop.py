@@ -82,7 +82,7 @@ def run_loop(
         robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn by the seed.
     """
     senses = senses or Senses()
-    stepper = stepper or problem.stepper()
+    stepper = stepper or Stepper(problem)
     stepper.reset()
     dt, posture, pose = stepper.dt, start.posture.copy(), start.pose.copy()
     rng = np.random.default_rng([seed, 7])

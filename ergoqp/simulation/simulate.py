@@ -26,6 +26,7 @@ from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.step.place import Guide, read_guide
+from ergoqp.step.stepper import Stepper
 
 _SOLVER = "daqp"
 _AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
@@ -64,7 +65,7 @@ def simulate(
         assumptions: sentences on what was taken as given before, for the report.
         progress: called now and then with the share that is done.
         guide: a place that the control step is drawn to where descent alone comes to rest at a worse one: the optimum of
-            ``problem.optimise`` or a pose (4, 4), see `ergoqp.step.place.read_guide`; None: descent alone.
+            `ergoqp.optimise` or a pose (4, 4), see `ergoqp.step.place.read_guide`; None: descent alone.
         robot: how the robot really does what it is sent; None: as badly as the problem declares it.
         senses: what lies between person and controller, constant errors of angles too; None: the usual noise.
 
@@ -97,7 +98,7 @@ def simulate(
     start = start_at(follower, start_posture)
     checker = _Watched(problem, progress, round(duration / problem.dt))
     place = None if guide is None else read_guide(problem, guide)
-    stepper = problem.stepper(solver=_SOLVER, guide=place)
+    stepper = Stepper(problem, solver=_SOLVER, guide=place)
     senses = senses or Senses()
     how = {"duration": duration, "seed": seed, "observed": seen, "checker": checker, "robot": robot, "senses": senses}
     trace = run_loop(problem, follower, start, stepper=stepper, **how)

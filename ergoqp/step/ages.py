@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 
 from ergoqp.expressions.linear import dense
+from ergoqp.problem.problem import Problem
 from ergoqp.step.history import LONGEST_DT, SHORTEST_DT, History, owes, remaining_seconds
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-
 
 _AT_ALL: Final = 1e-9
 """What lasted for less did not last at all [s]."""

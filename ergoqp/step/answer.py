@@ -5,14 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ergoqp.problem.problem import Problem
+from ergoqp.step.account import Account
 from ergoqp.step.reasons import reason_of
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
 class Step:
@@ -37,7 +35,7 @@ class Step:
     ) -> None:
         """Keep the account of the step function; what is asked for is read from it then."""
         self.twist, self.status = twist, status
-        self._problem, self._all, self._parts, self._seen, self._notes = problem, account, parts, seen, notes
+        self._problem, self._account, self._seen, self._notes = problem, Account(status, account, parts), seen, notes
         self.solve_time = time.perf_counter() - start
 
     def __repr__(self) -> str:
@@ -47,7 +45,7 @@ class Step:
 
     def account(self, name: str) -> np.ndarray:
         """Return one output of the step function, by its name in `ergoqp.step.inputs.OUTPUTS`."""
-        return self._all[self._parts[name]]
+        return self._account(name)
 
     @property
     def pose(self) -> np.ndarray:
@@ -75,19 +73,18 @@ class Step:
 
         The last is the share of the way from braking to the QP's answer that was certified.
         """
-        qp, contact, accepted = self.account("residuals").tolist()
-        return {"qp": qp, "contact": contact, "accepted": accepted}
+        return self._account.residuals
 
     @property
     def drawn(self) -> int:
         """Phase of `ergoqp.step.guide` in which the guide leads: the way there, the wait there, the way back; else 0."""
-        return int(self.account("drawn")[0]) if "drawn" in self._parts else 0
+        return self._account.drawn
 
     @cached_property
     def reason(self) -> str:
         """One sentence that names the cause; empty for a plain optimal step."""
         posture, dt, age = self._seen
-        return reason_of(self._problem, self, posture, dt, age, self._notes)
+        return reason_of(self._problem, self._account, posture, dt, age, self._notes)
 
     @cached_property
     def margins(self) -> dict[str, float]:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 
 from ergoqp.expressions.linear import largest
+from ergoqp.problem.problem import Problem
 from ergoqp.step.bounds import STEADY_RETURN, limit_values
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
 def still_asks(asked: ca.MX) -> ca.MX:

@@ -1,6 +1,6 @@
 """From margins to bounds: what each row asks of the twist of this period, so that the whole stop afterwards stays inside.
 
-The object stops along a straight line, see `ergoqp.step.braking`: with d left a row holds through the stop if A xi <= d / h with
+The object stops along a straight line, see `ergoqp.limits.stop`: with d left a row holds through the stop if A xi <= d / h with
 h = dt + t_s / 2 for the longest stop t_s that this period can reach.
 
 That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h, and the row can only be
@@ -18,7 +18,7 @@ import numpy as np
 
 from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
-from ergoqp.step.braking import Braking, Stop
+from ergoqp.limits.stop import Braking, Stop
 from ergoqp.step.qp import ELBOW, FREE
 
 STEADY_RETURN = 0.01

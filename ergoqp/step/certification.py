@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set, largest, smallest
+from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
+from ergoqp.limits.stop import on_surface
+from ergoqp.problem.problem import Problem
 from ergoqp.step.bounds import MOVES, bends, limit_values, patience
-from ergoqp.step.braking import Stop, on_surface
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.counted import way_size
 from ergoqp.step.guide import TRIAL, trial_update
@@ -20,11 +22,6 @@ from ergoqp.step.objective import with_pattern
 from ergoqp.step.qp import FREE, TOLERANCE
 from ergoqp.step.readings import readings_size, situation_of
 from ergoqp.step.rest import STATES, rest_update
-
-if TYPE_CHECKING:
-    from ergoqp.limits import Situation
-    from ergoqp.problem.problem import Problem
-
 
 HELD: Final = 1e-12
 """Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
@@ -101,7 +98,7 @@ def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Funct
     """The twist that this answer asks for and the braking one, as they can be sent; the first one's stop; rest and trial."""
     names = (*_JUDGED, "must_move", *(_JOURNEY if guided else ()))
     sx = _symbols(problem, names)
-    limits, dt, stop = problem.row_limits, sx["dt"], Stop.of(problem)
+    limits, dt, stop = problem.row_limits, sx["dt"], problem.stop
     situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
     brake = on_surface(stop.braking(sx["previous"], dt), situation, sx["usable"])
     solved = sx["residual"] < TOLERANCE
@@ -221,7 +218,7 @@ def _kept(problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX, known
 
 def _margins(problem: Problem, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Smallest margins of all rows through a period at `twist` and the stop after it."""
-    ways = Stop.of(problem).ways(twist, dt)
+    ways = problem.stop.ways(twist, dt)
     situations = situations_of(problem, sx, S, ways)
     return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in problem.row_limits))
 

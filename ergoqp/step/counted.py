@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -14,12 +14,9 @@ from ergoqp.errors import ProblemError
 from ergoqp.expressions.linear import Shape, vectors, written_out
 from ergoqp.expressions.rigid import shifted
 from ergoqp.limits import Situation
-from ergoqp.step.braking import Stop
+from ergoqp.problem.problem import Problem
 from ergoqp.step.history import owes
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-    from ergoqp.step.way import UnderWay
+from ergoqp.step.way import UnderWay
 
 
 def _counts(problem: Problem) -> int:
@@ -149,7 +146,7 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     # Of each piece, what leads to the upper ends, and to the lower ones.
     toward = ca.fmax(done, 0)
     toward = ca.vertcat(toward, toward - done)
-    sums, many, law = toward @ found["seconds"], rows.shape[0], Stop.of(problem)
+    sums, many, law = toward @ found["seconds"], rows.shape[0], problem.stop
     if "tail" in found:
         sums += _along(rows, found["tail"])
     # A piece that leads to one end is not counted on at the other.
@@ -157,7 +154,7 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     below, above = up, down
     n = found["weights"].numel() if "weights" in found else 0
     if n:
-        # What a mean that still rises toward the last planned twist adds, see `ergoqp.step.braking.Stop`.
+        # What a mean that still rises toward the last planned twist adds, see `ergoqp.limits.stop.Stop`.
         rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (law.stretch * law.longest * found["weights"])
         below, above = below + rise[many:], above + rise[:many]
     angles = stray = raised = ca.MX(0)

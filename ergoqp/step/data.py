@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import dense, written_out
 from ergoqp.limits import Rows
+from ergoqp.limits.stop import Braking, on_surface
+from ergoqp.problem.problem import Problem
 from ergoqp.step.bounds import movable_rows, no_further, patience, row_bounds, unhurried
-from ergoqp.step.braking import Braking, Stop, on_surface
 from ergoqp.step.counted import way_size
 from ergoqp.step.objective import cost_function, objective, sensitivity_pattern, with_pattern
 from ergoqp.step.qp import FREE
 from ergoqp.step.readings import readings_function, readings_size, situation_of
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-
 
 QP_DATA: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
 """What `ergoqp.step.qp.build_qp` takes, in its order."""
@@ -81,7 +78,7 @@ def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
     shift = S @ mx["way"][:6]
     own, below, above, rate, reserve, twist, low, high, reach = terms(*(mx[name] for name in _PLACE), shift, S)
     away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
-    brake = Braking(twist, low, high, reach, mx["dt"], Stop.of(problem))
+    brake = Braking(twist, low, high, reach, mx["dt"], problem.stop)
     rows = Rows(_gathered(S, own, follows), below, above, rate, reserve)
     bounds = row_bounds(problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"])
     H, g = objective(problem, mx, S, E)
@@ -97,7 +94,7 @@ def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
     rows, and of this period's braking. `own` (k, 6) are the rows that are not rows of S.
     """
     sx = {name: ca.SX.sym(name, *_size(problem, name)) for name in (*_PLACE, "shift", "S")}
-    S, stop = with_pattern(sx["S"], sensitivity_pattern(problem)), Stop.of(problem)
+    S, stop = with_pattern(sx["S"], sensitivity_pattern(problem)), problem.stop
     brake = stop.braking(sx["previous"], sx["dt"])
     situation = situation_of(problem, sx, S, brake)
     brake = on_surface(brake, situation)

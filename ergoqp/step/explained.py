@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set, largest
+from ergoqp.problem.problem import Problem
 from ergoqp.step.faults import Fault, fault_of
 from ergoqp.step.history import owes
 from ergoqp.step.parts import joined, split
 from ergoqp.step.story import NAMED, REPORTED, SAID, STORY, UNIT, leap_beyond, length, symbols_of, watch_blocks
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 _MEMORY: Final = 0.3
 """How far back the motion is looked at to name a fault [s]."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
+from ergoqp.errors import InputError
 from ergoqp.expressions.linear import Shape, is_set, once, scalars, vectors, written_out
-from ergoqp.solvers import QpSolver
+from ergoqp.native.compiled import compiled as machine_code
+from ergoqp.problem.problem import Problem
+from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.step.asked import asked_update, still_asks
 from ergoqp.step.bounds import limit_values
 from ergoqp.step.certification import account_function, judge_function, shorten_function
 from ergoqp.step.data import away_function, pass_data
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, guide_sizes, pull_function
-from ergoqp.step.history import next_history
 from ergoqp.step.inputs import INPUTS, OUTPUTS, input_sizes, known_of
 from ergoqp.step.objective import cost_function, gain_function, sensitivity_pattern
 from ergoqp.step.parts import joined, split
@@ -22,13 +24,31 @@ from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.readings import readings_function, readings_size, situation_of
 from ergoqp.step.rest import stalled
 from ergoqp.step.state import asks_back, state_sizes
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-
+from ergoqp.step.way import next_history
 
 PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
+
+
+def step_function(problem: Problem, solver: str = "daqp", compiled: bool = False, *, guided: bool = False) -> ca.Function:
+    """Return the whole control step of a problem as one pure CasADi function; see `build_step`.
+
+    Args:
+        problem: the task.
+        solver: name of the QP solver, see `ergoqp.solvers`.
+        compiled: through the C compiler into the user's cache; the solver is then DAQP.
+        guided: with the inputs of a step that can be drawn toward a given place, see `ergoqp.step.guide`.
+
+    Raises:
+        InputError: if the solver is unknown, or not the one that is compiled.
+        CompilerError: if there is no C compiler.
+    """
+    chosen = solver_named(solver)
+    if not compiled:
+        return build_step(problem, chosen, guided=guided)
+    if chosen.name != "daqp":
+        raise InputError(f"compiled: got the solver {solver!r}, allowed only 'daqp'")
+    return machine_code(lambda native: build_step(problem, native, guided=guided, unrolled=True))
 
 
 def build_step(

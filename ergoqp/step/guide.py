@@ -14,18 +14,16 @@ Travelling changes the objective of the QP and nothing else, so that rows, certi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import is_set
 from ergoqp.expressions.rigid import is_rigid, normalised
-from ergoqp.step.rest import stalled
-
-if TYPE_CHECKING:
-    from ergoqp.problem.control import Control
+from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
+from ergoqp.step.rest import stalled
 
 GUIDE_INPUTS: Final = ("guide", "guided", "promise")
 """The given place (4, 4), whether there is one (0 or 1), and the cost that it promises [points]."""

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.step.parts import split
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-    from ergoqp.step.way import UnderWay
+from ergoqp.problem.problem import Problem
 
 FAR: Final = 1e3
 """Age of what was before the first step: older than anything counts [s]."""
@@ -76,38 +72,6 @@ def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray
     parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
     parts["idle"][:] = 0.0 if np.any(twist) else FAR
     return parts
-
-
-def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX) -> list[ca.MX]:
-    """Return the history after a period, in pieces that are put one below the other.
-
-    Args:
-        problem: the task.
-        history: before, as one vector of `history_sizes`.
-        found: what was under way at its begin.
-        planned: twist that was planned for the end of the period (6,).
-        sent: twist that was sent for it (6,).
-        still: 1 if both are zero.
-    """
-    kept, sizes = History.of(problem), history_sizes(problem)
-    first = 6 * kept.planned
-    after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
-    after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
-    if lag := problem.robot.lag:
-        dt = found.dt
-        # The oldest leaves the history; what it has still to do goes on fading.
-        part = split(sizes, history)
-        gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
-        seconds = remaining_seconds(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
-        fades = ca.exp(-dt / lag) * part["tail"]
-        after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
-        assert found.swift is not None
-        after.append(ca.vec(found.swift))
-        if hold := problem.robot.longest_hold:
-            # What a hold leaves behind of the oldest fades as slowly, and there is only one hold.
-            left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
-            after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
-    return [*after, found.owed] if owes(problem) else after
 
 
 def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import Shape, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
+from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import Cause
 from ergoqp.step.counted import way_of
 from ergoqp.step.history import owes
@@ -19,10 +20,6 @@ from ergoqp.step.state import state_sizes
 from ergoqp.step.story import watch_blocks
 from ergoqp.step.watch import reckoned, watch
 from ergoqp.step.way import UnderWay, under_way
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-
 
 INPUTS: Final = (
     "posture",

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from ergoqp.expressions.linear import dense
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
-from ergoqp.step.braking import Stop
+from ergoqp.problem.problem import Problem
 from ergoqp.step.counted import way_size
 from ergoqp.step.objective import sensitivity_pattern, with_pattern
 from ergoqp.step.readings import here, readings_size, situation_of
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 _HERE = ("posture", "observed", "readings", "pose")
 _LANDED = ("posture", "observed", "readings", "landed", "way", "shift")
@@ -97,7 +93,7 @@ def _curved_ahead(problem: Problem, limit: Limit, count: int) -> ca.Function:
 
 def situations_of(problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression) -> tuple[Situation, ...]:
     """Return the situation for each of `Stop.ways`: a robot that holds on does so with what is under way, or with the twist."""
-    law = Stop.of(problem)
+    law = problem.stop
     found = [situation_of(problem, known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
     if law.average:
         found = [replace(situation, lead=ways[:, -2], most=ways[:, -1]) for situation in found]

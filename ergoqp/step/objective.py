@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
@@ -10,12 +10,9 @@ import numpy as np
 from ergoqp.arguments import shown
 from ergoqp.errors import ProblemError
 from ergoqp.expressions.linear import is_set
+from ergoqp.problem.problem import Problem
 from ergoqp.step.inputs import stand_in
 from ergoqp.step.rest import HUNTING
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-
 
 _CAUTION_EPS: Final = 0.1
 

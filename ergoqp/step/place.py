@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,10 +12,8 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.problem import Problem
 from ergoqp.step.guide import UNKNOWN
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 _ROUNDING: Final = 1e-4
 """A place this far beyond the workspace is on its edge [m, rad]."""
@@ -48,7 +46,7 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
 
     Args:
         problem: whose object is drawn there.
-        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of ``problem.optimise``; if it has a ``.posture``
+        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of `ergoqp.optimise`; if it has a ``.posture``
             too, the cost of that posture is what the place promises. An `Optimum` must be of this problem, and of the mode
             ``"stackelberg"``: in the other one the posture is chosen, and nobody keeps its promise.
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
-from ergoqp.step.braking import Braking
+from ergoqp.limits.stop import Braking
+from ergoqp.problem.problem import Problem
 from ergoqp.step.counted import split_way
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
 def readings_function(problem: Problem) -> ca.Function:

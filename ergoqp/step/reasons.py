@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
+from ergoqp.problem.problem import Problem
+from ergoqp.step.account import Account
 from ergoqp.step.bounds import limit_values
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.faults import fault_sentence
 from ergoqp.step.guide import BACK, LOOK, THERE
 from ergoqp.step.history import LONGEST_DT, SHORTEST_DT
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
-    from ergoqp.step.answer import Step
-
 
 _DRAWN: Final = {
     THERE: "drawn toward the given place",
@@ -26,38 +23,38 @@ _DRAWN: Final = {
 }
 
 
-def reason_of(problem: Problem, step: Step, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]) -> str:
+def reason_of(problem: Problem, account: Account, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]) -> str:
     """Return the sentence of a step; empty for a plain optimal one.
 
     Args:
         problem: the task.
-        step: whose account is read.
+        account: of the step.
         posture: as it came in (32,) [rad].
         dt: as it came in [s].
         age: as it came in [s].
         notes: what was wrong with inputs before they became numbers, by their name.
     """
     log = [notes["log"]] if "log" in notes else []
-    status, margins = Status[step.status], step.account("margins")
-    causes = [cause for cause in Cause if int(step.account("causes")[0]) >> cause & 1]
+    status, margins = Status[account.status], account("margins")
+    causes = [cause for cause in Cause if int(account("causes")[0]) >> cause & 1]
     if Cause.asked in causes:
         causes.remove(Cause.no_frame)
     if status >= Status.braking:
-        said = [_cause(problem, cause, step, posture, dt, age, notes) for cause in causes]
+        said = [_cause(problem, cause, account, posture, dt, age, notes) for cause in causes]
         return "; ".join([*said, *log])
     parts = []
     names = problem.row_names
-    outside = np.flatnonzero(step.account("outside") > 0.5).tolist()
+    outside = np.flatnonzero(account("outside") > 0.5).tolist()
     if outside:
         parts.append("outside, coming back: " + ", ".join(_beyond(names[i], margins[i]) for i in outside))
     if status == Status.relaxed:
-        used = [names[i] for i in np.flatnonzero(step.account("slack") > 1e-6)]
+        used = [names[i] for i in np.flatnonzero(account("slack") > 1e-6)]
         parts.append("braking alone would pass these limits, so they give way: " + ", ".join(map(spoken, used)))
-    if step.drawn:
-        parts.append(_DRAWN[step.drawn])
+    if account.drawn:
+        parts.append(_DRAWN[account.drawn])
     if "guide" in notes:
         parts.append(notes["guide"])
-    if status == Status.settled and not step.drawn:
+    if status == Status.settled and not account.drawn:
         parts.append("at rest: moving would gain too little")
     tolerance, returns = (limit_values(problem.row_limits, name) for name in ("tolerance", "returns"))
     hard = limit_values(problem.row_limits, "hard")
@@ -82,7 +79,7 @@ def _noise(problem: Problem, name: str) -> float:
 
 
 def _cause(
-    problem: Problem, cause: Cause, step: Step, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]
+    problem: Problem, cause: Cause, account: Account, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]
 ) -> str:
     if cause is Cause.posture:
         return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
@@ -93,14 +90,14 @@ def _cause(
     if cause is Cause.disabled:
         return notes.get("enable", "not enabled")
     if cause is Cause.robot:
-        kind, amount = step.account("fault").tolist()
+        kind, amount = account("fault").tolist()
         return fault_sentence(int(kind), amount)
     return {
         Cause.dt: f"dt is {dt:g} s, allowed {SHORTEST_DT:g} to {LONGEST_DT:g} s",
         Cause.age: f"age is {age:g} s, allowed at least 0",
         Cause.no_frame: "no posture arrived",
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
-        Cause.not_solved: f"the QP was not solved: residual {step.residuals['qp']:.1e}",
+        Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
         Cause.unmeasured: "no pose, and the robot is declared to move by up to "
         f"{100 * problem.robot.gain_error:g} % more or less than what it is sent"

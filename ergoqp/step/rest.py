@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import casadi as ca
 
 from ergoqp.expressions.linear import is_set
-
-if TYPE_CHECKING:
-    from ergoqp.problem.control import Control
+from ergoqp.problem.control import Control
 
 STATES: Final = 6
 """At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost; lowest filtered cost

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ergoqp.problem.problem import Problem
 from ergoqp.step.guide import TRIAL
 from ergoqp.step.history import history_sizes, initial_history, owes
 from ergoqp.step.parts import count
 from ergoqp.step.rest import STATES
 from ergoqp.step.story import watch_blocks
 from ergoqp.step.watch import taken_over
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
 def state_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, int]]:

@@ -13,8 +13,8 @@ from ergoqp.errors import InputError
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer import Step
-from ergoqp.step.braking import longest_stop
 from ergoqp.step.causes import Cause, Status
+from ergoqp.step.function import step_function
 from ergoqp.step.guide import TRIAL
 from ergoqp.step.history import SHORTEST_DT, history_sizes
 from ergoqp.step.parts import count
@@ -32,7 +32,7 @@ LogSink = Callable[[dict[str, Any]], None]
 
 
 class Stepper:
-    """One control loop's state: last twist, last pose, rest state. Make one per loop with ``problem.stepper()``.
+    """One control loop's state: last twist, last pose, rest state. Make one per loop.
 
     Args:
         problem: the task.
@@ -42,7 +42,7 @@ class Stepper:
         log: called before every step with a dict of everything that goes in (``ergoqp.replay`` gives the same answers again);
             an exception in it is not passed on: the loop goes on, the step's reason says that it is not recorded, and the next
             one is tried again.
-        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum of ``problem.optimise``,
+        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum of `ergoqp.optimise`,
             or a pose (4, 4), see `ergoqp.step.place.read_guide`. Limits are what they are without.
 
     Raises:
@@ -70,7 +70,7 @@ class Stepper:
         self.dt = self.problem.dt
         self._state = (len(self.problem.coordinates),)
         self._log = log
-        self._longest_stop = longest_stop(self.problem)
+        self._longest_stop = self.problem.stop.duration
         self._loop = {"dt": self.dt, "solver": solver, "compiled": compiled}
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
@@ -80,7 +80,7 @@ class Stepper:
         self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
         sizes = state_sizes(self.problem, self._guided)
         self._rest_at = count({name: sizes[name] for name in ("history", "stored", "started")})
-        self._function = self.problem.step_function(solver, compiled, guided=self._guided)
+        self._function = step_function(self.problem, solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
         names_in, names_out = self._function.name_in(), self._function.name_out()
         self._inputs = {name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(names_in)}
@@ -139,7 +139,7 @@ class Stepper:
             InputError: if the stepper was made without a guide; it then cannot be drawn anywhere.
         """
         if not self._guided:
-            raise InputError("guide: the stepper was made without one, allowed only where stepper(guide=...) had a place")
+            raise InputError("guide: the stepper was made without one, allowed only where Stepper(guide=...) had a place")
         self._notes.clear()
         self._inputs["guided"][0] = 0.0
         self._state_in[-TRIAL:] = 0.0

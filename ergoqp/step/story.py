@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
+from ergoqp.problem.problem import Problem
 from ergoqp.step.history import owes
 from ergoqp.step.parts import count
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)
 """Difference of measured and declared motion that is none yet, per axis (6,) [m, rad]."""

@@ -13,13 +13,14 @@ enabled, whatever moves it is no fault.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import Shape, dense, is_set
 from ergoqp.expressions.rigid import turned
+from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import Cause
 from ergoqp.step.explained import explained_function
 from ergoqp.step.history import owes
@@ -36,9 +37,6 @@ from ergoqp.step.story import (
     symbols_of,
     watch_blocks,
 )
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 CALM: Final = 0.5
 """For how long the object stands still after a fault, beside the time that the robot is declared to be late [s]."""

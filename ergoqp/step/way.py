@@ -13,17 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
+import numpy as np
 
 from ergoqp.expressions.linear import Shape, dense, vectors, written_out
+from ergoqp.problem.problem import Problem
 from ergoqp.step.ages import weights_function
-from ergoqp.step.history import history_sizes, owes
+from ergoqp.step.history import History, history_sizes, owes, remaining_seconds
 from ergoqp.step.parts import count, split
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -168,3 +166,35 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
         low, high = ca.fmin(low, twist), ca.fmax(high, twist)
     low, high = ca.Function("extremes", [given], dense([low, high])).call([twists])
     return low, high
+
+
+def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX) -> list[ca.MX]:
+    """Return the history after a period, in pieces that are put one below the other.
+
+    Args:
+        problem: the task.
+        history: before, as one vector of `history_sizes`.
+        found: what was under way at its begin.
+        planned: twist that was planned for the end of the period (6,).
+        sent: twist that was sent for it (6,).
+        still: 1 if both are zero.
+    """
+    kept, sizes = History.of(problem), history_sizes(problem)
+    first = 6 * kept.planned
+    after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
+    after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
+    if lag := problem.robot.lag:
+        dt = found.dt
+        # The oldest leaves the history; what it has still to do goes on fading.
+        part = split(sizes, history)
+        gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
+        seconds = remaining_seconds(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
+        fades = ca.exp(-dt / lag) * part["tail"]
+        after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
+        assert found.swift is not None
+        after.append(ca.vec(found.swift))
+        if hold := problem.robot.longest_hold:
+            # What a hold leaves behind of the oldest fades as slowly, and there is only one hold.
+            left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
+            after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
+    return [*after, found.owed] if owes(problem) else after

@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final, Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.errors import InputError
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
+from ergoqp.problem.problem import Problem
+from ergoqp.step.stepper import Stepper
 
 Array = NDArray[np.float64]
 
@@ -246,7 +245,7 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
     """
     if periods < 1:
         raise InputError(f"periods: got {periods!r}, allowed 1 or more")
-    stepper = problem.replace(control=replace(problem.control, average=0.0)).stepper()
+    stepper = Stepper(problem.replace(control=replace(problem.control, average=0.0)))
     twists = []
     for posture in np.atleast_2d(np.asarray(postures, dtype=float)):
         stepper.reset()

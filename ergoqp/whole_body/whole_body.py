@@ -15,6 +15,7 @@ from ergoqp.expressions.rigid import read_pose
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer import Step
 from ergoqp.step.qp import FREE
+from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
@@ -122,7 +123,7 @@ class WholeBody:
         self.robot = robot_of(robot, frame)
         joints = None if start is None else start_of(start, self.robot)
         # The object does what the arm can, and not always what its own step says: so nothing is averaged.
-        self.stepper = problem.replace(control=replace(problem.control, average=0.0)).stepper(dt=dt)
+        self.stepper = Stepper(problem.replace(control=replace(problem.control, average=0.0)), dt=dt)
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
         apart = None if distance is None else distance + reserve
@@ -226,7 +227,7 @@ class WholeBody:
                 twist = moment.jacobian @ solved[arm] - moment.offset
                 if np.abs(twist - object_step.twist).max() < SAME:
                     return solved[arm], object_step.status, ""
-                return solved[arm], "slower", "held back by " + held_back(self, moment, solved)
+                return solved[arm], "slower", "held back by " + held_back(self.robot, self.scene, moment, solved)
         # The object brakes, rests, or cannot have all of its rows: the robot does what comes nearest to it.
         wanted = object_step.twist if not whole else self._braking(done)
         effort = np.diag(np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3))
@@ -238,7 +239,7 @@ class WholeBody:
             twist = moment.jacobian @ solved[arm] - moment.offset
             if not whole and np.abs(twist - wanted).max() < SAME:
                 return solved[arm], object_step.status, ""
-            names = held_back(self, moment, solved)
+            names = held_back(self.robot, self.scene, moment, solved)
             if whole:
                 return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
             stops = object_step.status in ("braking", "invalid")

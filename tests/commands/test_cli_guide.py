@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from command_line import mistake
 
+from ergoqp.placing.find import optimise
 from ergoqp.problem_files.load import load_problem
 
 
@@ -13,7 +14,7 @@ from ergoqp.problem_files.load import load_problem
 def optimum(tmp_path_factory):
     problem = load_problem("desk")
     folder = tmp_path_factory.mktemp("optimum")
-    found = problem.optimise(problem.response.comfort, starts=2)
+    found = optimise(problem, problem.response.comfort, starts=2)
     found.save(folder)
     return found, folder
 

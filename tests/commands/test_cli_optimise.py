@@ -5,7 +5,7 @@ import json
 import pytest
 from command_line import mistake
 
-from ergoqp.placing import Optimum
+from ergoqp.placing.optimum import Optimum
 
 
 def test_table_and_file(ergoqp, tmp_path):

@@ -17,6 +17,7 @@ from ergoqp.solvers import SOLVERS, solver_named
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.step.qp import FREE, TOLERANCE, build_qp
+from ergoqp.step.stepper import Stepper
 
 
 @cache
@@ -61,7 +62,7 @@ def test_limits_that_contradict_each_other_are_named_and_nothing_runs_away(name:
     box = problem.limit_of(WorkspaceBox)
     up = np.array([0.0, 0.0, box.upper[2] - box.lower[2] + 0.05])
     other = OtherBox(tuple(box.lower + up), tuple(box.upper + up))
-    stepper = problem.replace(limits=[*problem.limits, other]).stepper()
+    stepper = Stepper(problem.replace(limits=[*problem.limits, other]))
     posture, previous = comfort_of(name), np.zeros(6)
     for _ in range(150):
         step = stepper.step(posture)

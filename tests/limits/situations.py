@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.limits import Rows, Situation, TwistLimit
+from ergoqp.limits.stop import Stop
 from ergoqp.step.bounds import movable_rows, no_further, row_bounds
-from ergoqp.step.braking import Stop
 from ergoqp.step.qp import FREE
 
 SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}

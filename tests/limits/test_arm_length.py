@@ -10,6 +10,7 @@ from ergoqp.limits import ArmLength, JointLimit, TwistLimit
 from ergoqp.limits.arm_length import RETURN
 from ergoqp.responses import IkResponse, LinearResponse
 from ergoqp.simulation.check import Checker
+from ergoqp.step.stepper import Stepper
 
 LENGTH = 0.26
 SPEED = TwistLimit(0.15, 0.15, 1.5, 1.5)
@@ -46,7 +47,7 @@ def a_pair(rng):
 def test_the_length_holds_at_every_step_and_so_do_the_bounds(seed):
     rng = np.random.default_rng(seed)
     task = problem(rng.uniform(-0.6, 0.6, 6))
-    stepper, checker = task.stepper(), Checker(task)
+    stepper, checker = Stepper(task), Checker(task)
     state, previous = a_pair(rng), np.zeros(6)
     start = float(task.cost(state)[0])
     for _ in range(900):
@@ -62,7 +63,7 @@ def test_the_length_holds_at_every_step_and_so_do_the_bounds(seed):
 def test_it_ends_where_the_cost_is_lowest_at_this_length():
     goal = np.array([0.1, -0.2, 0.3, 0.1, -0.2, 0.9])
     task = problem(goal)
-    stepper, state = task.stepper(), a_pair(np.random.default_rng(5))
+    stepper, state = Stepper(task), a_pair(np.random.default_rng(5))
     for _ in range(1500):
         state = state + stepper.step(state).twist * 0.01
     # The nearest pair of this length lies along the goal's own line, both ends missing the same.
@@ -72,7 +73,7 @@ def test_it_ends_where_the_cost_is_lowest_at_this_length():
 
 def test_a_wrong_length_is_mended_within_the_bounds_and_announced():
     task = problem(np.array([0.1, 0.1, 0.1, 0.36, 0.1, 0.1]))
-    stepper, checker = task.stepper(), Checker(task)
+    stepper, checker = Stepper(task), Checker(task)
     state, previous = np.array([0.0, 0.0, 0.0, LENGTH + 2e-3, 0.0, 0.0]), np.zeros(6)
     first = stepper.step(state)
     assert first.status == "recovering"
@@ -130,7 +131,7 @@ def test_a_length_that_is_none_is_refused(length):
 
 def test_speeds_that_leave_no_acceleration_are_refused():
     with pytest.raises(InputError, match="lower the speed or raise the acceleration"):
-        problem(np.zeros(6), speed=TwistLimit(0.5, 0.5, 0.5, 0.5)).stepper()
+        Stepper(problem(np.zeros(6), speed=TwistLimit(0.5, 0.5, 0.5, 0.5)))
 
 
 def test_limits_of_another_state_are_refused():

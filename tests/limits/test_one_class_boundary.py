@@ -20,6 +20,7 @@ from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.points import run_points
+from ergoqp.step.stepper import Stepper
 
 LENGTH = 0.26
 
@@ -61,7 +62,7 @@ def test_only_the_whole_row_stays_inside(case, kind):
     problem = outward(
         case.model, TwistLimit(0.8, 0.8, 0.8, 0.8), kind(case.model, hard=True), response=LinearResponse(names, largest=100.0)
     )
-    stepper = problem.stepper(dt=0.05)
+    stepper = Stepper(problem, dt=0.05)
     least = min(
         case.margin(run_points(problem, start, 5.0, stepper=stepper, stop_when_still=None).states).min()
         for start in case.inside[:6]
@@ -84,7 +85,7 @@ def test_it_reaches_the_boundary_and_not_only_its_neighbourhood(case):
 def test_on_a_bent_way_it_holds_too(arm):
     points, model = arm
     problem = outward(model, TwistLimit(0.15, 0.15, 1.5, 1.5), ArmLength(LENGTH), OneClassBoundary(model, hard=True))
-    stepper, inside = problem.stepper(), points[model.margin(points) > 0.01]
+    stepper, inside = Stepper(problem), points[model.margin(points) > 0.01]
     for start in inside[:5]:
         run = run_points(problem, start, 5.0, stepper=stepper, stop_when_still=None)
         assert model.margin(run.states).min() >= 0
@@ -120,7 +121,7 @@ def in_data():
 def test_a_persons_posture_stays_in_the_data():
     """In the full problem the row goes through S: kept as far as braking allows, and announced."""
     plain, problem, model = in_data()
-    step = problem.stepper().step(problem.response.comfort)
+    step = Stepper(problem).step(problem.response.comfort)
     assert step.margins["boundary"] == pytest.approx(model.margin(model.coordinates.read(problem.response.comfort))[0])
     person, checker = sample_person(plain, 0), Checker(problem)
     posture = problem.response.comfort.copy()
@@ -139,7 +140,7 @@ def test_a_persons_posture_outside_the_data_is_named_not_made_worse_and_moves_no
     outside, slope = float(model.margin(point)[0]), np.array(model.margin_and_slope(point)[1]).ravel()
     assert outside < -0.5
     fastest = {}
-    for kind, stepper in (("with", problem.stepper()), ("without", plain.stepper())):
+    for kind, stepper in (("with", Stepper(problem)), ("without", Stepper(plain))):
         steps = [stepper.step(posture, held_pose("screwing") if number == 0 else None) for number in range(50)]
         fastest[kind] = min(slope @ step.posture_rate[model.coordinates.indices] for step in steps)
         assert {step.status for step in steps} <= {"optimal", "settled", "relaxed"}

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from situations import brake_of
 
 from ergoqp.limits import TwistLimit
+from ergoqp.limits.stop import Stop
 from ergoqp.problem_files.load import load_problem
-from ergoqp.step.braking import Stop, longest_stop
 
 LIMIT = TwistLimit(0.2, 0.8, 0.6, 2.5)
 WINDOW = 0.05
@@ -203,7 +203,7 @@ def test_the_longest_stop_is_that_of_the_slowest_axis_and_of_what_the_mean_still
     problem = load_problem("desk")
     limit = problem.twist_limit
     seconds = max(limit.linear_speed / limit.linear_acceleration, limit.angular_speed / limit.angular_acceleration)
-    assert longest_stop(problem) == pytest.approx(seconds + problem.average + 3 * problem.dt)
+    assert problem.stop.duration == pytest.approx(seconds + problem.average + 3 * problem.dt)
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.2])

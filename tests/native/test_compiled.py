@@ -20,6 +20,7 @@ from ergoqp.native.compiler import CompilerError, shared_library
 from ergoqp.native.daqp import NativeDaqp
 from ergoqp.solvers import solver_named
 from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler")
 
@@ -35,7 +36,7 @@ def no_compiler(request, monkeypatch):
 @pytest.mark.parametrize("name", ["screwing", "low_bin", "forearm"])
 def test_compiled_answers_are_those_of_the_interpreted_step(name):
     problem = ergoqp.load_problem(name)
-    plain, fast = problem.stepper(), problem.stepper(compiled=True)
+    plain, fast = Stepper(problem), Stepper(problem, compiled=True)
     statuses = set()
     for call, one in wandering_steps(problem, plain, 400, seed=3):
         other = fast.step(**call)
@@ -50,7 +51,7 @@ def test_compiled_answers_are_those_of_the_interpreted_step(name):
 
 def test_compiled_it_takes_over_and_brakes_alike():
     problem = ergoqp.load_problem("screwing")
-    steppers = problem.stepper(), problem.stepper(compiled=True)
+    steppers = Stepper(problem), Stepper(problem, compiled=True)
     moving = 0.6 * problem.twist_limit.speed
     for stepper in steppers:
         stepper.reset(twist=moving)
@@ -62,19 +63,19 @@ def test_compiled_it_takes_over_and_brakes_alike():
 
 def test_a_second_stepper_finds_the_library_again(monkeypatch):
     problem = ergoqp.load_problem("screwing")
-    problem.stepper(compiled=True)
+    Stepper(problem, compiled=True)
     monkeypatch.setattr(native_compiler, "_run", lambda *_: pytest.fail("compiled again"))
-    problem.stepper(compiled=True)
+    Stepper(problem, compiled=True)
 
 
 def test_only_daqp_is_compiled():
     with pytest.raises(InputError, match="compiled: got the solver 'osqp', allowed only 'daqp'"):
-        ergoqp.load_problem("screwing").stepper(solver="osqp", compiled=True)
+        Stepper(ergoqp.load_problem("screwing"), solver="osqp", compiled=True)
 
 
 def test_no_compiler_is_one_sentence(no_compiler):
     with pytest.raises(CompilerError, match=r"C compiler: got CC='.*', which is not a program here, allowed"):
-        ergoqp.load_problem("screwing").stepper(compiled=True)
+        Stepper(ergoqp.load_problem("screwing"), compiled=True)
 
 
 def test_a_compiler_that_fails_is_quoted(tmp_path, monkeypatch):
@@ -174,7 +175,7 @@ def test_a_library_that_cannot_be_loaded_is_one_sentence(monkeypatch, tmp_path):
     other.write_bytes(b"not a library" * 1000)
     monkeypatch.setattr(compiled, "shared_library", lambda *_: other)
     with pytest.raises(CompilerError, match=r"compiled step: the library '.*other\.so' cannot be loaded: "):
-        ergoqp.load_problem("forearm").stepper(compiled=True)
+        Stepper(ergoqp.load_problem("forearm"), compiled=True)
 
 
 def test_code_that_a_full_disk_cut_off_is_not_compiled():

@@ -14,9 +14,10 @@ from step_calls import start_of, wandering_steps
 import ergoqp
 from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
-from ergoqp.native.export import export_step
-from ergoqp.native.layout import c_string, header
+from ergoqp.export.folder import export_step
+from ergoqp.export.layout import c_string, header
 from ergoqp.step.causes import Status
+from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 
@@ -87,7 +88,7 @@ def c_call(call):
 
 def test_the_exported_step_gives_what_python_gives(exported):
     problem, folder, library = exported
-    stepper, other = problem.stepper(), load_wrapper(folder).Stepper(str(library))
+    stepper, other = Stepper(problem), load_wrapper(folder).Stepper(str(library))
     seen, off = set(), 1e-12
     for call, step in wandering_steps(problem, stepper, 300, seed=5):
         posture, given = c_call(call)
@@ -142,7 +143,7 @@ def test_reset_starts_again_from_standstill(exported):
 
 def test_it_takes_over_a_moving_object_as_python_does(exported):
     problem, folder, library = exported
-    stepper, other, posture = problem.stepper(), load_wrapper(folder).Stepper(str(library)), start_of(problem)
+    stepper, other, posture = Stepper(problem), load_wrapper(folder).Stepper(str(library)), start_of(problem)
     speed = problem.twist_limit.speed
     # The last one is clipped. Elbow and wrist move alike: a twist that would change the forearm's length cannot be kept.
     for moving in (0.3 * speed, -speed, np.array([3.0, -1, 1, 3.0, -1, 1]) * speed):
@@ -162,7 +163,7 @@ def test_it_takes_over_a_moving_object_as_python_does(exported):
 
 def test_it_brakes_without_data_as_python_does(exported):
     problem, folder, library = exported
-    stepper, other, posture = problem.stepper(), load_wrapper(folder).Stepper(str(library)), away_from_rest(problem)
+    stepper, other, posture = Stepper(problem), load_wrapper(folder).Stepper(str(library)), away_from_rest(problem)
 
     def both(call, *arguments, **given):
         step, answer = (getattr(one, call)(*arguments, **given) for one in (stepper, other))

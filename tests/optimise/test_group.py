@@ -12,6 +12,7 @@ import ergoqp.placing
 from ergoqp.cli.commands.population import COLUMNS
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.placing.find import optimise
 from ergoqp.placing.group.grid import AXES, shared_grid
 from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.people import drawn_people, read_people
@@ -260,7 +261,7 @@ def test_every_key_array_and_column_is_documented(mean, tmp_path):
 def test_one_person_alone_is_the_single_optimum(low_bin):
     """Two methods that share nothing but the person and the sheet find the same score."""
     (member,) = best_for_group(low_bin, (1.75,), "mean", starts=2).members
-    assert member.reba == member.own_reba == low_bin.optimise(starts=6).reba_after
+    assert member.reba == member.own_reba == optimise(low_bin, starts=6).reba_after
 
 
 def test_the_package_offers_what_it_says():

@@ -7,6 +7,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
+from ergoqp.placing.find import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.simulation.best import workspace_map
 from ergoqp.simulation.people import sample_person
@@ -19,7 +20,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def best(problem) -> Optimum:
-    return problem.optimise(starts=6, seed=1)
+    return optimise(problem, starts=6, seed=1)
 
 
 def with_limit(problem, limit):
@@ -53,11 +54,11 @@ class TestBest:
     def test_as_low_as_brute_force(self):
         problem = ergoqp.load_problem("desk")
         person = sample_person(problem, 5)
-        found = problem.optimise(starts=4, person=person)
+        found = optimise(problem, starts=4, person=person)
         assert found.reba_after <= workspace_map(problem, person, cache=False).best
 
     def test_cooperative_is_no_worse(self, problem, best):
-        bound = problem.optimise(starts=6, seed=1, mode="cooperative")
+        bound = optimise(problem, starts=6, seed=1, mode="cooperative")
         assert bound.mode == "cooperative"
         assert bound.reba_after <= best.reba_after
         assert bound.kkt_residual <= 1e-6
@@ -67,16 +68,16 @@ class TestBest:
     @pytest.mark.parametrize("solver", ["fatrop", "sqpmethod"])
     def test_other_solvers(self, solver, name):
         problem = ergoqp.load_problem(name)
-        found = problem.optimise(starts=2, seed=1, solver=solver)
-        assert found.reba_after == problem.optimise(starts=2, seed=1).reba_after
+        found = optimise(problem, starts=2, seed=1, solver=solver)
+        assert found.reba_after == optimise(problem, starts=2, seed=1).reba_after
         assert found.kkt_residual <= 1e-6
 
     def test_start_of_ones_own(self, problem, best):
-        again = problem.optimise(best.posture_before, starts=6, seed=1, pose=best.pose_before)
+        again = optimise(problem, best.posture_before, starts=6, seed=1, pose=best.pose_before)
         np.testing.assert_allclose(again.pose, best.pose, atol=1e-6)
 
     def test_another_body(self, problem):
-        found = problem.optimise(starts=2, person=Body.of_stature(1.55))
+        found = optimise(problem, starts=2, person=Body.of_stature(1.55))
         assert found.response.body.stature == 1.55
         assert any("1.55 m" in sentence for sentence in found.assumptions)
 
@@ -88,20 +89,20 @@ class TestBest:
 
     def test_progress(self, problem):
         shares = []
-        problem.optimise(starts=2, progress=shares.append)
+        optimise(problem, starts=2, progress=shares.append)
         assert shares == [0.5, 1.0]
 
 
 class TestLimits:
     def test_object_that_only_rises_keeps_its_other_axes(self, problem, best):
         lift = with_limit(problem, TwistLimit(axes=("z",)))
-        found = lift.optimise(best.posture_before, starts=2)
+        found = optimise(lift, best.posture_before, starts=2)
         np.testing.assert_allclose(found.pose[:2, 3], best.pose_before[:2, 3], atol=1e-9)
         np.testing.assert_allclose(found.pose[:3, :3], best.pose_before[:3, :3], atol=1e-9)
 
     def test_narrower_range_holds(self, problem, best):
         limit = JointLimit(ranges_deg={"right_elbow_flexion": (100, 140)})
-        found = with_limit(problem, limit).optimise(starts=4, seed=1)
+        found = optimise(with_limit(problem, limit), starts=4, seed=1)
         elbow = ergoqp.JOINTS.index("right_elbow_flexion")
         assert best.posture[elbow] < np.radians(99)
         assert found.posture[elbow] >= np.radians(100) - 1e-3
@@ -109,7 +110,7 @@ class TestLimits:
 
     def test_learned_cost_and_boundary(self):
         problem = ergoqp.load_problem("screwing_learned")
-        found = problem.optimise(starts=2)
+        found = optimise(problem, starts=2)
         assert found.tau_deg is None
         assert found.reba_after < found.reba_before
         boundary = problem.limits[-1]
@@ -136,23 +137,23 @@ class TestMistakes:
     )
     def test_arguments(self, problem, wrong, words):
         with pytest.raises(InputError, match=words):
-            problem.optimise(**wrong)
+            optimise(problem, **wrong)
 
     def test_nothing_in_reach(self, problem, best):
         far = with_limit(problem, WorkspaceBox((5, 5, 5), (6, 6, 6)))
         with pytest.raises(InputError, match=r"none of 2 starts ended .* \(2 out of reach\)"):
-            far.optimise(best.posture_before, starts=2)
+            optimise(far, best.posture_before, starts=2)
 
     def test_no_workspace(self, problem):
         limits = [limit for limit in problem.limits if not isinstance(limit, WorkspaceBox)]
         with pytest.raises(InputError, match=r"no limits\.workspace"):
-            problem.replace(limits=limits).optimise()
+            optimise(problem.replace(limits=limits))
 
     def test_object_where_it_may_not_be(self, problem, best):
         lift = with_limit(with_limit(problem, TwistLimit(axes=("z",))), WorkspaceBox((0.9, -0.2, 0.6), (1.0, 0.2, 1.2)))
         with pytest.raises(InputError, match="where it cannot move"):
-            lift.optimise(best.posture_before)
+            optimise(lift, best.posture_before)
 
     def test_no_person(self):
         with pytest.raises(InputError, match="LinearResponse"):
-            ergoqp.load_problem("forearm").optimise()
+            optimise(ergoqp.load_problem("forearm"))

@@ -13,6 +13,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
+from ergoqp.placing.find import optimise
 from ergoqp.placing.ledger import FILE
 from ergoqp.simulation.starts import awkward_start
 
@@ -24,7 +25,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def alone(problem):
-    return problem.optimise(starts=6, seed=3)
+    return optimise(problem, starts=6, seed=3)
 
 
 def same(one, other):
@@ -37,11 +38,11 @@ def same(one, other):
 
 
 def test_same_in_two_processes(problem, alone):
-    same(problem.optimise(starts=6, seed=3, jobs=2), alone)
+    same(optimise(problem, starts=6, seed=3, jobs=2), alone)
 
 
 def test_another_seed_begins_elsewhere(problem, alone):
-    other = problem.optimise(alone.posture_before, starts=6, seed=4, pose=alone.pose_before)
+    other = optimise(problem, alone.posture_before, starts=6, seed=4, pose=alone.pose_before)
     assert any(np.abs(a.pose - b.pose).max() > 0 for a, b in zip(other.trials[1:], alone.trials[1:], strict=True))
 
 
@@ -51,7 +52,7 @@ def test_same_on_a_cluster(problem, alone):
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=50
     )
     with cluster:
-        same(problem.optimise(starts=6, seed=3, scheduler=cluster.scheduler_address), alone)
+        same(optimise(problem, starts=6, seed=3, scheduler=cluster.scheduler_address), alone)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ftp://127.0.0.1:8786"])
@@ -59,7 +60,7 @@ def test_no_cluster_there(problem, alone, address, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("ergoqp.placing.workers.TIMEOUT", 0.5)
     with pytest.raises(InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"):
-        problem.optimise(alone.posture_before, starts=2, scheduler=address)
+        optimise(problem, alone.posture_before, starts=2, scheduler=address)
 
 
 def test_what_cannot_be_sent(problem, alone):
@@ -74,11 +75,12 @@ def test_what_cannot_be_sent(problem, alone):
             return 1 + ca.sumsqr(q)
 
     with pytest.raises(InputError, match=r"jobs: the terms of problem dentist cannot be sent to other processes"):
-        problem.replace(cost=Own()).optimise(alone.posture_before, starts=2, jobs=2)
+        optimise(problem.replace(cost=Own()), alone.posture_before, starts=2, jobs=2)
 
 
 CHILD = """
 import sys, ergoqp
+from ergoqp.placing.find import optimise
 ergoqp.load_problem("dentist").optimise(starts=200, seed=3, out=sys.argv[1])
 """
 
@@ -100,29 +102,29 @@ def test_a_killed_run_goes_on(problem, alone, tmp_path):
     with ledger.open("a", encoding="utf-8") as file:
         file.write('{"key": "cut off in the mid')
     solved = []
-    again = problem.optimise(starts=len(finished) + 2, seed=3, out=tmp_path, progress=solved.append)
+    again = optimise(problem, starts=len(finished) + 2, seed=3, out=tmp_path, progress=solved.append)
     # Only the two that were missing were solved, and the others are the ones that were finished.
     assert len(solved) == 2
     for entry in finished:
         assert again.trials[entry["trial"]["number"]].seconds == entry["trial"]["seconds"]
     for trial, once in zip(again.trials, alone.trials, strict=False):
         np.testing.assert_array_equal(trial.pose, once.pose)
-    nothing = problem.optimise(
-        starts=len(finished) + 2, seed=3, out=tmp_path, progress=lambda share: pytest.fail("solved again")
+    nothing = optimise(
+        problem, starts=len(finished) + 2, seed=3, out=tmp_path, progress=lambda share: pytest.fail("solved again")
     )
     same(nothing, again)
 
 
 def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tmp_path):
-    problem.optimise(alone.posture_before, starts=1, out=tmp_path)
+    optimise(problem, alone.posture_before, starts=1, out=tmp_path)
     for options in ({"seed": 1}, {"mode": "cooperative"}, {"tau_deg": 1.0}, {"posture": problem.response.comfort}):
         solved = []
         arguments = {"posture": alone.posture_before, "starts": 1, "out": tmp_path, "progress": solved.append, **options}
-        problem.optimise(**arguments)
+        optimise(problem, **arguments)
         assert solved == [1.0]
     heavier = ergoqp.load_problem("dentist").replace(task={**problem.task, "load_kg": 8})
     solved = []
-    heavier.optimise(alone.posture_before, starts=1, out=tmp_path, progress=solved.append)
+    optimise(heavier, alone.posture_before, starts=1, out=tmp_path, progress=solved.append)
     assert solved == [1.0]
 
 

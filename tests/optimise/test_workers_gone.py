@@ -12,6 +12,7 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import WorkersError
+from ergoqp.placing.find import optimise
 from ergoqp.placing.ledger import FILE
 
 KEPT = "with `out` the starts that were finished are kept"
@@ -50,7 +51,7 @@ def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
     with pytest.raises(
         WorkersError, match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}"
     ):
-        problem.optimise(starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=retire)
+        optimise(problem, starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=retire)
     assert (tmp_path / FILE).read_text(encoding="utf-8").count("\n") >= 1
 
 
@@ -59,7 +60,7 @@ def test_a_worker_that_is_late_is_waited_for(problem, cluster):
     later = threading.Timer(4.0, lambda: cluster.scale(1))
     later.start()
     try:
-        assert len(problem.optimise(starts=2, scheduler=cluster.scheduler_address).trials) == 2
+        assert len(optimise(problem, starts=2, scheduler=cluster.scheduler_address).trials) == 2
     finally:
         later.join()
 
@@ -88,19 +89,19 @@ def missing() -> None:
 def test_what_a_start_itself_raises_is_not_told_of_the_scheduler(problem, cluster):
     own = dataclasses.replace(problem, cost=Elsewhere(missing))
     with pytest.raises(FileNotFoundError, match=r"my_labels\.csv is not on this machine"):
-        own.optimise(starts=2, scheduler=cluster.scheduler_address)
+        optimise(own, starts=2, scheduler=cluster.scheduler_address)
 
 
 def test_a_start_that_takes_long_is_waited_for(problem, cluster, monkeypatch):
     monkeypatch.setattr("ergoqp.placing.workers.PATIENCE", 0.5)
     slow = dataclasses.replace(problem, cost=Elsewhere(functools.partial(time.sleep, 4.0)))
-    assert len(slow.optimise(starts=1, scheduler=cluster.scheduler_address).trials) == 1
+    assert len(optimise(slow, starts=1, scheduler=cluster.scheduler_address).trials) == 1
 
 
 def test_the_scheduler_is_gone(problem, cluster, tmp_path):
     end = after_first(lambda: threading.Thread(target=cluster.close).start())
     with pytest.raises(WorkersError, match=rf"scheduler: tcp://.* does not answer any more .*; {KEPT}"):
-        problem.optimise(starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=end)
+        optimise(problem, starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=end)
 
 
 def test_a_process_of_this_machine_is_ended(problem, tmp_path):
@@ -111,5 +112,5 @@ def test_a_process_of_this_machine_is_ended(problem, tmp_path):
         workers[0].kill()
 
     with pytest.raises(WorkersError, match=rf"jobs: one of 2 processes that solved starts was ended, .*; {KEPT}"):
-        problem.optimise(starts=400, out=tmp_path, jobs=2, progress=after_first(end))
-    assert len(problem.optimise(starts=1, out=tmp_path, jobs=2).trials) == 1
+        optimise(problem, starts=400, out=tmp_path, jobs=2, progress=after_first(end))
+    assert len(optimise(problem, starts=1, out=tmp_path, jobs=2).trials) == 1

@@ -9,6 +9,7 @@ import pytest
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
+from ergoqp.placing.find import optimise
 from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.people import read_people
 from ergoqp.placing.group.search import Placing
@@ -47,8 +48,8 @@ def desk():
 @pytest.fixture(scope="module")
 def pages(desk, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    best = replace(desk.optimise(starts=2), title="<i>Desk</i> & more")
-    write_optimum_page(best, desk, folder / "optimum.html", cooperative=desk.optimise(starts=1, mode="cooperative"))
+    best = replace(optimise(desk, starts=2), title="<i>Desk</i> & more")
+    write_optimum_page(best, desk, folder / "optimum.html", cooperative=optimise(desk, starts=1, mode="cooperative"))
     people = read_people(desk, (1.5, 1.9))
     found = replace(best_for_group(desk, people, starts=1, cache=False), title="<i>Desk</i> & more")
     write_group_page(found, desk, people, folder / "group.html")
@@ -212,7 +213,7 @@ def test_the_map_of_an_optimum_is_of_the_same_hold():
     problem = load_problem("screwing")
     follower = Follower(problem.response)
     now = posture(AWKWARD | {"right_wrist_flexion": 40, "left_hip_abduction": 10, "left_ankle_inversion": 5})
-    best = problem.optimise(now, starts=3)
+    best = optimise(problem, now, starts=3)
     held = begin_from(follower, best.posture_before, best.pose_before)
     start = replace(held, posture=best.posture, pose=best.pose)
     for found in slices_through(problem, [follower], best.pose, starts=[start], spacing=0.3):

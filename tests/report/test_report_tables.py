@@ -11,8 +11,11 @@ from report_samples import make_run
 from rich.console import Console
 
 from ergoqp.errors import MissingExtraError
-from ergoqp.report import run_table, score_table, write_run_page, write_score_page, write_scores
 from ergoqp.report.run_facts import facts_of
+from ergoqp.report.run_page import write_run_page
+from ergoqp.report.score_page import write_score_page
+from ergoqp.report.scores import write_scores
+from ergoqp.report.tables import run_table, score_table
 from ergoqp.sheets import reba
 
 
@@ -114,7 +117,7 @@ def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module)
 def test_tables_need_no_extra():
     code = (
         "import sys; sys.modules['viser'] = sys.modules['jinja2'] = None; "
-        "from ergoqp.report import run_table, score_table, write_scores"
+        "from ergoqp.report.scores import write_scores; from ergoqp.report.tables import run_table, score_table"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

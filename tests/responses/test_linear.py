@@ -6,6 +6,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.limits import TwistLimit
 from ergoqp.responses import LinearResponse
+from ergoqp.step.stepper import Stepper
 
 GOAL = np.array([0.3, -0.2])
 
@@ -33,7 +34,7 @@ def test_a_system_of_ones_own_runs_through_the_same_step():
     response = LinearResponse(("a", "b"), [[1, 0, 0, 0, 0, 0], [0, 0.5, 0, 0, 0, 0]])
     problem = ergoqp.Problem(cost=Bowl(), response=response, limits=[TwistLimit()], control=ergoqp.Control(comfort=0.0))
     assert problem.coordinates == ("a", "b")
-    stepper, state = problem.stepper(), np.zeros(2)
+    stepper, state = Stepper(problem), np.zeros(2)
     for _ in range(800):
         step = stepper.step(state)
         state = state + np.asarray(response.matrix) @ step.twist * problem.dt

@@ -13,6 +13,7 @@ from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import power_above, run_loop, settle_time, start_at
 from ergoqp.simulation.people import Senses, frames, sample_person
 from ergoqp.simulation.robot import RobotKind, moved
+from ergoqp.step.stepper import Stepper
 
 
 def starts_of(problem, person, seed: int, count: int = 2):
@@ -38,7 +39,7 @@ def starts_of(problem, person, seed: int, count: int = 2):
 @pytest.mark.parametrize("name", TASKS)
 def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
     problem = load_problem(name)
-    person, stepper = sample_person(problem, seed=3), problem.stepper()
+    person, stepper = sample_person(problem, seed=3), Stepper(problem)
     starts = starts_of(problem, person, seed=1)
     assert starts
     changes = []

@@ -7,13 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ergoqp.placing.find import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import Follower
-from ergoqp.simulation.run import Run
-from ergoqp.simulation.run_json import summary_of_run
+from ergoqp.simulation.run import Run, summary_of_run
+from ergoqp.simulation.simulate import simulate
 from ergoqp.step.place import read_guide
 
 THERE, WAITING = "drawn toward the given place", "at the given place, waiting for the person"
@@ -42,10 +43,10 @@ def led(way: str) -> Run:
     problem, person, posture = overhead()
     guides = {
         "alone": lambda: None,
-        "optimum": lambda: problem.optimise(problem.response.comfort, starts=8),  # type: ignore[attr-defined]
+        "optimum": lambda: optimise(problem, problem.response.comfort, starts=8),  # type: ignore[attr-defined]
         "worse": lambda: place(0.20, 0.18, 1.98),
     }
-    return problem.simulate(posture, duration=16.0, seed=0, person=person, guide=guides[way]())
+    return simulate(problem, posture, duration=16.0, seed=0, person=person, guide=guides[way]())
 
 
 def test_descent_stays_at_a_worse_place_and_the_optimum_leads_out_of_it() -> None:
@@ -88,6 +89,6 @@ def test_a_run_tells_its_place() -> None:
 
 def test_a_place_that_is_read_once_is_the_same_guide() -> None:
     problem, person, posture = overhead()
-    once = problem.simulate(posture, duration=0.3, person=person, guide=place(0.4, 0.0, 1.7))
-    read = problem.simulate(posture, duration=0.3, person=person, guide=read_guide(problem, place(0.4, 0.0, 1.7)))
+    once = simulate(problem, posture, duration=0.3, person=person, guide=place(0.4, 0.0, 1.7))
+    read = simulate(problem, posture, duration=0.3, person=person, guide=read_guide(problem, place(0.4, 0.0, 1.7)))
     np.testing.assert_array_equal(once.twists, read.twists)

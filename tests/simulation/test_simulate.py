@@ -15,8 +15,7 @@ from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.robot import moved
-from ergoqp.simulation.run import Run
-from ergoqp.simulation.run_json import arrays_of, summary_of_run
+from ergoqp.simulation.run import Run, arrays_of, summary_of_run
 from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.starts import awkward_start
 
@@ -75,9 +74,9 @@ def test_poses_follow_the_twists_sent(run):
 
 
 def test_same_seed_same_run(problem, run, start):
-    again = problem.simulate(start, duration=1.0, seed=0)
+    again = simulate(problem, start, duration=1.0, seed=0)
     np.testing.assert_array_equal(again.twists, run.twists[:100])
-    other = problem.simulate(start, duration=1.0, seed=1)
+    other = simulate(problem, start, duration=1.0, seed=1)
     assert np.abs(other.twists - again.twists).max() > 1e-6
 
 

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from ergoqp.cli.commands.common import console, working, writing
 from ergoqp.errors import InputError
-from ergoqp.native.export import export_step
+from ergoqp.export.folder import export_step
 from ergoqp.problem_files.load import load_problem
 
 

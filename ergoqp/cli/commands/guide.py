@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ergoqp.cli.commands.common import working
 from ergoqp.errors import InputError
+from ergoqp.placing.find import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
@@ -24,7 +25,7 @@ def guide_named(problem: Problem, name: str) -> Guide:
     """
     if name == "best":
         with working("looking for the best place") as done:
-            return read_guide(problem, problem.optimise(person_of(problem).comfort, progress=done))
+            return read_guide(problem, optimise(problem, person_of(problem).comfort, progress=done))
     path, allowed = Path(name), "allowed best or an optimum.json of `ergoqp optimise`"
     if not path.exists():
         raise InputError(f"--guide: {name!r} is not there, {allowed}")

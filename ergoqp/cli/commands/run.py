@@ -29,7 +29,8 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.mistakes import nearest_first
 from ergoqp.recordings import Recording
 from ergoqp.recordings.fitting.person import given_person
-from ergoqp.report import run_table, write_run_page
+from ergoqp.report.run_page import write_run_page
+from ergoqp.report.tables import run_table
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.robot import RobotKind

@@ -13,7 +13,9 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
-from ergoqp.report import score_table, write_score_page, write_scores
+from ergoqp.report.score_page import write_score_page
+from ergoqp.report.scores import write_scores
+from ergoqp.report.tables import score_table
 from ergoqp.sheets.reba import assess
 from ergoqp.sheets.task import TaskOptions
 

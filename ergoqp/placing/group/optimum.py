@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 
+from ergoqp._version import __version__
+from ergoqp.files.whole import whole, write_whole
 from ergoqp.human import Body
 from ergoqp.placing.group.grid import SharedGrid
 from ergoqp.placing.group.search import Objective
@@ -109,11 +114,79 @@ class GroupOptimum:
         )
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``group.json`` and ``group.npz`` and return the path of the first; see `ergoqp.placing.group.file`.
+        """Write ``group.json`` and ``group.npz`` and return the path of the first; what is in them is said in ``docs/group_json.md``.
 
         Raises:
             OSError: if the files cannot be written.
         """
-        from ergoqp.placing.group.file import write_group
+        folder, grid = Path(folder), self.grid
+        folder.mkdir(parents=True, exist_ok=True)
+        with whole(folder / "group.npz") as scratch:
+            np.savez_compressed(
+                scratch,
+                allow_pickle=False,
+                pose=self.pose,
+                postures=np.array([member.posture for member in self.members]),
+                labels=np.array([member.label for member in self.members], dtype=np.str_),
+                x=grid.x,
+                y=grid.y,
+                z=grid.z,
+                tilts=grid.tilts,
+                scores=grid.scores.reshape(-1, *grid.shape),
+            )
+        path = folder / "group.json"
+        write_whole(path, json.dumps(summary_of_group(self), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+        return path
 
-        return write_group(self, Path(folder))
+
+def summary_of_group(found: GroupOptimum) -> dict[str, Any]:
+    """Return what ``group.json`` holds: plain numbers, texts, lists and dicts."""
+    return {
+        "version": __version__,
+        "problem": found.problem,
+        "title": found.title,
+        "objective": found.objective,
+        "people": len(found.members),
+        **_place("", found.pose),
+        "maximum": found.maximum,
+        "mean": round(found.mean, 6),
+        "own_mean": round(found.own_mean, 6),
+        "grid_maximum": int(found.grid_reba.max()),
+        "grid_mean": round(float(found.grid_reba.mean()), 6),
+        "grid_spacing_m": found.spacing,
+        "free": {axis: {"maximum": highest, "mean": round(mean, 6)} for axis, (highest, mean) in found.free.items()},
+        "placements": found.placements,
+        "seconds": round(found.seconds, 3),
+        "members": [_member(member) for member in found.members],
+        "assumptions": list(found.assumptions),
+    }
+
+
+def _member(member: Member) -> dict[str, Any]:
+    return {
+        "label": member.label,
+        "stature_m": round(member.body.stature, 6),
+        "reba": member.reba,
+        "cost": round(member.cost, 6),
+        "own_reba": member.own_reba,
+        "pays": member.pays,
+        "reach": round(member.reach, 6),
+        "segments": member.segments,
+        "reasons": member.reasons,
+        **_place("own_", member.own_pose),
+    }
+
+
+def _place(prefix: str, pose: np.ndarray) -> dict[str, list[float]]:
+    w, x, y, z = quaternion_of(pose[:3, :3])
+    return {
+        f"{prefix}position_m": np.round(pose[:3, 3], 6).tolist(),
+        f"{prefix}quaternion_xyzw": np.round([x, y, z, w], 9).tolist(),
+    }
+
+
+def quaternion_of(rotation: np.ndarray) -> np.ndarray:
+    """Return the quaternion (4,), w first, of a rotation (3, 3)."""
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
+    return quaternion

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.human import Body
-from ergoqp.report import palette, svg
+from ergoqp.report import palette
 from ergoqp.report.body.person import matrix_of, parts_of, place
+from ergoqp.report.charts import svg
 
 _HEIGHT: Final = 300.0  # of an upright person with some room around [px]
 MARGIN: Final = 0.13

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.human import Body
-from ergoqp.report import palette, svg
+from ergoqp.report import palette
 from ergoqp.report.body.figure import Drawing
+from ergoqp.report.charts import svg
 from ergoqp.report.charts.plot import WIDTH, width_of
 
 _SCALE: Final = 132.0  # [px/m]

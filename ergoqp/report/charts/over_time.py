@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.report import palette, svg
+from ergoqp.report import palette
+from ergoqp.report.charts import svg
 from ergoqp.report.charts.plot import WIDTH, Plot, width_of
 from ergoqp.report.charts.scales import changes, padded, words_of
 

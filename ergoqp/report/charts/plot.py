@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.report import svg
+from ergoqp.report.charts import svg
 from ergoqp.report.charts.scales import Scale, thinned, words_of
 
 WIDTH: Final = 800.0

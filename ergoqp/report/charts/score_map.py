@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.placing.slices import Slice
-from ergoqp.report import palette, svg
+from ergoqp.report import palette
+from ergoqp.report.charts import svg
 from ergoqp.report.charts.plot import width_of
 from ergoqp.report.charts.scales import Scale, words_of
 from ergoqp.sheets.reba import ACTION_LEVELS

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.report import palette, svg
+from ergoqp.report import palette
+from ergoqp.report.charts import svg
 from ergoqp.report.charts.plot import WIDTH, time_axis, width_of
 from ergoqp.report.charts.scales import Scale, highest_per_column
 

@@ -6,24 +6,22 @@ import platform
 import shutil
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
-from ergoqp import __version__
+from ergoqp._version import __version__
 from ergoqp.arguments import path_of
 from ergoqp.errors import InputError
+from ergoqp.export.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
 from ergoqp.files.whole import whole_folder
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import compiler
 from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, daqp_licence, sizes_source
-from ergoqp.native.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
+from ergoqp.problem.problem import Problem
 from ergoqp.step.function import build_step
 from ergoqp.step.inputs import stand_in
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ErgoqpError, ProblemError
-from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, OneClassBoundary, Situation, WorkspaceBox
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
+from ergoqp.limits.arm_length import ArmLength
+from ergoqp.limits.joints import JointLimit
+from ergoqp.limits.limit import Limit, Situation, Surface
+from ergoqp.limits.one_class_boundary import OneClassBoundary
+from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
 _KNOWN = (JointLimit, WorkspaceBox, AxisCone, OneClassBoundary, ArmLength)
 _ROUNDING = 1e-6
@@ -26,20 +27,24 @@ class OwnLimits:
     They hold by their `rows` alone: distances to both ends where things are.
 
     Attributes:
-        problem: whose limits they are.
+        every: all limits of the problem that are rows.
+        size: number of entries of its state.
+        surface: the limit that the state stays on, if there is one.
     """
 
-    problem: Problem
+    every: tuple[Limit, ...]
+    size: int
+    surface: Surface | None = None
 
     def __reduce__(self) -> tuple:
-        """Go to another process as the problem: functions are built again there."""
-        return OwnLimits, (self.problem,)
+        """Go to another process as what they are made of: functions are built again there."""
+        return OwnLimits, (self.every, self.size, self.surface)
 
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
         """The limits."""
-        known = [self.problem.limit_of(kind) for kind in _KNOWN]
-        return tuple(limit for limit in self.problem.row_limits if not any(limit is each for each in known))
+        known = [next((limit for limit in self.every if isinstance(limit, kind)), None) for kind in _KNOWN]
+        return tuple(limit for limit in self.every if not any(limit is each for each in known))
 
     @cached_property
     def hard(self) -> tuple[Limit, ...]:
@@ -64,7 +69,7 @@ class OwnLimits:
             pose: of the object (4, 4) [m].
             posture: of the person there (n,) [rad]; None: only limits on the object side are looked at.
         """
-        stands_in = np.zeros(len(self.problem.coordinates)) if posture is None else posture
+        stands_in = np.zeros(self.size) if posture is None else posture
         for limit in self.limits if posture is not None else self.hard:
             for name, margin in zip(limit.names, self.margins(limit, stands_in, pose), strict=True):
                 if margin < -(limit.tolerance + _ROUNDING):
@@ -105,7 +110,7 @@ class OwnLimits:
             return None
         scalar = all(limit.measure() is None for limit in self.limits)
         kind: Any = ca.SX if scalar else ca.MX
-        posture, pose = kind.sym("posture", len(self.problem.coordinates)), kind.sym("pose", 4, 4)
+        posture, pose = kind.sym("posture", self.size), kind.sym("pose", 4, 4)
         found = [part for limit in self.limits for part in self._functions[limit.names[0]](posture, pose)]
         ends = ca.vertcat(*found)
         # Where there is no end, a row is infinite wherever things are.
@@ -120,14 +125,14 @@ class OwnLimits:
 
     def _place(self) -> Situation:
         """Somewhere, with nothing under way."""
-        n, still = len(self.problem.coordinates), ca.SX(6, 1)
+        n, still = self.size, ca.SX(6, 1)
         posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
-        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.problem.surface)
+        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.surface)
         return replace(place, shift=ca.SX(n, 1))
 
     def _ends_of(self, limit: Limit) -> ca.Function:
         """``(posture, pose) -> (below, above)`` of one limit."""
-        n, measure, place = len(self.problem.coordinates), limit.measure(), self._place()
+        n, measure, place = self.size, limit.measure(), self._place()
         posture, pose = place.posture, place.pose
         if measure is None:
             rows = limit.rows(place)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from ergoqp import __version__
+from ergoqp._version import __version__
 from ergoqp.joints import JOINTS
-from ergoqp.step.braking import longest_stop
+from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.faults import Fault
 from ergoqp.step.history import SHORTEST_DT, History
 from ergoqp.step.inputs import INPUTS, OUTPUTS, input_sizes
 from ergoqp.step.state import initial_state
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ def memory_header(problem: Problem, core: str) -> str:
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]
     lines += [f"#define ERGOQP_SHORTEST_PERIOD {SHORTEST_DT!r}"]
-    lines += [f"#define ERGOQP_LONGEST_CUT {3 * problem.dt!r}", f"#define ERGOQP_LONGEST_STOP {longest_stop(problem)!r}"]
+    lines += [f"#define ERGOQP_LONGEST_CUT {3 * problem.dt!r}", f"#define ERGOQP_LONGEST_STOP {problem.stop.duration!r}"]
     lines += [f"#define ERGOQP_INITIAL_STATE {initial}", ""]
     for word, names, count in (("INPUT", INPUTS, sizes), ("OUTPUT", OUTPUTS, outputs)):
         starts = [sum(count.get(before, 1) for before in names[:number]) for number in range(len(names) + 1)]

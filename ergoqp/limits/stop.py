@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import Situation, TwistLimit
-from ergoqp.limits.limit import Expression
-
-if TYPE_CHECKING:
-    from ergoqp.problem.problem import Problem
+from ergoqp.limits.limit import Expression, Situation
+from ergoqp.limits.twist import TwistLimit
 
 
 @dataclass(frozen=True)
 class Stop:
-    """The law by which a problem's object stops.
+    """The law by which a problem's object stops, see `ergoqp.Problem.stop`.
 
     Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i seconds, whatever the periods
     of the steps to come. Where every twist is sent as planned, the object moves by at most u (dt + t_b / 2) in the period
@@ -46,13 +42,6 @@ class Stop:
     hold: float = 0.0
     memory: float = 0.0
 
-    @classmethod
-    def of(cls, problem: Problem) -> Self:
-        """Return the law of a problem."""
-        robot = problem.robot
-        hold, memory = robot.longest_hold, problem.average + robot.dead_time + robot.lag
-        return cls(problem.twist_limit, problem.average, 3 * problem.dt, 1 + robot.gain_error, hold, memory)
-
     @property
     def share(self) -> float:
         """Share of the present period that belongs to the new twist."""
@@ -62,6 +51,13 @@ class Stop:
     def held(self) -> float:
         """Seconds at the new twist that cover one hold with any twist under way, which may have been faster [s]."""
         return self.stretch * (self.hold + 2 * self.memory) if self.hold else 0.0
+
+    @property
+    def duration(self) -> float:
+        """Seconds after which nothing is sent any more, whatever was sent before."""
+        moves = self.limit.speed > 0
+        slowest = np.max(self.limit.speed[moves] / self.limit.acceleration[moves], initial=0.0)
+        return float(slowest) + self.average + self.longest
 
     def rise(self, dt: Expression) -> Expression:
         """Return what a mean that rises with the new twist can add at most, for every unit of acceleration [s^2]."""
@@ -173,13 +169,6 @@ class Braking:
         knee = bent * (self.reach + held)
         steep = ca.sqrt(kept**2 + 2 * slowing * ca.fmax(left, knee) - bent**2) - kept
         return steep + ca.fmin(left - knee, 0) / (self.reach + held)
-
-
-def longest_stop(problem: Problem) -> float:
-    """Return the seconds after which nothing is sent any more, whatever was sent before."""
-    limit = problem.twist_limit
-    moves = limit.speed > 0
-    return float(np.max(limit.speed[moves] / limit.acceleration[moves], initial=0.0)) + problem.average + 3 * problem.dt
 
 
 def on_surface(brake: Braking, situation: Situation, known: Expression = 1) -> Braking:

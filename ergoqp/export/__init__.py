@@ -1,0 +1,1 @@
+"""The step as C99 for other machines."""

@@ -1,0 +1,41 @@
+"""The account of one control step: everything that its function gives, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """What the function of a step gave.
+
+    Attributes:
+        status: of the step, in words.
+        values: all outputs, one after the other.
+        parts: where each of `ergoqp.step.inputs.OUTPUTS` is among them.
+    """
+
+    status: str
+    values: np.ndarray
+    parts: Mapping[str, slice]
+
+    def __call__(self, name: str) -> np.ndarray:
+        """Return one output by its name."""
+        return self.values[self.parts[name]]
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """``qp``: largest KKT residual; ``contact``: contact motion the posture cannot follow [m/s, rad/s]; ``accepted``.
+
+        The last is the share of the way from braking to the QP's answer that was certified.
+        """
+        qp, contact, accepted = self("residuals").tolist()
+        return {"qp": qp, "contact": contact, "accepted": accepted}
+
+    @property
+    def drawn(self) -> int:
+        """Phase of `ergoqp.step.guide` in which the guide leads: the way there, the wait there, the way back; else 0."""
+        return int(self("drawn")[0]) if "drawn" in self.parts else 0
