@@ -1,8 +1,8 @@
 """Where a led forearm ends, judged by truth: the report's ways and the constraints. ``python -m benchmarks.forearm``.
 
 Starts are unseen points of every true cost that there is inside the boundary; ``true`` is the lowest sheet score of any
-whole-body posture whose elbow and wrist are there (`ergoqp.studies.forearm.true_cost`), 0 if there is none, and such an end counts as
-failed and as worse.
+whole-body posture whose elbow and wrist are there (`ergoqp.studies.forearm.true_cost`), 0 if there is none, and such an end
+counts as failed and as worse.
 
 Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length maintained), ``svr_added`` (the
 gradient of the one-class SVM added), ``svr_report_constraints`` (the report's machine, but length and boundary as rows of the
@@ -33,12 +33,13 @@ from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.sampler import balanced_postures
+from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
-from ergoqp.studies.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
+from ergoqp.studies.forearm import forearm_data, nearest_sample_cost, true_cost
 from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
 from ergoqp.studies.forearm.models import ForearmModels, fit_forearm_models
 

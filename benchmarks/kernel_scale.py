@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
+from ergoqp.costs.quality import evaluation_time
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.datasets.quality import evaluation_time
 from ergoqp.learning.features import Columns
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.problem.problem import Problem

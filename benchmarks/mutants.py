@@ -8,7 +8,7 @@ rest, the layout of the exported step, the sheet with its data, and the checker.
 - ``mutants``: mistakes tried.
 - ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that no test runs is alive.
 - ``killed_share.unpinned``: the same of the first mutants, without the tests that only compare with answers of before
-  (``tests/test_pinned.py``).
+  (``tests/step/test_pinned.py``).
 - ``not_covered``: of those alive, how many stand on such a line.
 - ``explained``: of those alive, how many change nothing, each with its reason in ``mutants_alive.toml``.
 - ``unexplained``: the rest: a test is missing.
@@ -48,12 +48,13 @@ MUTATED: Final = (
 )
 
 TESTS: Final = (
-    *("tests/test_*.py", "tests/limits", "tests/native", "tests/sheets", "tests/simulation", "tests/solvers"),
-    "tests/costs/test_posture_data.py",
+    *("tests/test_wrong_arguments.py", "tests/step", "tests/problem", "tests/problem_files", "tests/expressions"),
+    *("tests/learning", "tests/limits", "tests/native", "tests/export", "tests/sheets", "tests/simulation", "tests/solvers"),
+    *("tests/studies/test_policy.py", "tests/datasets/test_posture_data.py"),
 )
 """The tests that may notice; those of pages, recordings and commands would only add time."""
 
-PINNED: Final = "tests/test_pinned.py"
+PINNED: Final = "tests/step/test_pinned.py"
 
 READS: Final = {
     "ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py",

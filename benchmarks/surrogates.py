@@ -39,11 +39,11 @@ from ergoqp.costs.ladder import OneClassLadder
 from ergoqp.costs.learned import LearnedCost, load_cost
 from ergoqp.costs.neural import Neural
 from ergoqp.costs.quadratic import Quadratic
+from ergoqp.costs.quality import evaluation_time, quality_of
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
-from ergoqp.datasets.quality import evaluation_time, quality_of
 from ergoqp.joints import SIDES
 from ergoqp.paths import data_folder
 from ergoqp.sheets.method import Method, sheet_of

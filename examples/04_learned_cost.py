@@ -8,9 +8,9 @@ from pathlib import Path
 
 import ergoqp
 from ergoqp.coordinates import SCORED_JOINTS
+from ergoqp.costs.quality import quality_of
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.datasets.quality import quality_of
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary
 

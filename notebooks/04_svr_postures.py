@@ -17,10 +17,10 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVR
 
 from ergoqp.costs.from_sklearn import from_sklearn
+from ergoqp.costs.quality import quality_of
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
-from ergoqp.datasets.quality import quality_of
 from ergoqp.learning.one_class import OneClass
 
 data = posture_data(studies.size(40, 1000), seed=0)

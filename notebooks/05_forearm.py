@@ -16,11 +16,12 @@ import numpy as np
 import studies
 from matplotlib import pyplot as plt
 
+from ergoqp.human.forearm import forearm_length
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
-from ergoqp.studies.forearm import forearm_data, forearm_length, nearest_sample_cost, true_cost
+from ergoqp.studies.forearm import forearm_data, nearest_sample_cost, true_cost
 from ergoqp.studies.forearm.descent import added, descend, slope_of, toward_class_below
 from ergoqp.studies.forearm.models import fit_forearm_models
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ergoqp.coordinates import FOREARM
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError
+from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
@@ -27,7 +28,6 @@ from ergoqp.step.function import build_step
 from ergoqp.step.inputs import OUTPUTS, input_sizes
 from ergoqp.step.qp import FREE, TOLERANCE
 from ergoqp.step.stepper import Stepper
-from ergoqp.studies.forearm import forearm_points
 
 STILL: Final = 1.0
 """A loop is over when the object rested for so long [s]: all QPs after that are the same."""

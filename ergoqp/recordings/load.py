@@ -45,8 +45,8 @@ def load_recording(
 
     Args:
         path: the recording; its ending tells the format (see `READERS`).
-        person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None to measure the segment lengths in
-            the recording itself.
+        person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None to measure the
+            segment lengths in the recording itself.
         unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature of an adult.
         up: the file's vertical axis, ``"y"`` or ``"z"``; None finds it.
         mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known naming (see

@@ -5,8 +5,8 @@ import pytest
 
 from ergoqp.costs.ladder import OneClassLadder
 from ergoqp.costs.learned import load_cost
+from ergoqp.costs.quality import quality_of, spearman
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.quality import quality_of, spearman
 from ergoqp.errors import ModelError
 
 NAMES = ("x", "y", "z")

@@ -10,9 +10,9 @@ from ergoqp.coordinates import FOREARM
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.learned import load_cost
 from ergoqp.costs.quadratic import Quadratic
+from ergoqp.costs.quality import quality_of
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
-from ergoqp.datasets.quality import quality_of
 from ergoqp.errors import MissingExtraError, ModelError
 from ergoqp.joints import INDEX
 

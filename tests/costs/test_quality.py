@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from ergoqp.costs.quality import cross_validate, quality_of, spearman
 from ergoqp.datasets.data import DataSet
-from ergoqp.datasets.quality import cross_validate, quality_of, spearman
 from ergoqp.errors import InputError
 
 

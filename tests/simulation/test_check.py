@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.check import Checker
-from ergoqp.studies.forearm import forearm_points
 
 DT = 0.01
 STILL, HERE, UPRIGHT, NO_RATE = np.zeros(6), np.eye(4), np.zeros(32), np.zeros(32)

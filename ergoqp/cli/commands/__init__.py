@@ -1,1 +1,1 @@
-"""What the commands do; `ergoqp.cli.main` says which there are. Imported only when a command runs, so that ``--help`` is quick."""
+"""What the commands do; `ergoqp.cli.main` says which there are. They are imported when they run: ``--help`` is quick."""

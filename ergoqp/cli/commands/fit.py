@@ -17,9 +17,9 @@ from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.cli.commands.common import console, make_folder, working, writing
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.learned import KINDS, LearnedCost
+from ergoqp.costs.quality import Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
-from ergoqp.datasets.quality import Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.datasets.table import read_data
 from ergoqp.errors import InputError
 from ergoqp.report.charts.boxes import prediction_picture

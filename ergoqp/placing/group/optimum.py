@@ -114,7 +114,7 @@ class GroupOptimum:
         )
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``group.json`` and ``group.npz`` and return the path of the first; what is in them is said in ``docs/group_json.md``.
+        """Write ``group.json`` and ``group.npz``, see ``docs/group_json.md``, and return the path of the first.
 
         Raises:
             OSError: if the files cannot be written.

@@ -2,7 +2,5 @@
 
 from ergoqp.studies.forearm.data import forearm_data as forearm_data
 from ergoqp.studies.forearm.data import nearest_sample_cost as nearest_sample_cost
-from ergoqp.studies.forearm.geometry import forearm_length as forearm_length
-from ergoqp.studies.forearm.geometry import forearm_points as forearm_points
 from ergoqp.studies.forearm.truth import true_cost as true_cost
 from ergoqp.studies.forearm.truth import true_posture as true_posture

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.human.forearm import ARM_INDEX
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import TIE, Step
 from ergoqp.sheets.method import Method, sheet_of
-from ergoqp.studies.forearm.geometry import ARM_INDEX
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import MOST_PER_SCORE
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.human import Body
+from ergoqp.human.forearm import forearm_length, forearm_points, read_points
 from ergoqp.learning.pipelines import sklearn
-from ergoqp.studies.forearm.geometry import forearm_length, forearm_points, read_points
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]

@@ -2,7 +2,7 @@
 
 Neck, legs, left arm, right wrist and pronation are free, so they are at their best. What is left is a search over trunk and
 right arm: side bend and twist of the trunk are looked at on a grid, everything else follows in closed form
-(`ergoqp.studies.forearm.geometry`). A score that no grid point reaches but some nearly do is looked for again around these, on ever
+(`ergoqp.human.forearm`). A score that no grid point reaches but some nearly do is looked for again around these, on ever
 finer grids, so that a narrow set of postures is found too.
 """
 
@@ -17,11 +17,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.human import Body
+from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, Arm, arm_of, read_points
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.sheets import reba
 from ergoqp.sheets.method import Method, read_method
 from ergoqp.studies.forearm.boxes import Boxes, boxes_of
-from ergoqp.studies.forearm.geometry import ARM_INDEX, ARM_JOINTS, Arm, arm_of, read_points
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 They say nothing of what is right, which the other tests do: they notice that an answer has changed, to the seventh digit, in
 every part of the step, the state included. A change that is meant to change answers makes them anew, with
-``python tests/pinned.py``, and the changelog says so.
+``python tests/step/pinned.py``, and the changelog says so.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ergoqp.human.forearm import forearm_length, forearm_points
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
@@ -23,7 +24,6 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
-from ergoqp.studies.forearm import forearm_length, forearm_points
 
 FILE = Path(__file__).with_suffix(".npz")
 EVERY = 8

@@ -7,7 +7,8 @@ from ergoqp.coordinates import FOREARM
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.human import Body
-from ergoqp.studies.forearm import forearm_data, forearm_length, forearm_points, nearest_sample_cost, true_cost
+from ergoqp.human.forearm import forearm_length, forearm_points
+from ergoqp.studies.forearm import forearm_data, nearest_sample_cost, true_cost
 from ergoqp.studies.forearm.data import EMPTY_DISTANCE
 
 

@@ -1,0 +1,231 @@
+"""The shape of the package: circles, climbs, and how far one goes to follow a problem into a step.
+
+Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for the first two alone, as ``make check``
+does. Imports within functions and for types alone are counted like all others; the facade ``ergoqp/__init__.py``, which names
+what there is and imports it when it is asked for, is no room.
+
+- ``circles``: groups of files that import each other.
+- ``climbs``: imports of a room from one that is not on a lower floor of ``benchmarks/floors.toml``.
+- ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top of ``ergoqp/``.
+- ``long_lines``: lines of Python of more than 100 columns, in the whole project.
+- ``walk.stays``, ``walk.up``, ``walk.again``: ``step_function(problem)`` is run, and every call that is handed the problem is
+  followed from file to file: how many stays that makes, how many calls go into a room on a higher floor, and how many stays are
+  in a file that was left before.
+- ``import_s``: processor time of ``import ergoqp`` beyond NumPy's, the median of five processes [s].
+"""
+
+from __future__ import annotations
+
+import ast
+import statistics
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
+
+from benchmarks.report import Report, run
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+PACKAGE: Final = ROOT / "ergoqp"
+COLUMNS: Final = 100
+FACADE: Final = "ergoqp"
+
+
+def modules() -> dict[str, Path]:
+    """Return the files of the package by the names that they are imported by."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(files: dict[str, Path]) -> dict[str, set[str]]:
+    """Return which files each file imports from."""
+    return {name: set(_imported(path, files)) - {name} for name, path in files.items()}
+
+
+def _imported(path: Path, files: dict[str, Path]) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in files)
+        elif isinstance(node, ast.ImportFrom) and node.module in files:
+            for alias in node.names:
+                within = f"{node.module}.{alias.name}"
+                yield within if within in files else node.module
+
+
+def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
+    """Return the groups of files that import each other (Tarjan's strongly connected components of more than one)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(name: str) -> None:
+        index[name] = low[name] = len(index)
+        stack.append(name)
+        for other in sorted(arrows[name]):
+            if other not in index:
+                visit(other)
+                low[name] = min(low[name], low[other])
+            elif other in stack:
+                low[name] = min(low[name], index[other])
+        if low[name] == index[name]:
+            at = stack.index(name)
+            group = sorted(stack[at:])
+            del stack[at:]
+            if len(group) > 1:
+                found.append(group)
+
+    for name in sorted(arrows):
+        if name not in index:
+            visit(name)
+    return found
+
+
+def floors() -> dict[str, int]:
+    """Return the floor of every room."""
+    listed = tomllib.loads((ROOT / "benchmarks" / "floors.toml").read_text(encoding="utf-8"))["floors"]
+    return {room: number for number, rooms in enumerate(listed) for room in rooms}
+
+
+def room_of(name: str) -> str:
+    """Return the room of a file: its folder at the top of the package, or itself."""
+    return name.split(".")[1] if "." in name else FACADE
+
+
+def climbs(arrows: dict[str, set[str]]) -> list[str]:
+    """Return the imports that do not go down, in words; a file whose room is on no floor is one."""
+    found, level = [], floors()
+    for name, others in sorted(arrows.items()):
+        if name == FACADE:
+            continue
+        here = room_of(name)
+        if here not in level:
+            found.append(f"{name} is in no room of benchmarks/floors.toml")
+            continue
+        for other in sorted(others):
+            there = room_of(other)
+            if there != here and level.get(there, len(level)) >= level[here] and not _ground(here, there, level):
+                found.append(f"{name} imports {other}")
+    return found
+
+
+def _ground(here: str, there: str, level: dict[str, int]) -> bool:
+    """Files of the ground may import each other: there is no circle among them."""
+    return level[here] == level.get(there) == 0
+
+
+def long_lines() -> int:
+    """Count the lines of more than `COLUMNS` columns."""
+    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    texts = ((ROOT / name).read_text(encoding="utf-8") for name in listed.split("\n") if name)
+    return sum(len(line) > COLUMNS for text in texts for line in text.splitlines())
+
+
+class Walk:
+    """Follows one object through the calls that are handed it, from file to file."""
+
+    def __init__(self, followed: Any) -> None:
+        """Begin where nobody has been."""
+        self._followed, self._level = followed, floors()
+        self._frames: list[FrameType] = []
+        self._here = ""
+        self._files: set[str] = set()
+        self.stays = self.up = 0
+
+    @property
+    def again(self) -> int:
+        """How many stays are in a file that was left before."""
+        return self.stays - len(self._files)
+
+    def __call__(self, frame: FrameType, event: str, _: Any) -> None:
+        """Take one event of `sys.setprofile`."""
+        code = frame.f_code
+        if event == "return" and self._frames and self._frames[-1] is frame:
+            self._frames.pop()
+        if event != "call" or not code.co_filename.startswith(f"{PACKAGE}/") or code.co_name.startswith("<"):
+            return
+        names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        if not any(frame.f_locals.get(name) is self._followed for name in names):
+            return
+        if self._frames:
+            self._go(self._frames[-1].f_code.co_filename)
+        self.up += bool(self._here) and self._floor(code.co_filename) > self._floor(self._here)
+        self._go(code.co_filename)
+        self._frames.append(frame)
+
+    def _go(self, file: str) -> None:
+        self.stays += file != self._here
+        self._here = file
+        self._files.add(file)
+
+    def _floor(self, file: str) -> int:
+        return self._level[Path(file).relative_to(PACKAGE).parts[0].removesuffix(".py")]
+
+
+def walked() -> Walk:
+    """Return the way of a problem through `step_function`."""
+    from ergoqp.problem_files.load import load_problem
+    from ergoqp.step.function import step_function
+
+    problem = load_problem("screwing")
+    walk = Walk(problem)
+    sys.setprofile(walk)
+    try:
+        step_function(problem)
+    finally:
+        sys.setprofile(None)
+    return walk
+
+
+def import_seconds() -> float:
+    """Return the processor time of ``import ergoqp`` beyond NumPy's."""
+    text = "import numpy, time; t = time.process_time(); import ergoqp; print(time.process_time() - t)"
+    ran = [subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True, cwd=ROOT) for _ in range(5)]
+    return statistics.median(float(each.stdout) for each in ran)
+
+
+def measure(report: Report) -> None:
+    """Print the figures."""
+    files = modules()
+    arrows = imports(files)
+    found, up = circles(arrows), climbs(arrows)
+    for group in found:
+        report.say("circle: " + ", ".join(group))
+    for each in up:
+        report.say(f"climb: {each}")
+    report.figure("circles", len(found))
+    report.figure("climbs", len(up))
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in files.values()}
+    top = [lines for path, lines in lengths.items() if path.parent == PACKAGE]
+    report.figure("rooms", len({room_of(name) for name in files}))
+    report.figure("files", len(files))
+    report.figure("lines", sum(lengths.values()))
+    report.figure("top_files", len(top))
+    report.figure("longest_top_file", max(top))
+    report.figure("longest_file", max(lengths.values()))
+    report.figure("long_lines", long_lines(), f"of more than {COLUMNS} columns")
+    walk = walked()
+    report.figure("walk.stays", walk.stays, "of the problem on its way through a step's construction")
+    report.figure("walk.up", walk.up)
+    report.figure("walk.again", walk.again)
+    report.figure("import_s", import_seconds(), "s of processor, beyond NumPy")
+
+
+def check() -> int:
+    """Return 1 where the house has a circle or a climb, having said which."""
+    arrows = imports(modules())
+    said = [*("circle: " + ", ".join(group) for group in circles(arrows)), *(f"climb: {each}" for each in climbs(arrows))]
+    print("\n".join(said) if said else "no circle, no climb")
+    return int(bool(said))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--check"]:
+        sys.exit(check())
+    run(measure, __doc__ or "")
