@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from command_line import Outcome
 
-from ergoqp import cli
+from ergoqp.cli import main as cli
 from ergoqp.simulation.demo_recording import demo_recording
 
 
