@@ -95,11 +95,14 @@ def test_command_of_the_wheel(installed, tmp_path):
 def test_public_names():
     assert set(ergoqp.__all__) == {
         "JOINTS", "Control", "Problem", "Step", "Stepper", "__version__", "compare", "errors", "load_cost", "load_problem",
-        "load_recording", "reba", "replay", "DeclaredRobot",
+        "load_recording", "reba", "replay", "DeclaredRobot", "optimise", "simulate", "step_function",
     }  # fmt: skip
     for name in ergoqp.__all__:
         assert getattr(ergoqp, name) is not None
         assert name in dir(ergoqp)
+    for folder in ("limits", "placing", "step"):
+        assert getattr(ergoqp, folder).__name__ == f"ergoqp.{folder}"
+        assert folder in dir(ergoqp)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         ergoqp.nonsense  # noqa: B018
 

@@ -365,8 +365,8 @@ def test_a_place_is_judged_in_whatever_it_comes() -> None:
         Guide(np.full((4, 4), np.nan)),
         Guide(held_pose("screwing"), "x"),
     ):  # pyright: ignore
-        assert answer(problem.stepper, {"guide": place}) is not None
-    assert answer(problem.stepper, {"guide": Guide(held_pose("screwing"), 3.0)}) is None
+        assert answer(Stepper, {"problem": problem, "guide": place}) is not None
+    assert answer(Stepper, {"problem": problem, "guide": Guide(held_pose("screwing"), 3.0)}) is None
 
 
 @pytest.mark.parametrize("path", [5, None, b"screwing", "", "x" * 5000 + ".toml"])

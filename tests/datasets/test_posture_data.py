@@ -5,8 +5,8 @@ import pytest
 
 from ergoqp import reba
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS, Coordinates
-from ergoqp.costs import data_cache
 from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.datasets import cache as data_cache
 from ergoqp.datasets.postures import interval_labels, posture_data
 from ergoqp.datasets.stream import posture_stream
 from ergoqp.errors import InputError

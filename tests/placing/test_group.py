@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import ergoqp.placing
 from ergoqp.cli.commands.population import COLUMNS
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
@@ -262,9 +261,3 @@ def test_one_person_alone_is_the_single_optimum(low_bin):
     """Two methods that share nothing but the person and the sheet find the same score."""
     (member,) = best_for_group(low_bin, (1.75,), "mean", starts=2).members
     assert member.reba == member.own_reba == optimise(low_bin, starts=6).reba_after
-
-
-def test_the_package_offers_what_it_says():
-    assert all(callable(getattr(ergoqp.placing, name)) for name in ergoqp.placing.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'worst'"):
-        ergoqp.placing.worst  # noqa: B018

@@ -80,8 +80,7 @@ def test_what_cannot_be_sent(problem, alone):
 
 CHILD = """
 import sys, ergoqp
-from ergoqp.placing.find import optimise
-ergoqp.load_problem("dentist").optimise(starts=200, seed=3, out=sys.argv[1])
+ergoqp.optimise(ergoqp.load_problem("dentist"), starts=200, seed=3, out=sys.argv[1])
 """
 
 
@@ -145,4 +144,4 @@ def test_an_address_without_a_port_never_becomes_a_client(problem, alone, monkey
     with pytest.raises(
         InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers: missing port"
     ):
-        problem.optimise(alone.posture_before, starts=2, scheduler=address)
+        optimise(problem, alone.posture_before, starts=2, scheduler=address)

@@ -679,7 +679,7 @@ def test_a_log_replays_with_the_period_of_its_loop() -> None:
     )
     steps = [stepper.step(q) for _ in range(30)]
     for one, other in zip(steps, ergoqp.replay(problem_of("screwing"), log), strict=True):
-        assert one._all.tobytes() == other._all.tobytes()
+        assert one._account.values.tobytes() == other._account.values.tobytes()
 
 
 @pytest.mark.parametrize("broken", [{}, {"notes": {}}, {"posture": "upright"}, None], ids=["empty", "no loop", "text", "none"])

@@ -62,7 +62,7 @@ def test_without_a_place_it_is_the_same_step_to_the_last_bit(name: str) -> None:
     stepper = guided_stepper(name)
     stepper.guide(None)
     for plain, led in zip(walk(Stepper(problem_of(name)), name, 0), walk(stepper, name, 0), strict=True):
-        for name_out in plain._parts:
+        for name_out in plain._account.parts:
             ours, other = plain.account(name_out), led.account(name_out)
             # A stepper that can be led has the trial behind the rest of its state.
             assert ours.tobytes() == (other[:-TRIAL] if name_out == "next_state" else other).tobytes(), name_out
@@ -293,7 +293,7 @@ def test_a_guided_log_replays_bit_for_bit() -> None:
     replayed = ergoqp.replay(problem, json.loads(json.dumps(log)))
     assert any(step.drawn for step in steps)
     for one, other in zip(steps, replayed, strict=True):
-        assert one._all.tobytes() == other._all.tobytes()
+        assert one._account.values.tobytes() == other._account.values.tobytes()
         assert (one.status, one.reason) == (other.status, other.reason)
 
 

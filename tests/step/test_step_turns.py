@@ -15,10 +15,10 @@ from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
 from ergoqp.step.counted import split_way, way_of
-from ergoqp.step.history import history_sizes, initial_history, next_history
+from ergoqp.step.history import history_sizes, initial_history
 from ergoqp.step.parts import count
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.way import under_way
+from ergoqp.step.way import next_history, under_way
 
 DT = 0.01
 

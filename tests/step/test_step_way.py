@@ -13,11 +13,11 @@ from step_samples import problem_of
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.counted import Way, split_way, way_of
-from ergoqp.step.history import FAR, history_sizes, initial_history, next_history
+from ergoqp.step.history import FAR, history_sizes, initial_history
 from ergoqp.step.parts import count, split
 from ergoqp.step.state import state_sizes
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.way import under_way
+from ergoqp.step.way import next_history, under_way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
 FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn")
