@@ -1,1 +1,4 @@
-"""Timings and comparisons, apart from the tests: ``python -m benchmarks.NAME [--quick | --full] [--json FILE]``."""
+"""Timings and comparisons, apart from the tests.
+
+Run ``python -m benchmarks.NAME [--quick | --full] [--json FILE]``.
+"""

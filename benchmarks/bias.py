@@ -1,29 +1,34 @@
-"""Sensors that read wrong by a constant angle: the object stays where it would, and nobody is led to a worse posture by them.
+"""Sensors that read wrong by a constant angle.
 
-Run ``python -m benchmarks.bias [--quick | --full] [--json FILE]``. Every joint reads 2, 5 and 10 degrees too much and too
-little, one at a time (``single``) and all at once with random signs and sizes up to that (``random``). Beside every figure
-stands the same loop without rows of the posture (``without``: no joint limits), which knows no ranges that a wrong angle
-could break.
+The object stays where it would, and nobody is led to a worse posture by them.
+
+Run ``python -m benchmarks.bias [--quick | --full] [--json FILE]``. Every joint reads 2, 5 and 10
+degrees too much and too little, one at a time (``single``) and all at once with random signs and
+sizes up to that (``random``). Beside every figure stands the same loop without rows of the posture
+(``without``: no joint limits), which knows no ranges that a wrong angle could break.
 
 Held: the person does not follow, and is at ease.
 
-- ``travel_m.single``, ``travel_m.random``: longest way of the object, over all joints, sizes and problems [m];
-  ``....without``: the same without rows.
-- ``travel_over_m``: by how much the way with rows is longer than that without, at most, loop by loop.
+- ``travel_m.single``, ``travel_m.random``: longest way of the object, over all joints, sizes and
+  problems [m]; ``....without``: the same without rows.
+- ``travel_over_m``: by how much the way with rows is longer than that without, at most, loop by
+  loop.
 
 Following: people who are not the model (`ergoqp.simulation.people`), with these sensors.
 
-- ``worse_than_start_measured``: share of the loops that end worse than they began by what the sensors say, rest posture to rest
-  posture; ``worse_than_start``: by the truth, the control, and ``worse_than_start.without`` without rows.
+- ``worse_than_start_measured``: share of the loops that end worse than they began by what the
+  sensors say, rest posture to rest posture; ``worse_than_start``: by the truth, the control, and
+  ``worse_than_start.without`` without rows.
 - ``worse_by_rows``: share of the loops that end worse by the sensors with rows, and not without.
 - ``never_rests``: share in which the object is still moving at the end.
 - ``moves``: share in which the object goes anywhere, over the same share without rows.
 
 Narrow ranges: sixteen joints have ranges of a few degrees that the start is outside of, with noise.
 
-- ``stands_still``: share of the starts from which the object does not move, less those from which it does not move without
-  rows; ``stands_still.needless``: of these, the share for which some twist of the problem's axes would take no joint further
-  beyond its range (a linear program on the response at the start). Where none would, only standing still keeps the ranges.
+- ``stands_still``: share of the starts from which the object does not move, less those from which
+  it does not move without rows; ``stands_still.needless``: of these, the share for which some twist
+  of the problem's axes would take no joint further beyond its range (a linear program on the
+  response at the start). Where none would, only standing still keeps the ranges.
 """
 
 from __future__ import annotations
@@ -61,11 +66,13 @@ HELD = 12.0
 
 def without_rows(problem: Problem) -> Problem:
     """Return a problem without rows of the posture."""
-    return problem.replace(limits=[limit for limit in problem.limits if not isinstance(limit, JointLimit)])
+    return problem.replace(
+        limits=[limit for limit in problem.limits if not isinstance(limit, JointLimit)]
+    )
 
 
 def held(problem: Problem, stepper: Stepper, posture: np.ndarray) -> float:
-    """Return how far the object goes while the posture (32,) stays [m], turning counted at `ARM`."""
+    """Return how far the object goes [m] while the posture (32,) stays, turns counted at `ARM`."""
     stepper.reset()
     way = np.zeros(6)
     longest = 0.0
@@ -109,7 +116,11 @@ class Biased(Stepper):
 
     def __init__(self, stepper: Stepper, bias: np.ndarray) -> None:
         """Keep the error (32,) [rad]."""
-        self._stepper, self._bias, self.dt = stepper, bias, stepper.dt  # what a loop asks of a stepper is passed on
+        self._stepper, self._bias, self.dt = (
+            stepper,
+            bias,
+            stepper.dt,
+        )  # what a loop asks of a stepper is passed on
 
     def reset(self, twist: Any = None) -> None:
         """Start again."""
@@ -123,7 +134,7 @@ class Biased(Stepper):
 def follows(
     problem: Problem, stepper: Stepper, person: Follower, start: Start, bias: np.ndarray, seed: int
 ) -> tuple[bool, bool, bool, bool]:
-    """Return whether a loop (ends worse by the sensors, ends worse in truth, never rests, moves)."""
+    """Return (ends worse by the sensors, ends worse in truth, never rests, moves) for a loop."""
     trace = run_loop(
         problem,
         person,
@@ -161,7 +172,12 @@ def could_go(problem: Problem, posture: np.ndarray, ranges: dict[str, tuple[floa
             rows.append(S[INDEX[joint], axes] * (1.0 if degrees < low else -1.0))
     wishes = (*np.eye(len(axes)), *-np.eye(len(axes)))
     found = (
-        [linprog(wish, A_ub=-np.array(rows), b_ub=np.zeros(len(rows)), bounds=(-1, 1)).fun for wish in wishes] if rows else []
+        [
+            linprog(wish, A_ub=-np.array(rows), b_ub=np.zeros(len(rows)), bounds=(-1, 1)).fun
+            for wish in wishes
+        ]
+        if rows
+        else []
     )
     return not rows or min(found) < -1e-6
 
@@ -178,33 +194,48 @@ def following_of(name: str, people: range, count: int) -> list[tuple[tuple, tupl
             for number in range(count):
                 bias = rng.uniform(-size, size, len(JOINTS))
                 if number % 2:
-                    bias = np.where(np.arange(len(JOINTS)) == rng.integers(len(JOINTS)), np.copysign(size, bias), 0.0)
+                    bias = np.where(
+                        np.arange(len(JOINTS)) == rng.integers(len(JOINTS)),
+                        np.copysign(size, bias),
+                        0.0,
+                    )
                 pair = (
-                    follows(each, step, person, start, bias, seed) for each, step in zip((problem, bare), steppers, strict=True)
+                    follows(each, step, person, start, bias, seed)
+                    for each, step in zip((problem, bare), steppers, strict=True)
                 )
                 found.append(tuple(pair))
     return found
 
 
 def narrow_of(name: str, seeds: range) -> tuple[int, int, int, int]:
-    """Return (starts, from how many the object does not move, of these: not without rows either, although it could)."""
+    """Return counts of (starts, still starts, those still without rows too, needlessly still).
+
+    From a still start the object does not move; needlessly, where it could.
+    """
     problem = load_problem(name)
     count = still = both = needless = 0
     for seed in seeds:
         rng, person = np.random.default_rng([seed, 10]), sample_person(problem, seed)
         start = start_at(person, awkward_start(problem, person, seed, 10))
-        chosen = rng.choice([joint for joint in problem.joints], min(16, len(problem.joints)), replace=False)
+        chosen = rng.choice(
+            [joint for joint in problem.joints], min(16, len(problem.joints)), replace=False
+        )
         ranges = {}
         for joint in chosen:
             i = INDEX[joint]
             # From 2 to 6 degrees beyond the posture that the loop begins with, on either side.
             near = start.posture[i] + np.radians(rng.uniform(2, 6)) * rng.choice([-1, 1])
-            low, high = np.degrees(sorted((near, near + np.sign(near - start.posture[i]) * np.radians(30))))
+            low, high = np.degrees(
+                sorted((near, near + np.sign(near - start.posture[i]) * np.radians(30)))
+            )
             low, high = max(low, np.degrees(LOWER[i])), min(high, np.degrees(UPPER[i]))
             if high - low > 1:
                 ranges[joint] = (float(low), float(high))
         joints: JointLimit = problem.limit_of(JointLimit)
-        limits = [replace(joints, ranges_deg=ranges) if limit is joints else limit for limit in problem.limits]
+        limits = [
+            replace(joints, ranges_deg=ranges) if limit is joints else limit
+            for limit in problem.limits
+        ]
         gone = []
         for each in (problem.replace(limits=limits), without_rows(problem)):
             trace = run_loop(each, person, start, duration=6.0, seed=seed, stepper=Stepper(each))
@@ -218,7 +249,9 @@ def measure(report: Report) -> None:
     """Run everything in two processes."""
     names = report.pick(TASKS[-1:], TASKS)
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
-        still = [pool.submit(held_of, name, report.pick(7, 1), report.pick(7, 20)) for name in names]
+        still = [
+            pool.submit(held_of, name, report.pick(7, 1), report.pick(7, 20)) for name in names
+        ]
         loops = [
             pool.submit(following_of, name, range(i, i + 1), report.pick(2, 6))
             for name in names
@@ -229,11 +262,21 @@ def measure(report: Report) -> None:
         facts = [pair for future in loops for pair in future.result()]
         narrow = np.sum([future.result() for future in tight], axis=0)
     for kind in ("single", "random"):
-        report.figure(f"travel_m.{kind}", max(way for found, way, _ in ways if found == kind), "held posture, longest way")
         report.figure(
-            f"travel_m.{kind}.without", max(way for found, _, way in ways if found == kind), "without rows of the posture"
+            f"travel_m.{kind}",
+            max(way for found, way, _ in ways if found == kind),
+            "held posture, longest way",
         )
-    report.figure("travel_over_m", max(way - bare for _, way, bare in ways), f"loop by loop, {len(ways)} loops")
+        report.figure(
+            f"travel_m.{kind}.without",
+            max(way for found, _, way in ways if found == kind),
+            "without rows of the posture",
+        )
+    report.figure(
+        "travel_over_m",
+        max(way - bare for _, way, bare in ways),
+        f"loop by loop, {len(ways)} loops",
+    )
     pairs = np.array(facts, dtype=float)  # loop, with or without rows, fact
     rows, bare = pairs.mean(axis=0)
     report.figure("loops", len(facts))
@@ -244,11 +287,19 @@ def measure(report: Report) -> None:
     report.figure("worse_than_start.without", bare[1])
     report.figure("never_rests", rows[2])
     report.figure("never_rests.without", bare[2])
-    report.figure("moves", rows[3] / bare[3] if bare[3] else 1.0, f"{rows[3]:.2f} against {bare[3]:.2f} without rows")
     report.figure(
-        "stands_still", (narrow[1] - narrow[2]) / narrow[0], f"{narrow[1]} of {narrow[0]} starts, {narrow[2]} without rows too"
+        "moves",
+        rows[3] / bare[3] if bare[3] else 1.0,
+        f"{rows[3]:.2f} against {bare[3]:.2f} without rows",
     )
-    report.figure("stands_still.needless", narrow[3] / narrow[0], "although a twist would keep all ranges")
+    report.figure(
+        "stands_still",
+        (narrow[1] - narrow[2]) / narrow[0],
+        f"{narrow[1]} of {narrow[0]} starts, {narrow[2]} without rows too",
+    )
+    report.figure(
+        "stands_still.needless", narrow[3] / narrow[0], "although a twist would keep all ranges"
+    )
 
 
 if __name__ == "__main__":

@@ -1,17 +1,22 @@
-"""The one-class boundary as a row, attacked: does the true boundary ever give way? ``python -m benchmarks.boundary``.
+"""The one-class boundary as a row, attacked, to see whether the true boundary ever gives way.
 
-Random one-class SVMs with a scaler in 3 to 32 dimensions, random sensitivities, and costs that want out: one descends the
-margin itself (the worst direction at every step), one is a random field of waves. Each state is driven by the control step
-alone, with twist acceleration limits active and periods drawn from 1 to 50 ms, and judged afterwards by scikit-learn.
+Run ``python -m benchmarks.boundary``.
 
-- ``steps``: steps taken. ``violations``: those after which scikit-learn's own decision function is negative (beyond 1e-9 in
-  the logarithm). ``twist_violations``: twists beyond speed or acceleration. ``least_margin``: the smallest margin seen.
-- ``first_order_violations``, ``first_order_share``: the same with a row that believes the slope alone, on
-  ``first_order_steps`` steps.
-- ``margin_ratio``: median of gamma |D|^2 / (g + grad g . D - g(q + D)) over the stopping displacements of the sent twists:
-  how much more than the true loss the row sets aside. Infinite where nothing was lost.
-- ``near_share``: share of the steps within 0.05 of the boundary, where the row has something to do; ``braking_share``: share
-  in which only braking could be certified.
+Random one-class SVMs with a scaler in 3 to 32 dimensions, random sensitivities, and costs that want
+out: one descends the margin itself (the worst direction at every step), one is a random field of
+waves. Each state is driven by the control step alone, with twist acceleration limits active and
+periods drawn from 1 to 50 ms, and judged afterwards by scikit-learn.
+
+- ``steps``: steps taken. ``violations``: those after which scikit-learn's own decision function is
+  negative (beyond 1e-9 in the logarithm). ``twist_violations``: twists beyond speed or
+  acceleration. ``least_margin``: the smallest margin seen.
+- ``first_order_violations``, ``first_order_share``: the same with a row that believes the slope
+  alone, on ``first_order_steps`` steps.
+- ``margin_ratio``: median of gamma |D|^2 / (g + grad g . D - g(q + D)) over the stopping
+  displacements of the sent twists: how much more than the true loss the row sets aside. Infinite
+  where nothing was lost.
+- ``near_share``: share of the steps within 0.05 of the boundary, where the row has something to do;
+  ``braking_share``: share in which only braking could be certified.
 """
 
 from __future__ import annotations
@@ -83,7 +88,9 @@ class Waves(Outward):
         n = len(model.coordinates)
         x = ca.MX.sym("x", n)
         waves = rng.normal(size=(12, n)) / model.scale / np.sqrt(n)
-        value = 100 * ca.sum1(ca.sin(ca.DM(waves) @ x + ca.DM(rng.uniform(0, 6.3, 12)))) + 100 * ca.dot(ca.DM(waves[0]), x)
+        value = 100 * ca.sum1(
+            ca.sin(ca.DM(waves) @ x + ca.DM(rng.uniform(0, 6.3, 12)))
+        ) + 100 * ca.dot(ca.DM(waves[0]), x)
         self.value_and_gradient = ca.Function("waves", [x], [value, ca.gradient(value, x)])
 
 
@@ -103,7 +110,10 @@ class Case:
 
 
 def draw_case(n: int, rng: np.random.Generator) -> Case:
-    """Draw data (three clouds of different scale along every axis), fit a boundary to them and a sensitivity."""
+    """Draw data and a sensitivity, and fit a boundary to the data.
+
+    The data are three clouds, of different scale along every axis.
+    """
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import OneClassSVM
@@ -112,7 +122,9 @@ def draw_case(n: int, rng: np.random.Generator) -> Case:
     centres = rng.normal(size=(3, n))
     points = (centres[rng.integers(3, size=600)] + rng.normal(size=(600, n))) * scales
     gamma: Any = rng.uniform(0.3, 2.0) / n  # the stub knows words only
-    estimator = make_pipeline(StandardScaler(), OneClassSVM(nu=rng.uniform(0.02, 0.15), gamma=gamma)).fit(points)
+    estimator = make_pipeline(
+        StandardScaler(), OneClassSVM(nu=rng.uniform(0.02, 0.15), gamma=gamma)
+    ).fit(points)
     names = tuple(f"x{i}" for i in range(n))
     model = OneClass.from_estimator(estimator, names)
     inside = points[estimator.decision_function(points) > 0.01]
@@ -142,14 +154,18 @@ def attack(seed: int, n: int, steps: int, first_order: bool) -> Attack:
     response = LinearResponse(case.model.coordinates.names, case.sensitivity, largest=1e3)
     found = Attack(ratios=[])
     for cost in (Outward(case.model), Waves(case.model, rng)):
-        control = Control(comfort=0.0, rest_below=0.0, stall_after=1e6, effort_linear=0.1, effort_angular=0.1)
+        control = Control(
+            comfort=0.0, rest_below=0.0, stall_after=1e6, effort_linear=0.1, effort_angular=0.1
+        )
         limits: list[Any] = [limit, kind(case.model, hard=True)]
         problem = Problem(cost=cost, response=response, limits=limits, control=control)
         _drive(problem, case, steps // 2, rng, found)
     return found
 
 
-def _drive(problem: Problem, case: Case, steps: int, rng: np.random.Generator, found: Attack) -> None:
+def _drive(
+    problem: Problem, case: Case, steps: int, rng: np.random.Generator, found: Attack
+) -> None:
     stepper, limit = Stepper(problem), problem.twist_limit
     before, after, stops = [], [], []
     state, previous = case.inside[0], np.zeros(6)
@@ -160,7 +176,9 @@ def _drive(problem: Problem, case: Case, steps: int, rng: np.random.Generator, f
         dt = float(np.exp(rng.uniform(np.log(1e-3), np.log(50e-3))))
         step = stepper.step(state, dt=dt)
         change = np.abs(step.twist - previous) - limit.acceleration * dt
-        found.twist_violations += bool((change > 1e-9).any() or (np.abs(step.twist) > limit.speed + 1e-9).any())
+        found.twist_violations += bool(
+            (change > 1e-9).any() or (np.abs(step.twist) > limit.speed + 1e-9).any()
+        )
         found.braking += step.status in ("braking", "invalid")
         before.append(state)
         stop_time = float(np.max(np.abs(step.twist) / limit.acceleration))
@@ -183,7 +201,9 @@ def _ratios(case: Case, states: np.ndarray, stops: np.ndarray) -> list[float]:
     states, stops, length = states[moving], stops[moving], length[moving]
     if not len(states):
         return []
-    value, slope = (np.asarray(part) for part in case.model.margin_and_slope.map(len(states))(states.T))
+    value, slope = (
+        np.asarray(part) for part in case.model.margin_and_slope.map(len(states))(states.T)
+    )
     lost = value.ravel() + (slope.T * stops).sum(axis=1) - case.margin(states + stops)
     return np.where(lost > 0, case.model.gamma * length / np.maximum(lost, 1e-300), np.inf).tolist()
 
@@ -198,17 +218,31 @@ def measure(report: Report) -> None:
     ours, linear = found[: len(jobs) // 2], found[len(jobs) // 2 :]
     steps = sum(one.steps for one in ours)
     report.figure("steps", steps)
-    report.figure("violations", sum(one.violations for one in ours), "steps outside the true boundary")
-    report.figure("twist_violations", sum(one.twist_violations for one in ours), "twists beyond speed or acceleration")
+    report.figure(
+        "violations", sum(one.violations for one in ours), "steps outside the true boundary"
+    )
+    report.figure(
+        "twist_violations",
+        sum(one.twist_violations for one in ours),
+        "twists beyond speed or acceleration",
+    )
     report.figure("least_margin", min(one.least_margin for one in ours), "logarithm")
-    report.figure("near_share", sum(one.near for one in ours) / steps, f"of the steps within {NEAR} of the boundary")
+    report.figure(
+        "near_share",
+        sum(one.near for one in ours) / steps,
+        f"of the steps within {NEAR} of the boundary",
+    )
     report.figure("braking_share", sum(one.braking for one in ours) / steps)
     linear_steps = sum(one.steps for one in linear)
     violations = sum(one.violations for one in linear)
     report.figure("first_order_steps", linear_steps)
     report.figure("first_order_violations", violations)
     report.figure("first_order_share", violations / linear_steps, "of its steps")
-    report.figure("margin_ratio", float(np.median([ratio for one in ours for ratio in one.ratios or []])), "median")
+    report.figure(
+        "margin_ratio",
+        float(np.median([ratio for one in ours for ratio in one.ratios or []])),
+        "median",
+    )
 
 
 if __name__ == "__main__":

@@ -1,19 +1,25 @@
-"""Whole closed loops: problems x people x starts, each with a person who is not the controller's model.
+"""Whole closed loops: problems x people x starts, with people who are not the controller's model.
 
-Run ``python -m benchmarks.closed_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes one person with four
-starts per problem; ``--full`` ten people with twenty starts each. Per problem it prints
+Run ``python -m benchmarks.closed_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default)
+takes one person with four starts per problem; ``--full`` ten people with twenty starts each. Per
+problem it prints
 
-- ``runs``: loops that were run. A start is a random reachable place at rest, at least 2 points above the person's best.
-- ``share_at_best``: share whose noise-free rest posture, where the object came to rest, has the lowest exact score that
-  brute force on a grid of places or the offline optimiser finds for that person (or lower). ``share_at_grid_best``: by the
-  grid alone. A robot that stands still has none of either: starts are chosen so.
-- ``worse_than_start``: share that ends above its start. ``mean_start``, ``mean_best``, ``mean_end``: exact scores.
-- ``violations``: steps that broke a limit, by the independent checker. ``exceptions``: loops that raised.
+- ``runs``: loops that were run. A start is a random reachable place at rest, at least 2 points
+  above the person's best.
+- ``share_at_best``: share whose noise-free rest posture, where the object came to rest, has the
+  lowest exact score that brute force on a grid of places or the offline optimiser finds for that
+  person (or lower). ``share_at_grid_best``: by the grid alone. A robot that stands still has none
+  of either: starts are chosen so.
+- ``worse_than_start``: share that ends above its start. ``mean_start``, ``mean_best``,
+  ``mean_end``: exact scores.
+- ``violations``: steps that broke a limit, by the independent checker. ``exceptions``: loops that
+  raised.
 - ``braking_share``: share of steps with status braking or invalid.
-- ``settle_s``: 95th percentile of the time after which the object did not move any more (never: inf).
+- ``settle_s``: 95th percentile of the time after which the object did not move any more (never:
+  inf).
 - ``power_above_3hz``: mean share of the twist's power above 3 Hz.
-- ``plain_...``: the plain way on the same starts: the same cost, the same S, twist = -eps S' dV/dq and nothing else
-  (equation 3.3 of the EPFL report), stopped at the end of the same time.
+- ``plain_...``: the plain way on the same starts: the same cost, the same S, twist = -eps S' dV/dq
+  and nothing else (equation 3.3 of the EPFL report), stopped at the end of the same time.
 """
 
 from __future__ import annotations
@@ -56,12 +62,24 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, BothL
         loops.plain_end.append(end)
         loops.plain_violations.append(broken)
 
-    run_loops(loops, problem, person, person_seed, count, Stepper(problem), beside, optimum_of(problem, person))
+    run_loops(
+        loops,
+        problem,
+        person,
+        person_seed,
+        count,
+        Stepper(problem),
+        beside,
+        optimum_of(problem, person),
+    )
     return name, loops
 
 
 def _plain_way(problem: Problem):
-    """Return the plain controller's loop: (person, start, steps, seed) -> (end score, share of steps that broke a limit)."""
+    """Return the plain controller's loop.
+
+    It maps (person, start, steps, seed) to (end score, share of steps that broke a limit).
+    """
     q = ca.MX.sym("q", 32)
     slope = problem.response.expression(q).T @ ca.gradient(problem.cost.expression(q), q)
     descend = ca.Function("plain", [q], [-EPS * slope])
@@ -84,7 +102,11 @@ def _plain_way(problem: Problem):
             late.append(pose)
             held = late.pop(0)
             posture, _, _ = person.move(
-                posture, np.hstack([held @ grip for grip in start.grasp]), start.soles, follow, problem.dt
+                posture,
+                np.hstack([held @ grip for grip in start.grasp]),
+                start.soles,
+                follow,
+                problem.dt,
             )
         return end_score(problem, person, start, posture, pose), broken / steps
 
@@ -100,7 +122,12 @@ def measure(report: Report) -> None:
         found[name].add(loops)
         return len(loops.start)
 
-    gather(report, loops_of_person, [(name, seed, starts) for seed in range(people) for name in TASKS], take)
+    gather(
+        report,
+        loops_of_person,
+        [(name, seed, starts) for seed in range(people) for name in TASKS],
+        take,
+    )
     for name, loops in found.items():
         for figure, value in (figures_of(loops) | _plain_figures(loops)).items():
             report.figure(f"{name}.{figure}", value)

@@ -1,4 +1,4 @@
-"""Two artefacts of a benchmark side by side. ``python -m benchmarks.compare BEFORE.json AFTER.json``.
+"""Two benchmark artefacts side by side: ``python -m benchmarks.compare BEFORE.json AFTER.json``.
 
 Prints every figure of both, the ratio after / before, and what only one of them has.
 """
@@ -29,7 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
     options = parser.parse_args(arguments)
-    figures = [json.loads(path.read_text(encoding="utf-8")) for path in (options.before, options.after)]
+    figures = [
+        json.loads(path.read_text(encoding="utf-8")) for path in (options.before, options.after)
+    ]
     print("\n".join(compare(*figures)))
 
 

@@ -68,7 +68,7 @@ def models(folder: Path) -> Kind:
 
 
 def forged_models(folder: Path) -> Kind:
-    """Learned models whose arrays were changed and saved again, checksum and all, and headers that claim too much."""
+    """Learned models with changed arrays and a new checksum, and headers that claim too much."""
     whole = [load_model(path) for path in sorted(data_folder("models").glob("*.npz"))]
     return Kind("forged model", ".npz", False, partial(_forged, whole, folder), _read_model)
 
@@ -110,9 +110,15 @@ def _claiming(rng: Rng) -> bytes:
 
     file = io.BytesIO()
     count = int(rng.choice([10**13, 10**9, 2**63 - 1, 10**6]))
-    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}".ljust(117).encode() + b"\n"
+    head = (
+        f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}".ljust(117).encode()
+        + b"\n"
+    )
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as packed:
-        packed.writestr("header.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + b"\x00" * 1000)
+        packed.writestr(
+            "header.npy",
+            b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + b"\x00" * 1000,
+        )
         if rng.random() < 0.5:
             packed.writestr("weights.npy", b"\x00" * 400_000_000)
     return file.getvalue()
@@ -135,7 +141,9 @@ def recordings(folder: Path) -> Kind:
         postures = np.cumsum(0.02 * rng.normal(size=(6, len(JOINTS))), axis=0)
         bases = np.tile(np.eye(4), (6, 1, 1))
         bases[:, 2, 3] = 0.95
-        whole.append(write_bvh(folder / f"take{number}.bvh", postures, bases, body, 0.02).read_bytes())
+        whole.append(
+            write_bvh(folder / f"take{number}.bvh", postures, bases, body, 0.02).read_bytes()
+        )
     return Kind("recording", ".bvh", True, partial(_one_of, whole), load_recording)
 
 
@@ -145,8 +153,18 @@ def people(folder: Path) -> Kind:
     bases = np.tile(np.eye(4), (4, 1, 1))
     bases[:, 2, 3] = 0.95
     write_bvh(take, np.zeros((4, len(JOINTS))), bases, Body.of_stature(1.7), 0.02)
-    whole = [b"stature = 1.70\n", b"stature = 1.70\nmass_kg = 70\n", b"[lengths]\nthigh = 0.42\nupper_arm = 0.31\n"]
-    return Kind("person", ".toml", True, partial(_one_of, whole), lambda path: load_recording(take, person=path))
+    whole = [
+        b"stature = 1.70\n",
+        b"stature = 1.70\nmass_kg = 70\n",
+        b"[lengths]\nthigh = 0.42\nupper_arm = 0.31\n",
+    ]
+    return Kind(
+        "person",
+        ".toml",
+        True,
+        partial(_one_of, whole),
+        lambda path: load_recording(take, person=path),
+    )
 
 
 def _trial(rng: Rng) -> Trial:
@@ -186,10 +204,16 @@ def optima(folder: Path) -> Kind:
     from ergoqp.step.place import read_guide
 
     problem = load_problem("screwing")
-    best = optimise(problem, problem.response.comfort, starts=1, seed=0)  # pyright: ignore[reportAttributeAccessIssue]
+    best = optimise(problem, problem.response.comfort, starts=1, seed=0)  # pyright: ignore
     best.save(folder / "whole.json")
     whole = [(folder / "whole.json").read_bytes()]
-    return Kind("optimum", ".json", True, partial(_one_of, whole), lambda path: read_guide(problem, Optimum.load(path)))
+    return Kind(
+        "optimum",
+        ".json",
+        True,
+        partial(_one_of, whole),
+        lambda path: read_guide(problem, Optimum.load(path)),
+    )
 
 
 def caches(folder: Path) -> Kind:

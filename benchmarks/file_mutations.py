@@ -14,12 +14,34 @@ from benchmarks.file_kinds import Kind
 Rng = np.random.Generator
 
 _NUMBERS = (
-    *(b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-1", b"9" * 400, b"10000000000000", b"true"),
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"1e308",
+    b"-1e308",
+    b"1e-320",
+    b"0",
+    b"-1",
+    b"9" * 400,
+    b"10000000000000",
+    b"true",
     b'"x"',
 )
 _WORDS = (
-    *(b"[" * 5000, b"{", b"}", b"[[", b"]]", b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", b"= =", b"#", b"\r", b"'"),
-    *(b'"""', b"a.b.c = 1\n"),
+    b"[" * 5000,
+    b"{",
+    b"}",
+    b"[[",
+    b"]]",
+    b"\x00",
+    b"\xff\xfe",
+    b"\xef\xbb\xbf",
+    b"= =",
+    b"#",
+    b"\r",
+    b"'",
+    b'"""',
+    b"a.b.c = 1\n",
 )
 
 

@@ -1,18 +1,20 @@
-"""Files that were mistyped, cut off, forged or half written: what is said of them, and what it costs to find out.
+"""Files mistyped, cut off, forged or half written: what is said of them, what finding out costs.
 
-Run ``python -m benchmarks.files [--quick | --full] [--json FILE]``. Each file is one that the package reads, of seven kinds,
-with one to three mutations of `benchmarks.file_mutations`. It is read in a process of its own memory, and either it is read,
-or one error of the package says in one sentence why not.
+Run ``python -m benchmarks.files [--quick | --full] [--json FILE]``. Each file is one that the
+package reads, of seven kinds, with one to three mutations of `benchmarks.file_mutations`. It is
+read in a process of its own memory, and either it is read, or one error of the package says in one
+sentence why not.
 
-- ``files``: how many; ``read``: of them, those that were read all the same (some mutations change nothing that matters).
+- ``files``: how many; ``read``: of them, those that were read all the same (some mutations change
+  nothing that matters).
 - ``internal_faults``: other exceptions than the package's own.
 - ``killed``: processes that ended, or did not answer for a minute.
 - ``above_1_gb``: files that took more memory than that; ``slower_than_5_s``.
-- ``messages_incomplete``: sentences without where it is (the file or the key), what was found, or what is allowed, and those
-  of more than one line that do not count mistakes.
+- ``messages_incomplete``: sentences without where it is (the file or the key), what was found, or
+  what is allowed, and those of more than one line that do not count mistakes.
 
-The control: ``control.internal_faults`` of the plain readers of the standard library and numpy on the same files of text and
-arrays, which shows that the mutations are no harmless ones.
+The control: ``control.internal_faults`` of the plain readers of the standard library and numpy on
+the same files of text and arrays, which shows that the mutations are no harmless ones.
 """
 
 from __future__ import annotations
@@ -42,7 +44,10 @@ Found = tuple[str, str, float, float, bool]
 
 
 def main_of(numbers: list[int], folder: str, pipe: Connection) -> None:
-    """Read one file after the other in this process, and say of each (kind, what happened, seconds, megabytes, control)."""
+    """Read one file after the other in this process, and report each.
+
+    The report is (kind, what happened, seconds, megabytes, control).
+    """
     kinds = [make(Path(folder)) for make in KINDS]
     for number in numbers:
         rng = np.random.default_rng([number, 12])
@@ -62,7 +67,10 @@ def _read(kind: Kind, rng: np.random.Generator, folder: Path) -> Found:
         said = _incomplete(str(error), path)
     except Exception as error:  # what the package lets through is what is looked for
         said = f"fault: {type(error).__name__}: {error}"[:300]
-    took, more = time.perf_counter() - begin, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    took, more = (
+        time.perf_counter() - begin,
+        (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024,
+    )
     return kind.name, said, took, more, fails
 
 
@@ -75,7 +83,9 @@ def _incomplete(message: str, path: Path) -> str:
         where = path.stem in message or re.match(r"\s*[a-z_.0-9]+: ", line)
         got = re.search(r"\b(got|is|are|was|not|cannot|nothing|no)\b", line)
         allowed = re.search(
-            r"\b(allowed|required|usual|give|needed|stands?|expected|starts?|ends?|comes?|must|only|state)\b", line
+            r"\b(allowed|required|usual|give|needed|stands?|expected|starts?|ends?|comes?|must|only"
+            r"|state)\b",
+            line,
         )
         if not (where and got and allowed):
             return f"incomplete: {line}"[:300]
@@ -90,7 +100,11 @@ def _control(path: Path) -> bool:
         if path.suffix == ".toml":
             tomllib.loads(path.read_text(encoding="utf-8"))
         elif path.suffix in (".json", ".jsonl"):
-            for line in path.read_text(encoding="utf-8").splitlines() if path.suffix == ".jsonl" else [path.read_text()]:
+            for line in (
+                path.read_text(encoding="utf-8").splitlines()
+                if path.suffix == ".jsonl"
+                else [path.read_text()]
+            ):
                 json.loads(line)
         elif path.suffix == ".npz" and path.stat().st_size < 1e6:
             with path.open("rb") as raw:
@@ -157,8 +171,14 @@ def _figures(report: Report, found: list[Found], killed: list[str]) -> None:
     report.figure("above_1_gb", sum(more > 1024 for *_, more, _ in found))
     report.figure("slower_than_5_s", sum(took > 5 for _, _, took, *_ in found))
     report.figure("slowest_s", max(took for _, _, took, *_ in found))
-    report.figure("messages_incomplete", sum(what.startswith("incomplete") for _, what, *_ in found))
-    report.figure("control.internal_faults", sum(fails for *_, fails in found), "of plain readers on the same files")
+    report.figure(
+        "messages_incomplete", sum(what.startswith("incomplete") for _, what, *_ in found)
+    )
+    report.figure(
+        "control.internal_faults",
+        sum(fails for *_, fails in found),
+        "of plain readers on the same files",
+    )
 
 
 if __name__ == "__main__":

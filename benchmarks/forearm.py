@@ -1,20 +1,28 @@
-"""Where a led forearm ends, judged by truth: the report's ways and the constraints. ``python -m benchmarks.forearm``.
+"""Where a led forearm ends, judged by truth: the report's ways and the constraints.
 
-Starts are unseen points of every true cost that there is inside the boundary; ``true`` is the lowest sheet score of any
-whole-body posture whose elbow and wrist are there (`ergoqp.studies.forearm.true_cost`), 0 if there is none, and such an end
-counts as failed and as worse.
+Run ``python -m benchmarks.forearm``.
 
-Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length maintained), ``svr_added`` (the
-gradient of the one-class SVM added), ``svr_report_constraints`` (the report's machine, but length and boundary as rows of the
-control step), ``svr_constraints`` (the same rows; the machine has also seen where nobody is), ``svr_without_boundary`` (the
-same machine without the row of the boundary: what the data do by themselves), ``ladder_gradients`` (the report's best way)
-and ``ladder_constraints``. The baselines stop where the estimated cost is 1, as in the report.
+Starts are unseen points of every true cost that there is inside the boundary; ``true`` is the
+lowest sheet score of any whole-body posture whose elbow and wrist are there
+(`ergoqp.studies.forearm.true_cost`), 0 if there is none, and such an end counts as failed and as
+worse.
 
-- ``<method>.share_at_1``: ends at true cost 1. ``.worse_than_start``: true cost above the start's, or unreachable.
+Methods: ``gmr``, ``svr`` (plain gradient of the report's machine), ``svr_length`` (length
+maintained), ``svr_added`` (the gradient of the one-class SVM added), ``svr_report_constraints``
+(the report's machine, but length and boundary as rows of the control step), ``svr_constraints``
+(the same rows; the machine has also seen where nobody is), ``svr_without_boundary`` (the same
+machine without the row of the boundary: what the data do by themselves), ``ladder_gradients`` (the
+report's best way) and ``ladder_constraints``. The baselines stop where the estimated cost is 1, as
+in the report.
+
+- ``<method>.share_at_1``: ends at true cost 1. ``.worse_than_start``: true cost above the start's,
+  or unreachable.
 - ``.nearest_at_1``: the same by the report's judge, the label of the nearest sample of its data.
-- ``.max_length_error`` [m], ``.min_margin``: over every step of every run. ``.seconds``: median duration, constrained ones.
-- ``starts``, ``mean_start``; ``back_inside_s``: longest time until a run from outside is inside the boundary, of ``outside``
-  starts up to 0.1 m away, and ``outside_min_margin``: the least margin after that.
+- ``.max_length_error`` [m], ``.min_margin``: over every step of every run. ``.seconds``: median
+  duration, constrained ones.
+- ``starts``, ``mean_start``; ``back_inside_s``: longest time until a run from outside is inside the
+  boundary, of ``outside`` starts up to 0.1 m away, and ``outside_min_margin``: the least margin
+  after that.
 """
 
 from __future__ import annotations
@@ -53,11 +61,13 @@ LONGEST = 20.0
 """Longest run of a constrained one [s]."""
 
 
-def draw_starts(models: ForearmModels, each: int, pool: int, hard: int) -> tuple[Array, NDArray[np.int64]]:
-    """Return unseen points inside the boundary, at most `each` of every true cost, and their true costs.
+def draw_starts(
+    models: ForearmModels, each: int, pool: int, hard: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return unseen points inside the boundary, at most `each` per true cost, and their true costs.
 
-    High true costs are rare, and the choice of each cluster's lowest label thins them out once more, so that what the data
-    set lacks is looked for among random postures of the highest label.
+    High true costs are rare, and the choice of each cluster's lowest label thins them out once
+    more, so that what the data set lacks is looked for among random postures of the highest label.
 
     Args:
         models: have the boundary.
@@ -67,14 +77,18 @@ def draw_starts(models: ForearmModels, each: int, pool: int, hard: int) -> tuple
     """
     data = forearm_data(pool, seed=1)
     postures, _ = balanced_postures(hard, np.random.default_rng(8), scores=[10])
-    points = ArmLength(forearm_length()).project(np.concatenate([data.points, forearm_points(postures)]))
+    points = ArmLength(forearm_length()).project(
+        np.concatenate([data.points, forearm_points(postures)])
+    )
     inside = models.boundary.margin(points) > 0
     order = np.random.default_rng(7).permutation(len(data))
     first, second = order[inside[order]], len(data) + np.flatnonzero(inside[len(data) :])
     rows = np.concatenate([first, second])
     with _processes() as processes:
         scores = np.concatenate(list(processes.map(true_cost, np.array_split(points[rows], 64))))
-    chosen = np.concatenate([np.flatnonzero(scores == score)[:each] for score in range(1, int(scores.max()) + 1)])
+    chosen = np.concatenate(
+        [np.flatnonzero(scores == score)[:each] for score in range(1, int(scores.max()) + 1)]
+    )
     return points[rows[chosen]], scores[chosen]
 
 
@@ -83,7 +97,10 @@ def _processes() -> ProcessPoolExecutor:
 
 
 def constrained(problem: Problem, starts: Array) -> tuple[Array, list[Array], float]:
-    """Return where the control step leads from each start, all states on the way, and the median duration [s]."""
+    """Return where the control step leads from each start.
+
+    Also return all states on the way, and the median duration [s].
+    """
     stepper = Stepper(problem)
     runs = [run_points(problem, start, LONGEST, stepper=stepper) for start in starts]
     seconds = float(np.median([len(one.twists) * one.dt for one in runs]))
@@ -102,8 +119,14 @@ def report_ways(models: ForearmModels, data: DataSet) -> dict[str, Callable[[Arr
     """Return the descents of the report: starts -> all points on the way (steps + 1, n, 6)."""
     length = forearm_length()
     gmr = slope_of(Gmr.fit(data, variant="joint").value_and_gradient)
-    svr, margin = slope_of(models.report_svr.value_and_gradient), slope_of(models.boundary.margin_and_slope)
-    rungs = toward_class_below([slope_of(rung.margin_and_slope) for rung in models.ladder.rungs], models.ladder.scores.tolist())
+    svr, margin = (
+        slope_of(models.report_svr.value_and_gradient),
+        slope_of(models.boundary.margin_and_slope),
+    )
+    rungs = toward_class_below(
+        [slope_of(rung.margin_and_slope) for rung in models.ladder.rungs],
+        models.ladder.scores.tolist(),
+    )
 
     def way(slope: Any, **options: Any) -> Callable[[Array], Array]:
         return lambda starts: descend(slope, starts, steps=STEPS, **options).path
@@ -131,7 +154,11 @@ def measure(report: Report) -> None:
     models = fit_forearm_models(per_score=per_score)
     data = forearm_data(1000)
     starts, scores = draw_starts(models, each, pool, hard)
-    report.figure("starts", len(starts), f"of true cost {', '.join(f'{s}: {(scores == s).sum()}' for s in np.unique(scores))}")
+    report.figure(
+        "starts",
+        len(starts),
+        f"of true cost {', '.join(f'{s}: {(scores == s).sum()}' for s in np.unique(scores))}",
+    )
     report.figure("mean_start", scores.mean())
     for name, way in report_ways(models, data).items():
         path = way(starts)
@@ -143,14 +170,18 @@ def measure(report: Report) -> None:
         "ladder_constraints": models.ladder,
     }
     outside = _outside(models, report.pick(6, 60))
-    _PROBLEMS.update({name: problem_with(models, cost, "without" not in name) for name, cost in costs.items()})
+    _PROBLEMS.update(
+        {name: problem_with(models, cost, "without" not in name) for name, cost in costs.items()}
+    )
     with _processes() as processes:
         for name in costs:
             found = list(processes.map(_constrained, [name] * 2, np.array_split(starts, 2)))
             ends = np.concatenate([part[0] for part in found])
             path = np.concatenate([states for part in found for states in part[1]])
             _judge(report, name, models, data, starts, scores, ends, path)
-            report.figure(f"{name}.seconds", sum(part[2] for part in found) / len(found), "median duration")
+            report.figure(
+                f"{name}.seconds", sum(part[2] for part in found) / len(found), "median duration"
+            )
     _back_inside(report, problem_with(models, models.svr), models, outside)
 
 
@@ -175,7 +206,10 @@ def _judge(
 
 
 def _near_length(points: Array) -> Array:
-    """Return points with rounding of the length removed; a wrong length stays wrong, and out of reach."""
+    """Remove rounding of the length from points.
+
+    A wrong length stays wrong, and out of reach.
+    """
     right = np.abs(np.linalg.norm(points[:, 3:] - points[:, :3], axis=1) - forearm_length()) < 1e-9
     points = points.copy()
     points[right] = ArmLength(forearm_length()).project(points[right])
@@ -185,7 +219,9 @@ def _near_length(points: Array) -> Array:
 def _outside(models: ForearmModels, count: int) -> Array:
     rng, limit = np.random.default_rng(5), ArmLength(forearm_length())
     data = forearm_data(1000, seed=1).points
-    around = limit.project(data[rng.permutation(len(data))[:2000]] + rng.uniform(-0.1, 0.1, (2000, 6)))
+    around = limit.project(
+        data[rng.permutation(len(data))[:2000]] + rng.uniform(-0.1, 0.1, (2000, 6))
+    )
     return around[models.boundary.margin(around) < -0.01][:count]
 
 

@@ -1,17 +1,23 @@
-"""Learned costs in whole closed loops, beside the sheet's own smooth reading. ``python -m benchmarks.full_body``.
+"""Learned costs in whole closed loops, beside the sheet's own smooth reading.
 
-Every cost runs the problem ``screwing`` from the same starts, with the same people (`benchmarks.closed_loop` says how they
-are drawn). The learned costs read the 22 joints that the sheet reads, are fitted to balanced sheet-labelled postures, and
-run with the one-class boundary of the same postures as a limit. ``--quick`` fits them to fewer postures.
+Run ``python -m benchmarks.full_body``.
+
+Every cost runs the problem ``screwing`` from the same starts, with the same people
+(`benchmarks.closed_loop` says how they are drawn). The learned costs read the 22 joints that the
+sheet reads, are fitted to balanced sheet-labelled postures, and run with the one-class boundary of
+the same postures as a limit. ``--quick`` fits them to fewer postures.
 
 - ``<cost>.mean_after``: mean exact score of the rest posture where the object came to rest.
 - ``<cost>.share_at_best``: share that reaches the lowest score found anywhere by brute force.
-- ``<cost>.worse_than_start``, ``<cost>.violations``: as in `benchmarks.closed_loop`. ``<cost>.boundary_outside``: share of the
-  steps at which the person's own posture was outside the boundary.
+- ``<cost>.worse_than_start``, ``<cost>.violations``: as in `benchmarks.closed_loop`.
+  ``<cost>.boundary_outside``: share of the steps at which the person's own posture was outside the
+  boundary.
 - ``<cost>.step_us``: median time of a step.
-- ``upright``: the control, a cost that knows no sheet: the squared distance from standing with hanging arms. ``mean_still``:
-  of the rest postures had the object stayed. A learned cost that ends no lower than these shows nothing of what it learned.
-- ``svr_default`` is scikit-learn's machine with its own settings, of standardised angles; ``svr`` is `ergoqp.costs.svr.Svr`.
+- ``upright``: the control, a cost that knows no sheet: the squared distance from standing with
+  hanging arms. ``mean_still``: of the rest postures had the object stayed. A learned cost that ends
+  no lower than these shows nothing of what it learned.
+- ``svr_default`` is scikit-learn's machine with its own settings, of standardised angles; ``svr``
+  is `ergoqp.costs.svr.Svr`.
 - ``mean_start``, ``mean_best``, ``runs``: of all.
 """
 
@@ -43,11 +49,20 @@ from ergoqp.simulation.people import sample_person
 from ergoqp.step.stepper import Stepper
 
 PROBLEM = "screwing"
-COSTS = ("smooth_reba", "upright", "quadratic", "gmr", "svr_default", "svr", "one_class_ladder", "neural")
+COSTS = (
+    "smooth_reba",
+    "upright",
+    "quadratic",
+    "gmr",
+    "svr_default",
+    "svr",
+    "one_class_ladder",
+    "neural",
+)
 
 
 class Upright:
-    """The squared distance from the posture in which every angle is zero, one point per radian squared."""
+    """The squared distance from the posture of zero angles, one point per radian squared."""
 
     name, minimum = "upright", 0.0
 
@@ -92,7 +107,10 @@ def problem_with(cost: str, per_score: int) -> Problem:
         return problem
     if cost == "upright":
         return problem.replace(cost=Upright())
-    limits = [*problem.limits, OneClassBoundary(boundary(per_score), tolerance=0.05, recovery_time=1.0)]
+    limits = [
+        *problem.limits,
+        OneClassBoundary(boundary(per_score), tolerance=0.05, recovery_time=1.0),
+    ]
     return problem.replace(cost=_fitted(cost, per_score), limits=limits)
 
 
@@ -111,7 +129,9 @@ def _fitted(cost: str, per_score: int) -> LearnedCost:
         return load_cost(data_folder("models") / "neural_sheet.npz")
     data = posture_data(per_score, joints=SCORED_JOINTS)
     if cost == "svr_default":
-        return from_sklearn(make_pipeline(StandardScaler(), SVR()).fit(data.points, data.labels), data.coordinates)
+        return from_sklearn(
+            make_pipeline(StandardScaler(), SVR()).fit(data.points, data.labels), data.coordinates
+        )
     kinds = {"quadratic": Quadratic, "gmr": Gmr, "svr": Svr, "one_class_ladder": OneClassLadder}
     return kinds[cost].fit(data)
 
@@ -145,7 +165,9 @@ def loops(cost: str, per_score: int, people: int, starts: int) -> tuple[str, Fou
             limit = problem.limit_of(OneClassBoundary)
             outside = 0.0
             if limit is not None:
-                outside = float((limit.model.margin(limit.model.coordinates.read(postures)) < 0).mean())
+                outside = float(
+                    (limit.model.margin(limit.model.coordinates.read(postures)) < 0).mean()
+                )
             found.outside.append(outside)
             found.step_us.append(float(np.median(trace.step_time)) * 1e6)
     return cost, found
@@ -172,7 +194,9 @@ def measure(report: Report) -> None:
         report.figure(f"{cost}.worse_than_start", (end > start).mean())
         report.figure(f"{cost}.violations", sum(found.violations))
         if cost not in ("smooth_reba", "upright"):
-            report.figure(f"{cost}.boundary_outside", float(np.mean(found.outside)), "share of the steps")
+            report.figure(
+                f"{cost}.boundary_outside", float(np.mean(found.outside)), "share of the steps"
+            )
         report.figure(f"{cost}.step_us", float(np.median(found.step_us)), "median")
 
 

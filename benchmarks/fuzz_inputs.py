@@ -1,8 +1,11 @@
-"""What the fuzzer feeds a stepper: sane trajectories with attacks between them, and what each attack must be called.
+"""What the fuzzer feeds a stepper: sane trajectories with attacks between them.
 
-An attack changes one call and says which causes the answer has to name; one that names none is a strange but usable input,
-which must get a usable answer. Lies are about the robot: a pose where the object is not, a twist that it does not have, a robot
-that does something else. What they must be called is reckoned by `benchmarks.fuzz_robot`.
+With each attack comes what it must be called.
+
+An attack changes one call and says which causes the answer has to name; one that names none is a
+strange but usable input, which must get a usable answer. Lies are about the robot: a pose where the
+object is not, a twist that it does not have, a robot that does something else. What they must be
+called is reckoned by `benchmarks.fuzz_robot`.
 """
 
 from __future__ import annotations
@@ -61,7 +64,7 @@ class Call:
     does: np.ndarray | None = None
 
 
-# --- attacks: (rng, problem, call) -> None -------------------------------------------------------------------------------
+# --- attacks: (rng, problem, call) -> None --------------------------------------------------------
 
 
 def _wrong(call: Call, *causes: str) -> None:
@@ -83,7 +86,9 @@ def at_the_limits(rng: Rng, problem: Problem, call: Call) -> None:
 def beyond_the_limits(rng: Rng, problem: Problem, call: Call) -> None:
     q, some = _numbers(call), rng.random(32) < 0.15
     beyond = rng.uniform(0, np.radians(rng.choice([1, 10, 60])), 32)
-    q[some] = np.clip(np.where(rng.random(32) < 0.5, LOWER - beyond, UPPER + beyond), -3.14, 3.14)[some]
+    q[some] = np.clip(np.where(rng.random(32) < 0.5, LOWER - beyond, UPPER + beyond), -3.14, 3.14)[
+        some
+    ]
 
 
 def anywhere(rng: Rng, problem: Problem, call: Call) -> None:
@@ -127,8 +132,27 @@ def degrees(rng: Rng, problem: Problem, call: Call) -> None:
 
 def not_a_posture(rng: Rng, problem: Problem, call: Call) -> None:
     q = np.asarray(call.posture, dtype=float)
-    choices: list[Any] = [q[:31], q[None], np.zeros(0), q.tolist()[:20], "upright", {}, [None] * 32, [*q.tolist()[:31], None]]
-    choices += [[*q.tolist()[:31], "x"], q + 1j, [[1], [2, 3]], object(), Hostile(), 7, float("nan"), np.zeros((32, 1)), b"q"]
+    choices: list[Any] = [
+        q[:31],
+        q[None],
+        np.zeros(0),
+        q.tolist()[:20],
+        "upright",
+        {},
+        [None] * 32,
+        [*q.tolist()[:31], None],
+    ]
+    choices += [
+        [*q.tolist()[:31], "x"],
+        q + 1j,
+        [[1], [2, 3]],
+        object(),
+        Hostile(),
+        7,
+        float("nan"),
+        np.zeros((32, 1)),
+        b"q",
+    ]
     call.posture = choices[rng.integers(len(choices))]
     _wrong(call, "posture")
 
@@ -149,7 +173,10 @@ def pose_nearly_rigid(rng: Rng, problem: Problem, call: Call) -> None:
 
 
 def pose_nudged(rng: Rng, problem: Problem, call: Call) -> None:
-    if isinstance(call.arguments.get("pose"), np.ndarray) and call.arguments["pose"].shape == (4, 4):
+    if isinstance(call.arguments.get("pose"), np.ndarray) and call.arguments["pose"].shape == (
+        4,
+        4,
+    ):
         size = rng.choice([0.1, 0.5, 1.0, 1.5, 10.0]) * np.repeat([1e-3, np.radians(0.2)], 3)
         call.arguments["pose"] = moved(call.arguments["pose"], size * rng.uniform(-1, 1, 6))
         call.lies.add("pose")
@@ -159,16 +186,35 @@ def disobeyed(rng: Rng, problem: Problem, call: Call) -> None:
     if "pose" in call.arguments and not problem.robot.pose_delay:
         half = np.zeros((6, 6))
         half[:3, :3], half[3:, 3:] = rotation(rng), rotation(rng)
-        call.does = (0.0 * half, 0.5 * np.eye(6), 1.4 * np.eye(6), half, -np.eye(6))[rng.integers(5)]
+        call.does = (0.0 * half, 0.5 * np.eye(6), 1.4 * np.eye(6), half, -np.eye(6))[
+            rng.integers(5)
+        ]
         call.lies.add("robot")
 
 
 def not_a_pose(rng: Rng, problem: Problem, call: Call) -> None:
-    nan, mirror, far, stretched = np.full((4, 4), np.nan), np.diag([1, 1, -1.0, 1]), np.eye(4), np.diag([1.1, 1, 1, 1])
+    nan, mirror, far, stretched = (
+        np.full((4, 4), np.nan),
+        np.diag([1, 1, -1.0, 1]),
+        np.eye(4),
+        np.diag([1.1, 1, 1, 1]),
+    )
     far[0, 3] = 1e5
     hole = np.eye(4)
     hole[1, 3] = np.inf
-    choices = [nan, mirror, far, stretched, hole, np.zeros((4, 4)), np.eye(3), np.eye(4)[:3], "home", Hostile(), np.eye(4) + 1j]
+    choices = [
+        nan,
+        mirror,
+        far,
+        stretched,
+        hole,
+        np.zeros((4, 4)),
+        np.eye(3),
+        np.eye(4)[:3],
+        "home",
+        Hostile(),
+        np.eye(4) + 1j,
+    ]
     call.arguments["pose"] = choices[rng.integers(len(choices))]
     _wrong(call, "pose ")
 
@@ -176,7 +222,9 @@ def not_a_pose(rng: Rng, problem: Problem, call: Call) -> None:
 def did_something_else(rng: Rng, problem: Problem, call: Call) -> None:
     limit = problem.twist_limit
     full = np.repeat([limit.linear_speed, limit.angular_speed], 3)
-    call.arguments["twist"] = rng.uniform(-1, 1, 6) * full * rng.choice([0.1, 1.0, 3.0, 10.0]) * (rng.random(6) < 0.7)
+    call.arguments["twist"] = (
+        rng.uniform(-1, 1, 6) * full * rng.choice([0.1, 1.0, 3.0, 10.0]) * (rng.random(6) < 0.7)
+    )
     call.lies.add("twist")
 
 
@@ -208,12 +256,27 @@ def tiny_period(rng: Rng, problem: Problem, call: Call) -> None:
 
 
 def long_period(rng: Rng, problem: Problem, call: Call) -> None:
-    call.arguments["dt"] = float(problem.longest_period * (1 / problem.longest_period) ** rng.uniform(1e-3, 1))
+    call.arguments["dt"] = float(
+        problem.longest_period * (1 / problem.longest_period) ** rng.uniform(1e-3, 1)
+    )
     call.causes.append("three periods")
 
 
 def not_a_period(rng: Rng, problem: Problem, call: Call) -> None:
-    choices = [0.0, -0.01, np.nan, np.inf, 10.0, 1.01, 1e-6, "soon", Hostile(), np.array([0.01, 0.02]), 1j, 10**400]
+    choices = [
+        0.0,
+        -0.01,
+        np.nan,
+        np.inf,
+        10.0,
+        1.01,
+        1e-6,
+        "soon",
+        Hostile(),
+        np.array([0.01, 0.02]),
+        1j,
+        10**400,
+    ]
     call.arguments["dt"] = choices[rng.integers(len(choices))]
     _wrong(call, "dt is")
 
@@ -227,14 +290,40 @@ def watchdog(rng: Rng, problem: Problem, call: Call) -> None:
     if rng.random() < 0.4:
         (other_period, long_period, not_a_period)[rng.integers(3)](rng, problem, call)
     if rng.random() < 0.5:
-        choices = [rng.uniform(0, 0.1), rng.uniform(0, 1), 1e-9, 70.0, 1e9, np.inf, -1.0, np.nan, "late", Hostile(), None]
-        call.arguments["elapsed"] = choices[rng.choice(11, p=[0.3, 0.25, 0.05, 0.05, 0.05, *[0.05] * 6])]
+        choices = [
+            rng.uniform(0, 0.1),
+            rng.uniform(0, 1),
+            1e-9,
+            70.0,
+            1e9,
+            np.inf,
+            -1.0,
+            np.nan,
+            "late",
+            Hostile(),
+            None,
+        ]
+        call.arguments["elapsed"] = choices[
+            rng.choice(11, p=[0.3, 0.25, 0.05, 0.05, 0.05, *[0.05] * 6])
+        ]
 
 
 def taken_over(rng: Rng, problem: Problem, call: Call) -> None:
-    call.kind, call.arguments, call.causes, call.invalid = "reset", {"twist": moving(rng, problem)}, [], False
+    call.kind, call.arguments, call.causes, call.invalid = (
+        "reset",
+        {"twist": moving(rng, problem)},
+        [],
+        False,
+    )
     if rng.random() < 0.3:
-        choices: list[Any] = [np.full(6, np.nan), np.zeros(5), "still", Hostile(), [None] * 6, np.zeros(6) + 1j]
+        choices: list[Any] = [
+            np.full(6, np.nan),
+            np.zeros(5),
+            "still",
+            Hostile(),
+            [None] * 6,
+            np.zeros(6) + 1j,
+        ]
         call.arguments["twist"], call.invalid = choices[rng.integers(len(choices))], True
 
 
@@ -274,20 +363,47 @@ def not_a_mask(rng: Rng, problem: Problem, call: Call) -> None:
 _Attack = Callable[[Rng, Problem, Call], None]
 
 USABLE: Final[tuple[_Attack, ...]] = (
-    *(at_the_limits, beyond_the_limits, anywhere, straight, jumped, listed, single_precision),
-    *(other_period, longest_period, tiny_period, late, partly_seen, held, watchdog),
+    at_the_limits,
+    beyond_the_limits,
+    anywhere,
+    straight,
+    jumped,
+    listed,
+    single_precision,
+    other_period,
+    longest_period,
+    tiny_period,
+    late,
+    partly_seen,
+    held,
+    watchdog,
 )
-"""Strange, and to be worked with (`late` only if it is not too late), or with an answer of its own."""
+"""Strange, and to be worked with (`late` only if not too late), or with an answer of its own."""
 
 UNUSABLE: Final[tuple[_Attack, ...]] = (
-    *(not_a_number, degrees, not_a_posture, lost, not_a_pose, not_a_twist, not_a_period, long_period, not_an_age, disabled),
+    not_a_number,
+    degrees,
+    not_a_posture,
+    lost,
+    not_a_pose,
+    not_a_twist,
+    not_a_period,
+    long_period,
+    not_an_age,
+    disabled,
     not_a_mask,
 )
 """Wrong: the answer must brake and name each cause."""
 
 LIES: Final[tuple[_Attack, ...]] = (
-    *(pose_elsewhere, pose_nearly_rigid, pose_nudged, pose_nudged, disobeyed, taken_over),
-    *(did_something_else, did_something_else),
+    pose_elsewhere,
+    pose_nearly_rigid,
+    pose_nudged,
+    pose_nudged,
+    disobeyed,
+    taken_over,
+    did_something_else,
+    did_something_else,
 )
 """About the robot: usable, and a fault of the robot where they contradict what was sent."""
 
@@ -296,7 +412,7 @@ _ALONE: Final = (watchdog, taken_over, disobeyed)
 
 
 def attack(rng: Rng, problem: Problem, call: Call, lying: bool) -> None:
-    """Change a call by one to three attacks, at most one of them on the posture; lies only if `lying`."""
+    """Change a call by one to three attacks, at most one on the posture; lies only if `lying`."""
     touched, known = False, USABLE + UNUSABLE + (LIES if lying else ())
     count = int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))
     for number in rng.permutation(len(known))[:count]:
@@ -304,10 +420,14 @@ def attack(rng: Rng, problem: Problem, call: Call, lying: bool) -> None:
         if (chosen in _OF_POSTURE and touched) or (chosen in _ALONE and call.names):
             continue
         touched |= chosen in _OF_POSTURE
-        tried = replace(call, arguments=dict(call.arguments), causes=list(call.causes), lies=set(call.lies))
+        tried = replace(
+            call, arguments=dict(call.arguments), causes=list(call.causes), lies=set(call.lies)
+        )
         chosen(rng, problem, tried)
         # An argument that was attacked already stays as it is.
-        if call.names and any(tried.arguments[name] is not value for name, value in call.arguments.items()):
+        if call.names and any(
+            tried.arguments[name] is not value for name, value in call.arguments.items()
+        ):
             continue
         vars(call).update(vars(tried))
         call.names.append(chosen.__name__)

@@ -1,9 +1,12 @@
-"""The fuzzer's judge of twists, in numpy and without the step's code: what was sent, and what could have been sent instead.
+"""The fuzzer's judge of twists: what was sent, and what could have been sent instead.
 
-`Sent` holds speed, allowed axes, acceleration and jerk against what was sent before, and nothing else. `Law` decides whether
-some twist other than braking was possible. It goes by the law of the stop alone (the docstring of `ergoqp.limits.stop`), in its
-own arithmetic: what is under way counts first, then half a period at the new plan, the stop from it, and what a mean that still
-rises can add.
+It is written in numpy, without the step's code.
+
+`Sent` holds speed, allowed axes, acceleration and jerk against what was sent before, and nothing
+else. `Law` decides whether some twist other than braking was possible. It goes by the law of the
+stop alone (the docstring of `ergoqp.limits.stop`), in its own arithmetic: what is under way counts
+first, then half a period at the new plan, the stop from it, and what a mean that still rises can
+add.
 """
 
 from __future__ import annotations
@@ -88,18 +91,26 @@ class Sent:
         return replace(self)
 
     def take(self, twist: np.ndarray, dt: float) -> dict[str, float]:
-        """Judge a twist sent for a period and keep it as the last one; returns by how much (relative) it broke what."""
+        """Judge a twist sent for a period and keep it as the last one.
+
+        Return by how much (relative) it broke what.
+        """
         limit, W = self.problem.twist_limit, self.problem.average
         speed, acceleration, broken = limit.speed, limit.acceleration, {}
         full = np.repeat([limit.linear_speed, limit.angular_speed], 3)
         rate, between = (twist - self.twist) / dt, (dt + self.lasted) / 2
         broken["speed"] = np.max((np.abs(twist) / full)[speed > 0], initial=0.0) - 1
         broken["axes"] = np.max(np.abs(twist)[speed == 0], initial=0.0)
-        broken["acceleration"] = np.max((np.abs(twist - self.twist) - 4e-16 * full) / (acceleration * dt)) - 1
+        broken["acceleration"] = (
+            np.max((np.abs(twist - self.twist) - 4e-16 * full) / (acceleration * dt)) - 1
+        )
         if W:
-            # An acceleration is the difference of two twists over a period: its rounding is that of the twists.
+            # An acceleration is the difference of two twists over a period: its rounding is that of
+            # the twists.
             rounding = 2e-15 * full * (1 / dt + 1 / self.lasted)
-            broken["jerk"] = np.max((np.abs(rate - self.rate) - rounding) / (2 * acceleration / W * between)) - 1
+            broken["jerk"] = (
+                np.max((np.abs(rate - self.rate) - rounding) / (2 * acceleration / W * between)) - 1
+            )
         self.twist, self.rate, self.lasted = np.array(twist), rate, dt
         return {name: float(by) for name, by in broken.items() if by > ROUNDING}
 
@@ -122,10 +133,13 @@ class Joints:
 
 
 class Law:
-    """How a problem's object stops, by the law of `ergoqp.limits.stop` in numbers, and what could be sent instead of braking.
+    """How a problem's object stops, in numbers, and what could be sent instead of braking.
 
-    The planned twists are the only thing that is read from the step: they are what its law is about. What was sent must be
-    their mean over the last W seconds, which is checked here by integration.
+    The law is that of `ergoqp.limits.stop`.
+
+    The planned twists are the only thing that is read from the step: they are what its law is
+    about. What was sent must be their mean over the last W seconds, which is checked here by
+    integration.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -165,12 +179,18 @@ class Law:
         return self._integral(lambda age: 1 / W) if W else self.planned
 
     def under_way(self, dt: float) -> np.ndarray:
-        """Return what the mean has still to send of the plan (6,), with the last twist's half of this period."""
+        """Return what the mean still has to send of the plan (6,).
+
+        The last twist's half of this period is included.
+        """
         W = self.problem.average
         return self._integral(lambda age: 1 - age / W) + self.planned * dt / 2 if W else np.zeros(6)
 
     def _integral(self, weight, plan: list | None = None) -> np.ndarray:
-        """Integral of the plan, a line from period to period, times a weight that is linear in its age, up to the age W."""
+        """Integrate the plan times a weight that is linear in its age, up to the age W.
+
+        The plan is a line from period to period.
+        """
         W, age, total, plan = self.problem.average, 0.0, np.zeros(6), plan or self._plan
         plan = [*plan[::-1], plan[0]]
         for (newer, lasted), (older, _) in pairwise(plan):
@@ -178,21 +198,25 @@ class Law:
             share = (end - age) / lasted
             at_end = newer + (older - newer) * share
             middle = (newer + at_end) / 2 * weight((age + end) / 2)
-            total = total + (end - age) / 6 * (newer * weight(age) + 4 * middle + at_end * weight(end))
+            total = total + (end - age) / 6 * (
+                newer * weight(age) + 4 * middle + at_end * weight(end)
+            )
             age += lasted
             if age >= W:
                 break
         return total
 
     def owed(self) -> np.ndarray:
-        """Return what the declared robot has not yet done of what was sent, piece by piece (k, 6)."""
+        """Return what the declared robot has yet to do of what was sent, piece by piece (k, 6)."""
         robot = self.problem.robot
         dead, lag, age, pieces = robot.delay + robot.pose_delay, robot.lag, 0.0, []
         for twist, lasted in self._sent[::-1]:
             end = age + lasted
             seconds = min(end, dead) - min(age, dead)
             if lag:
-                seconds += lag * (np.exp(-max(age - dead, 0) / lag) - np.exp(-max(end - dead, 0) / lag))
+                seconds += lag * (
+                    np.exp(-max(age - dead, 0) / lag) - np.exp(-max(end - dead, 0) / lag)
+                )
             pieces.append(twist * seconds)
             age = end
         return np.array(pieces)
@@ -204,7 +228,10 @@ class Law:
         return previous * max(0.0, 1 - dt / seconds) if seconds > 0 else previous
 
     def climb(self) -> np.ndarray:
-        """Return what is added (6,) while the mean still rises to the last planned twist, see `ergoqp.limits.stop`."""
+        """Return what is added (6,) while the mean still rises to the last planned twist.
+
+        See `ergoqp.limits.stop`.
+        """
         W, way = self.problem.average, np.zeros(6)
         for sign in (1, -1) if W else ():
             plan = [(np.maximum(sign * twist, 0), lasted) for twist, lasted in self._plan]
@@ -219,19 +246,24 @@ class Law:
         return most if self.problem.average else np.zeros(6)
 
     def apart(self, longest: float) -> np.ndarray:
-        """Return by how much the way of a stop can differ (6,) from one with periods up to `longest` [s].
+        """Return how much a stop's way can differ (6,) from one with periods up to `longest` [s].
 
-        A period is held at its end: while the twist falls, shorter ones lead further, by half a period; while it rises, longer
-        ones.
+        A period is held at its end: while the twist falls, shorter ones lead further, by half a
+        period; while it rises, longer ones.
         """
         h, planned = 3 * self.problem.dt, np.abs(self.planned)
         rise = np.minimum(1.5 * h * planned, self.rise(self.problem.average / 2 + h))
         return longest / 2 * np.maximum(planned, np.abs(self._sent[-1][0])) + rise
 
     def way(self, twists: np.ndarray, dt: float) -> np.ndarray:
-        """Return what planned twists (n, 6) add to what is under way (n, 6): their period, and the stop after it."""
+        """Return what planned twists (n, 6) add to what is under way (n, 6).
+
+        They add their period, and the stop after it.
+        """
         W, h, rise = self.problem.average, 3 * self.problem.dt, self.rise(dt)
-        seconds = np.max(np.abs(twists) / self.problem.twist_limit.acceleration, axis=1, keepdims=True)
+        seconds = np.max(
+            np.abs(twists) / self.problem.twist_limit.acceleration, axis=1, keepdims=True
+        )
         way = twists * ((dt / 2 if W else dt) + seconds / 2)
         return way + np.clip(1.5 * h * twists, -rise, rise)
 
@@ -244,7 +276,7 @@ class Law:
         dt: float,
         rng: np.random.Generator,
     ) -> bool:
-        """Whether some reachable twist other than braking keeps everything through its stop as well as braking does."""
+        """Whether another reachable twist keeps everything through its stop as well as braking."""
         limit, brake = self.problem.twist_limit, self.braked(dt)
         previous = self.planned
         low = np.minimum(np.maximum(-limit.speed, previous - limit.acceleration * dt), brake)
@@ -254,7 +286,8 @@ class Law:
         tried = tried[np.abs(tried - brake).max(axis=1) > 1e-5]
         if not len(tried):
             return False
-        known = np.where(seen & np.isfinite(posture), posture, self.problem.response.comfort)  # type: ignore[attr-defined]
+        comfort = self.problem.response.comfort  # type: ignore[attr-defined]
+        known = np.where(seen & np.isfinite(posture), posture, comfort)
         S = np.array(self._sensitivity(known, np.isin(JOINTS, locked).astype(float))[0])
         outside = self._outside(np.vstack([brake, tried]), known, seen, S, pose, dt)
         joints = np.where(seen, self.joints.outside(known), -np.inf)
@@ -263,13 +296,24 @@ class Law:
         return bool(np.any(np.all(outside[1:] <= allowed, axis=1)))
 
     def _outside(
-        self, twists: np.ndarray, known: np.ndarray, seen: np.ndarray, S: np.ndarray, pose: np.ndarray, dt: float
+        self,
+        twists: np.ndarray,
+        known: np.ndarray,
+        seen: np.ndarray,
+        S: np.ndarray,
+        pose: np.ndarray,
+        dt: float,
     ) -> np.ndarray:
-        """How far outside everything is at worst (n, k + 32) through the stop from planned twists (n, 6).
+        """How far outside all is at worst (n, k + 32) through the stop from planned twists (n, 6).
 
-        Of a declared robot all ends are tried: what it owes done already or not, slower and faster, held on once or not.
+        Of a declared robot all ends are tried: what it owes done already or not, slower and faster,
+        held on once or not.
         """
-        robot, first, ways = self.problem.robot, self.under_way(dt) + self.climb(), self.way(twists, dt)
+        robot, first, ways = (
+            self.problem.robot,
+            self.under_way(dt) + self.climb(),
+            self.way(twists, dt),
+        )
         owed, worst = self.owed().sum(axis=0), []
         late = bool(robot.delay or robot.pose_delay or robot.lag)
         for done in (0.0, 1.0) if late else (1.0,):
@@ -278,7 +322,11 @@ class Law:
                     ahead = gain * ((1 - done) * owed + first)
                     there = np.repeat(moved(pose, ahead)[None], len(twists), axis=0)
                     onward = gain * (ways + robot.longest_hold * held)
-                    worst.append(np.maximum(self.rows.along(pose[None], ahead[None]), self.rows.along(there, onward)))
+                    worst.append(
+                        np.maximum(
+                            self.rows.along(pose[None], ahead[None]), self.rows.along(there, onward)
+                        )
+                    )
         noise = np.repeat([robot.pose_noise, np.radians(robot.pose_noise_deg)], 3)
         hard = np.max(worst, axis=0) + self.rows.reach(noise)
         q = known + (owed * late + first + (1 + robot.gain_error) * ways) @ S.T

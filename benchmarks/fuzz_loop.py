@@ -1,4 +1,4 @@
-"""One loop of the fuzzer: a stepper under attack, the person who follows, and who judges every answer."""
+"""One fuzzer loop: a stepper under attack, the person who follows, the judge of every answer."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ class Loop:
         lying: whether calls may lie about the robot in this sequence.
     """
 
-    def __init__(self, problem: Problem, rng: np.random.Generator, dice: np.random.Generator, tally: Tally) -> None:
+    def __init__(
+        self, problem: Problem, rng: np.random.Generator, dice: np.random.Generator, tally: Tally
+    ) -> None:
         """Build the stepper once.
 
         Args:
@@ -53,14 +55,18 @@ class Loop:
         self._comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
         self.restart()
 
-    # --- a sequence ------------------------------------------------------------------------------------------------------
+    # --- a sequence -------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """Start a new sequence: another person, another robot within its declaration, another way of calling."""
+        """Start a sequence with another person, robot within its declaration and way of calling."""
         rng, robot = self._rng, self._problem.robot
-        self._person = np.clip(self._comfort + np.radians(rng.choice([0, 10, 30])) * rng.normal(size=32), LOWER, UPPER)
+        self._person = np.clip(
+            self._comfort + np.radians(rng.choice([0, 10, 30])) * rng.normal(size=32), LOWER, UPPER
+        )
         self.lying = bool(rng.random() < 0.3)
-        measures = ("integrated", "placed", "measured", "now and then")[rng.choice(4, p=[0.3, 0.1, 0.4, 0.2])]
+        measures = ("integrated", "placed", "measured", "now and then")[
+            rng.choice(4, p=[0.3, 0.1, 0.4, 0.2])
+        ]
         self._measures = "measured" if robot.gain_error or robot.longest_hold else measures
         self._reports = ("no", "mean", "end")[rng.choice(3, p=[0.5, 0.3, 0.2])]
         kind = RobotKind.of(robot, rng, float(rng.choice([1.0, rng.random()])))
@@ -77,11 +83,18 @@ class Loop:
         twist, place = moving(rng, self._problem) if rng.random() < 0.25 else np.zeros(6), None
         self._kind = kind
         if self._measures != "integrated":
-            place = np.array(self._contact(self._person)[0]) if rng.random() < 0.3 else somewhere(rng, self._problem)
+            place = (
+                np.array(self._contact(self._person)[0])
+                if rng.random() < 0.3
+                else somewhere(rng, self._problem)
+            )
         self._begin(twist, place)
 
     def _begin(self, twist: np.ndarray, place: np.ndarray | None) -> None:
-        """Begin with an object that moves at a twist (6,), at a place (4, 4), or where the first posture says."""
+        """Begin with an object that moves at a twist (6,).
+
+        It begins at a place (4, 4), or where the first posture says.
+        """
         declared = self._problem.robot
         self._stepper.reset(twist if twist.any() else None)
         speed = self._problem.twist_limit.speed
@@ -94,9 +107,15 @@ class Loop:
         self._declared, self._done = TrueObject(as_declared, np.eye(4), start), np.zeros(6)
         self._placed, self._anchored, self._disobeys = place is not None, False, 0
         self._before: np.ndarray | None = None
-        # Along each axis and against it (6, 2) [m, rad]: what was sent since the last call, what was sent and is not reported
-        # yet, and how far the object can have gone since it was measured; and how far it is reckoned to have gone (6,).
-        self._way, self._short, self._room, self._gone = np.zeros((6, 2)), np.zeros((6, 2)), np.zeros((6, 2)), np.zeros(6)
+        # Along each axis and against it (6, 2) [m, rad]: what was sent since the last call, what
+        # was sent and is not reported yet, and how far the object can have gone since it was
+        # measured; and how far it is reckoned to have gone (6,).
+        self._way, self._short, self._room, self._gone = (
+            np.zeros((6, 2)),
+            np.zeros((6, 2)),
+            np.zeros((6, 2)),
+            np.zeros(6),
+        )
         self._periods: deque[float] = deque(maxlen=100)
 
     def sane(self) -> Call:
@@ -114,7 +133,10 @@ class Loop:
     def take(self, call: Call, where: str) -> None:
         """Make a call and judge the answer."""
         kind = "lying" if self.lying else "honest"
-        where = f"{where} {self._problem.name} {kind} {self._measures} [{' '.join(call.names) or 'sane'}]"
+        where = (
+            f"{where} {self._problem.name} {kind} {self._measures}"
+            f" [{' '.join(call.names) or 'sane'}]"
+        )
         self._tally.steps += 1
         self._keep_declared(call)
         state = self._state.copy()
@@ -133,7 +155,12 @@ class Loop:
             if isinstance(error, KeyboardInterrupt):
                 raise
             at = traceback.extract_tb(error.__traceback__)[-1]
-            self._tally.wrong("exceptions", f"{type(error).__name__} in {at.name}", where, f"{error!r} of {call.arguments}")
+            self._tally.wrong(
+                "exceptions",
+                f"{type(error).__name__} in {at.name}",
+                where,
+                f"{error!r} of {call.arguments}",
+            )
             self.restart()
             return
         self._tally.statuses[step.status] += 1
@@ -142,7 +169,9 @@ class Loop:
     def _keep_declared(self, call: Call) -> None:
         """One hold per stop, and none that the next pose does not show."""
         dt, can = call.arguments.get("dt"), self._object.can_hold and self._measures == "measured"
-        long = isinstance(dt, float) and 3.01 * self._problem.dt < dt <= self._problem.longest_period
+        long = (
+            isinstance(dt, float) and 3.01 * self._problem.dt < dt <= self._problem.longest_period
+        )
         if long and not can:
             del call.arguments["dt"]
         if long or not can:
@@ -151,10 +180,16 @@ class Loop:
             self._object.can_hold = False
 
     def _take_over(self, call: Call, where: str) -> None:
-        """Let the stepper begin anew with a moving object; what is no twist must raise as documented, and change nothing."""
+        """Let the stepper begin anew with a moving object.
+
+        What is no twist must raise as documented, and change nothing.
+        """
         world = self._object.world
         if not call.invalid:
-            self._begin(call.arguments["twist"], None if world is None or self._measures == "integrated" else world.seen.pose)
+            self._begin(
+                call.arguments["twist"],
+                None if world is None or self._measures == "integrated" else world.seen.pose,
+            )
             return
         before = self._state.copy()
         try:
@@ -162,12 +197,20 @@ class Loop:
         except InputError:
             if np.array_equal(before, self._state):
                 return
-        self._tally.wrong("reasons_wrong", "reset takes what is no twist", where, f"{call.arguments}")
+        self._tally.wrong(
+            "reasons_wrong", "reset takes what is no twist", where, f"{call.arguments}"
+        )
         self.restart()
 
     def _ramp_down(self, call: Call, where: str) -> None:
-        """Brake, call by call, for the time that the robot ramps down by itself: saying it at once must lead to the same."""
-        elapsed, dt = _number(call.arguments.pop("elapsed", 0.0)), _number(call.arguments.get("dt", self._problem.dt))
+        """Brake, call by call, for the time that the robot ramps down by itself.
+
+        Saying that time at once must lead to the same.
+        """
+        elapsed, dt = (
+            _number(call.arguments.pop("elapsed", 0.0)),
+            _number(call.arguments.get("dt", self._problem.dt)),
+        )
         if not elapsed > 0:
             return
         state, left = self._state.copy(), elapsed
@@ -183,26 +226,48 @@ class Loop:
         self._state[:] = state
         got = self._stepper.brake(dt, elapsed=elapsed).twist
         if np.abs(got - expected).max() > 1e-9:
-            self._tally.wrong("unsafe", "elapsed", where, f"{got} for dt {dt:g} after {elapsed:g} s, call by call {expected}")
+            self._tally.wrong(
+                "unsafe",
+                "elapsed",
+                where,
+                f"{got} for dt {dt:g} after {elapsed:g} s, call by call {expected}",
+            )
         self._state[:] = then
 
-    # --- the judgement of one answer -------------------------------------------------------------------------------------
+    # --- the judgement of one answer --------------------------------------------------------------
 
     def _judge(self, call: Call, step: Step, state: np.ndarray, where: str) -> None:
         given, bad = call.arguments, {cause.strip() for cause in call.causes}
-        dt = float(given["dt"]) if given.get("dt") is not None and "dt is" not in bad else self._problem.dt
-        told = np.asarray(given["twist"], float) if given.get("twist") is not None and "twist" not in bad else None
+        dt = (
+            float(given["dt"])
+            if given.get("dt") is not None and "dt is" not in bad
+            else self._problem.dt
+        )
+        told = (
+            np.asarray(given["twist"], float)
+            if given.get("twist") is not None and "twist" not in bad
+            else None
+        )
         measured = given.get("pose") is not None and "pose" not in bad
         posture, seen = _frame(call)
-        if step.twist.shape != (6,) or not np.isfinite(step.twist).all() or not np.isfinite(step.pose).all():
+        if (
+            step.twist.shape != (6,)
+            or not np.isfinite(step.twist).all()
+            or not np.isfinite(step.pose).all()
+        ):
             self._tally.wrong("unsafe", "not finite", where, f"{step.twist}")
             self.restart()
             return
-        short, unmeasured = self._may_be_short(dt), bool(self._problem.robot.needs_pose and not measured)
+        short, unmeasured = (
+            self._may_be_short(dt),
+            bool(self._problem.robot.needs_pose and not measured),
+        )
         self._place(call, step, posture, seen, measured, told, short, where)
         self._object.settle(state, self._sent, dt)
         lied = bool(call.lies) or self._disobeys > 0
-        self._robot.look(self._before, step.pose, measured, told, lied, dt, given.get("enable") is not False)
+        self._robot.look(
+            self._before, step.pose, measured, told, lied, dt, given.get("enable") is not False
+        )
         if not (call.causes or posture is None or short or unmeasured or self._robot.may):
             self._certify(step, posture, seen, dt, where)
         self._reasons.judge(call, step, self._robot, posture, seen, short, unmeasured, where)
@@ -211,41 +276,60 @@ class Loop:
             self._judge_braking(step, state, dt, where)
         self._go(step, dt, step.reason, given.get("enable") is False or unmeasured, where)
         if call.hold:
-            self._object.send(step.twist, call.hold, "held on: ", where, f"{step.status} {step.twist}")
+            self._object.send(
+                step.twist, call.hold, "held on: ", where, f"{step.status} {step.twist}"
+            )
         if not self._may_be_short(self._problem.dt):
             even = min(self._periods) > 0.9 * self._problem.dt
-            self._object.stop(step.twist, self._sent, even, _STOPS, where, f"{step.status} {step.twist}")
+            self._object.stop(
+                step.twist, self._sent, even, _STOPS, where, f"{step.status} {step.twist}"
+            )
         if call.kind == "step":
             self._person = np.clip(self._person + step.posture_rate * dt, LOWER, UPPER)
 
     def _go(self, step: Step, dt: float, reason: str, stopped: bool, where: str) -> None:
         """Let the object do what was sent, and judge that."""
         for name, by in self._sent.take(step.twist, dt).items():
-            # The jerk is that of a mean, and a history that much shorter periods have used up holds none: that is named, and
-            # the acceleration is kept all the same.
+            # The jerk is that of a mean, and a history that much shorter periods have used up holds
+            # none: that is named, and the acceleration is kept all the same.
             named = name == "jerk" and SHORT in reason and self._may_be_short(dt)
             kind = "named short" if named else "unsafe"
-            self._tally.wrong(kind, name, where, f"{by:.2g} beyond (relative), {step.status} {step.twist} dt {dt:g}")
+            self._tally.wrong(
+                kind,
+                name,
+                where,
+                f"{by:.2g} beyond (relative), {step.status} {step.twist} dt {dt:g}",
+            )
         self._law.take(self._state[:6], step.twist, dt)
         if np.abs(self._law.mean() - step.twist).max() > 1e-9 and not self._may_be_short(dt):
-            self._tally.wrong("unsafe", "not the mean", where, f"{step.twist} and {self._law.mean()}")
+            self._tally.wrong(
+                "unsafe", "not the mean", where, f"{step.twist} and {self._law.mean()}"
+            )
         self._robot.follow(reason, step.status in _BRAKES, stopped, step.twist, dt)
         self._done = sum((part for _, part in self._declared.send(step.twist, dt)), np.zeros(6))
         self._periods.appendleft(dt)
         self._way += np.maximum(np.stack([step.twist, -step.twist], axis=1), 0) * dt
         self._before = step.pose.copy() if self._anchored else None
-        self._object.send(step.twist, dt, "", where, f"{step.status} {step.twist} dt {dt:g} {reason!r}")
+        self._object.send(
+            step.twist, dt, "", where, f"{step.status} {step.twist} dt {dt:g} {reason!r}"
+        )
         if self._disobeys:
             self._disobeys -= 1
             if not self._disobeys:
                 self._object.disobey(None)
 
     def _may_be_short(self, dt: float) -> bool:
-        """Whether the last periods were 1.5 times shorter than the loop's, on average over what is averaged or under way."""
+        """Whether the last periods were 1.5 times shorter than the loop's.
+
+        This is meant on average over what is averaged or under way.
+        """
         robot, usual = self._problem.robot, self._problem.dt
         for seconds in (self._problem.average, robot.delay + robot.pose_delay):
             count = int(np.ceil(1.5 * seconds / usual))
-            if len(self._periods) >= count > 0 and dt + sum(list(self._periods)[: count - 1]) < 1.05 * seconds:
+            if (
+                len(self._periods) >= count > 0
+                and dt + sum(list(self._periods)[: count - 1]) < 1.05 * seconds
+            ):
                 return True
         return False
 
@@ -268,26 +352,38 @@ class Loop:
         if measured:
             expected: Any = np.asarray(call.arguments["pose"], dtype=float)
         elif self._before is None:
-            expected = np.array(self._contact(np.where(seen, np.asarray(posture, dtype=float), self._comfort))[0])
+            expected = np.array(
+                self._contact(np.where(seen, np.asarray(posture, dtype=float), self._comfort))[0]
+            )
         else:
             expected = moved(self._before, self._done)
         off = np.abs(step.pose - expected).max() > 1e-8
         reported = self._reported(step.pose, told, measured)
         if off and not (self._before is not None and not measured and (short or reported)):
-            self._tally.wrong("unsafe", "pose", where, f"reckoned with {step.pose[:3, 3]}, was at {expected[:3, 3]}")
+            self._tally.wrong(
+                "unsafe",
+                "pose",
+                where,
+                f"reckoned with {step.pose[:3, 3]}, was at {expected[:3, 3]}",
+            )
         if call.does is not None:
             self._object.disobey(call.does)
             self._disobeys = int(self._rng.integers(5, 40))
         world = self._object.world
-        if world is None or (measured and "pose" in call.lies) or (first and not (measured and self._placed)):
-            # Whoever measures it elsewhere moved it; where nobody measures it, it is where the posture says.
+        if (
+            world is None
+            or (measured and "pose" in call.lies)
+            or (first and not (measured and self._placed))
+        ):
+            # Whoever measures it elsewhere moved it; where nobody measures it, it is where the
+            # posture says.
             self._object.appear(step.pose)
         elif off and not measured:
             # A report that is believed is true.
             self._object.appear(moved(world.seen.pose, turned(expected, step.pose)))
 
     def _reported(self, pose: np.ndarray, told: np.ndarray | None, measured: bool) -> bool:
-        """Whether a pose (4, 4) can be that of a robot that does what it reports, as far as it was sent, then or before.
+        """Whether a robot doing what it reports, as far as sent by then, can be at a pose (4, 4).
 
         Only once a fault may be known.
         """
@@ -298,13 +394,19 @@ class Loop:
         if measured or self._before is None:
             self._room, self._gone = self._short.copy(), np.zeros(6)
         else:
-            self._room, self._gone = self._room + (1 + robot.gain_error) * self._way, self._gone + turned(self._before, pose)
+            self._room, self._gone = (
+                self._room + (1 + robot.gain_error) * self._way,
+                self._gone + turned(self._before, pose),
+            )
         self._way = np.zeros((6, 2))
         if told is None or self._before is None or not self._robot.doubtful:
             return False
         if robot.delay or robot.pose_delay or robot.lag:
             return True
-        return bool((self._gone <= self._room[:, 0] + 1e-8).all() and (self._gone >= -self._room[:, 1] - 1e-8).all())
+        return bool(
+            (self._gone <= self._room[:, 0] + 1e-8).all()
+            and (self._gone >= -self._room[:, 1] - 1e-8).all()
+        )
 
     def _judge_braking(self, step: Step, state: np.ndarray, dt: float, where: str) -> None:
         """A step that cannot do more sends what `Stepper.brake` does."""
@@ -313,24 +415,46 @@ class Loop:
         braked = self._stepper.brake(dt).twist
         self._state[:] = kept
         if np.abs(braked - step.twist).max() > 1e-12:
-            self._tally.wrong("unsafe", "does not brake", where, f"{step.status} {step.twist}, braking is {braked}")
+            self._tally.wrong(
+                "unsafe",
+                "does not brake",
+                where,
+                f"{step.status} {step.twist}, braking is {braked}",
+            )
 
-    def _judge_joints(self, step: Step, posture: np.ndarray | None, seen: np.ndarray, dt: float, where: str) -> None:
-        """No joint of the model is led further outside its range, and none too fast without being named."""
+    def _judge_joints(
+        self, step: Step, posture: np.ndarray | None, seen: np.ndarray, dt: float, where: str
+    ) -> None:
+        """No model joint is led further out of its range, and none too fast without being named."""
         if posture is None or not seen.any():
             return
-        ahead, now = (self._joints.outside(q)[seen] for q in (posture + step.posture_rate * dt, posture))
+        ahead, now = (
+            self._joints.outside(q)[seen] for q in (posture + step.posture_rate * dt, posture)
+        )
         worst = float(np.max(ahead - np.maximum(now, 0), initial=0.0))
         if worst > 1e-8:
-            self._tally.wrong("unsafe", "joint range", where, f"{np.degrees(worst):.3g} deg further outside, {step.status}")
+            self._tally.wrong(
+                "unsafe",
+                "joint range",
+                where,
+                f"{np.degrees(worst):.3g} deg further outside, {step.status}",
+            )
         # Rows through S hold to the accuracy of the QP, not to the last digit.
         fast = np.flatnonzero((np.abs(step.posture_rate) > self._joints.rate + 2e-7) & seen)
         if stray := [JOINTS[i] for i in fast if JOINTS[i] not in step.slack]:
-            what = f"{stray} at {np.degrees(np.abs(step.posture_rate[fast]).max()):.4g} deg/s, {step.status} {step.reason!r}"
+            what = (
+                f"{stray} at {np.degrees(np.abs(step.posture_rate[fast]).max()):.4g} deg/s,"
+                f" {step.status} {step.reason!r}"
+            )
             self._tally.wrong("unsafe", "joint rate", where, what)
 
-    def _certify(self, step: Step, posture: np.ndarray, seen: np.ndarray, dt: float, where: str) -> None:
-        """Count a step whose inputs were usable, and whether it found something else to do than to brake where there was."""
+    def _certify(
+        self, step: Step, posture: np.ndarray, seen: np.ndarray, dt: float, where: str
+    ) -> None:
+        """Count a step whose inputs were usable.
+
+        Also count whether it found something else to do than to brake, where there was something.
+        """
         if step.status not in _BRAKES:
             self._tally.judged += 1
             self._tally.answered += 1
@@ -348,7 +472,7 @@ def _number(value: Any) -> float:
 
 
 def _frame(call: Call) -> tuple[np.ndarray | None, np.ndarray]:
-    """The posture that the step may use, None if it is not usable, and which joints of it are seen."""
+    """Return the posture the step may use (None: not usable), and which joints of it are seen."""
     seen = np.ones(32, bool)
     unusable = any(cause in ("posture", "radians", "observed") for cause in call.causes)
     if call.kind != "step" or call.posture is None or unusable:

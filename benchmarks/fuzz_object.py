@@ -1,8 +1,8 @@
-"""The fuzzer's judge of the true object: it stays inside its workspace and its tool cone, through every stop.
+"""The fuzzer's judge of the true object: it stays in workspace and tool cone through every stop.
 
-What is outside comes no further out. Where nobody sent the object (it was somewhere else all at once, or was taken over in
-motion), it may be as far outside as braking forces from there: that stop is really braked by a clone of the loop, with the true
-robot.
+What is outside comes no further out. Where nobody sent the object (it was somewhere else all at
+once, or was taken over in motion), it may be as far outside as braking forces from there: that stop
+is really braked by a clone of the loop, with the true robot.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ class ObjectJudge:
         can_hold: whether the robot may hold on to a twist again, see `DeclaredRobot.longest_hold`.
     """
 
-    def __init__(self, problem: Problem, stepper: Stepper, law: Law, tally: Tally, dice: np.random.Generator) -> None:
+    def __init__(
+        self, problem: Problem, stepper: Stepper, law: Law, tally: Tally, dice: np.random.Generator
+    ) -> None:
         """Judge the objects of one loop after the other; see `begin`.
 
         Args:
@@ -44,7 +46,13 @@ class ObjectJudge:
             tally: takes what is found.
             dice: of the judge alone.
         """
-        self.rows, self._problem, self._law, self._tally, self._dice = law.rows, problem, law, tally, dice
+        self.rows, self._problem, self._law, self._tally, self._dice = (
+            law.rows,
+            problem,
+            law,
+            tally,
+            dice,
+        )
         self._stepper, self._state = stepper, stepper._inputs["state"]
         robot = problem.robot
         self._late = bool(robot.delay or robot.lag or robot.pose_delay)
@@ -53,9 +61,13 @@ class ObjectJudge:
         self._uneven = 4 if all(span >= 4 * problem.dt for span in seconds) else 3
         limit = problem.twist_limit
         late = robot.delay + robot.pose_delay + 20 * robot.lag
-        self._longest_stop = float(np.max(limit.speed / limit.acceleration)) + problem.average + late + 0.1
+        self._longest_stop = (
+            float(np.max(limit.speed / limit.acceleration)) + problem.average + late + 0.1
+        )
 
-    def begin(self, kind: RobotKind, place: np.ndarray | None, twist: np.ndarray, undeclared: np.ndarray) -> None:
+    def begin(
+        self, kind: RobotKind, place: np.ndarray | None, twist: np.ndarray, undeclared: np.ndarray
+    ) -> None:
         """Begin with another object.
 
         Args:
@@ -64,10 +76,20 @@ class ObjectJudge:
             twist: with which it moves (6,).
             undeclared: by how much its place may be mistaken without that being declared (6,).
         """
-        self._kind, self._twist, self.obeys, self.can_hold, self._loose = kind, twist, True, True, True
+        self._kind, self._twist, self.obeys, self.can_hold, self._loose = (
+            kind,
+            twist,
+            True,
+            True,
+            True,
+        )
         self.world = None if place is None else TrueObject(kind, place, twist)
         self._least = np.zeros(len(self.rows.names))
-        late = np.array([_ALLOWED_LATE[int(name == "tool axis")] for name in self.rows.names]) if self._late else _ALLOWED
+        late = (
+            np.array([_ALLOWED_LATE[int(name == "tool axis")] for name in self.rows.names])
+            if self._late
+            else _ALLOWED
+        )
         self._tolerance = late + self.rows.reach(undeclared)
 
     def appear(self, measured: np.ndarray) -> None:
@@ -79,7 +101,10 @@ class ObjectJudge:
         self._loose = True
 
     def disobey(self, does: np.ndarray | None) -> None:
-        """Let the robot make something else of every twist (6, 6), or obey again; that is judged from then on only."""
+        """Let the robot make something else of every twist (6, 6), or obey again.
+
+        That is judged from then on only.
+        """
         if self.world is not None:
             self.world.disobey(does)
             self.obeys, self._loose = does is None, True
@@ -87,8 +112,8 @@ class ObjectJudge:
     def settle(self, state: np.ndarray, sent: Sent, dt: float) -> None:
         """Reckon how far outside the object may be from now on, if it is where nobody sent it.
 
-        The stop is really braked, at the usual periods; by how much others may differ is allowed, and what the robot may do
-        on for once.
+        The stop is really braked, at the usual periods; by how much others may differ is allowed,
+        and what the robot may do on for once.
 
         Args:
             state: of the stepper before the call.
@@ -100,21 +125,29 @@ class ObjectJudge:
         self._loose, kept, usual = False, self._state.copy(), self._problem.dt
         here = self.rows.outside(self.world.pose)
         self._state[:] = state
-        worst, end = self._brake_down(self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced")
+        worst, end = self._brake_down(
+            self.world.copy(), sent.copy(), [dt, *[usual] * 3], "a stop that is forced"
+        )
         self._state[:] = kept
-        held = self._problem.robot.longest_hold * np.maximum(np.abs(sent.twist), np.abs(self._law.planned))
+        held = self._problem.robot.longest_hold * np.maximum(
+            np.abs(sent.twist), np.abs(self._law.planned)
+        )
         apart = self.rows.reach(self._law.apart(usual) + held)
         farthest = np.maximum(worst + np.where(worst > here + _ALLOWED, apart, 0), end + apart)
         self._least = np.maximum(farthest, 0)
 
     def send(self, twist: np.ndarray, seconds: float, kind: str, where: str, what: str) -> None:
-        """Let the robot do what was sent (6,) for some seconds, and judge the way of the object; `kind` is what was special."""
+        """Let the robot do what was sent (6,) for some seconds, and judge the way of the object.
+
+        `kind` is what was special.
+        """
         if self.world is None:
             return
         worst = self.rows.worst(self.world.send(twist, seconds))
         late = seconds > 1.001 * self._problem.longest_period
         if late or not self.obeys:
-            # Where a robot that disobeys leads the object is not the step's, nor where a late call does; from then on, it is.
+            # Where a robot that disobeys leads the object is not the step's, nor where a late call
+            # does; from then on, it is.
             self._least = np.maximum(self._least, worst)
             self._loose |= late
         self._judge(worst, kind, where, what)
@@ -122,13 +155,16 @@ class ObjectJudge:
             self._least = np.minimum(self._least, np.maximum(self.rows.outside(self.world.pose), 0))
             self.can_hold = True
 
-    def stop(self, twist: np.ndarray, sent: Sent, even: bool, share: float, where: str, what: str) -> None:
-        """Really brake down from here, for a share of the steps, the smaller the longer a stop takes.
+    def stop(
+        self, twist: np.ndarray, sent: Sent, even: bool, share: float, where: str, what: str
+    ) -> None:
+        """Really brake down from here for a share of the steps, smaller the longer a stop takes.
 
         Args:
             twist: sent last (6,).
             sent: and what was sent before.
-            even: whether no period of late was much shorter than the loop's; else more of those would be too many.
+            even: whether no period of late was much shorter than the loop's; else more of those
+                would be too many.
             share: of the steps.
             where: for the report.
             what: for the report.
@@ -147,23 +183,31 @@ class ObjectJudge:
         if self.can_hold and robot.longest_hold and self._dice.random() < 0.5:
             worst = self.rows.worst(world.send(twist, robot.longest_hold))
         # Not shorter than the loop's on average.
-        periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[self._dice.integers(self._uneven if even else 2)] * 3
+        periods = ([1.0], [3.0], [0.5, 1.5, 1.0], [3.0, 0.1, 0.2])[
+            self._dice.integers(self._uneven if even else 2)
+        ] * 3
         way, end = self._brake_down(world, sent.copy(), [usual * x for x in periods], where)
         worst = np.maximum(worst, way)
         self._judge(worst, "stop: ", where, f"periods {periods[:3]}, {what}")
         # What comes in stays in, but for what other periods do.
         apart = self.rows.reach(self._law.apart(3 * usual))
         inward = (worst <= here + 1e-12) & (end < here - apart)
-        self._least = np.where(inward, np.minimum(self._least, np.maximum(here + apart, 0)), self._least)
+        self._least = np.where(
+            inward, np.minimum(self._least, np.maximum(here + apart, 0)), self._least
+        )
 
     def _judge(self, worst: np.ndarray, prefix: str, where: str, what: str) -> None:
         for i in np.flatnonzero(worst > self._least + self._tolerance):
-            far = f"{worst[i]:.6g} outside, {worst[i] - self._least[i]:.2g} more than allowed: {what}"
+            far = (
+                f"{worst[i]:.6g} outside, {worst[i] - self._least[i]:.2g} more than allowed: {what}"
+            )
             self._tally.wrong("unsafe", f"{prefix}{self.rows.names[i]}", where, far)
             # One example is enough.
             self._loose = True
 
-    def _brake_down(self, world: TrueObject, sent: Sent, periods: list[float], where: str) -> tuple[np.ndarray, np.ndarray]:
+    def _brake_down(
+        self, world: TrueObject, sent: Sent, periods: list[float], where: str
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Brake down to rest; the last three periods are taken in turns.
 
         Returns:
@@ -174,7 +218,12 @@ class ObjectJudge:
         longest = self._longest_stop + 4 * max(periods)
         while not world.at_rest:
             if passed > longest:
-                self._tally.wrong("unsafe", "does not stop", where, f"still {sent.twist} after {passed:.2f} s of braking")
+                self._tally.wrong(
+                    "unsafe",
+                    "does not stop",
+                    where,
+                    f"still {sent.twist} after {passed:.2f} s of braking",
+                )
                 break
             dt = periods[number] if number < len(periods) else periods[-1 - number % 3]
             step = self._stepper.brake(dt)

@@ -1,4 +1,7 @@
-"""What the fuzzer runs: the package's problems and random ones, with and without a declared robot; and where objects are."""
+"""What the fuzzer runs: the package's problems and random ones.
+
+Both come with and without a declared robot. The module also says where objects are.
+"""
 
 from __future__ import annotations
 
@@ -19,26 +22,40 @@ Rng = np.random.Generator
 
 
 def problem_of(number: int, rng: Rng) -> Problem:
-    """Return the problem of a chunk: in turns the package's own and random ones, every other time with a declared robot."""
+    """Return the problem of a chunk: in turns the package's own and random ones.
+
+    Every other time it has a declared robot.
+    """
     kinds = 2 * (len(TASKS) + 5)
     slot, declared = number % kinds // 2, number % 2
     robot = random_robot(rng) if declared else DeclaredRobot()
     problem = load_problem(TASKS[slot]) if slot < len(TASKS) else random_problem(rng, robot)
-    return problem.replace(robot=robot, name=f"{problem.name} with a robot") if declared else problem
+    return (
+        problem.replace(robot=robot, name=f"{problem.name} with a robot") if declared else problem
+    )
 
 
 def random_robot(rng: Rng) -> DeclaredRobot:
     """Return a robot of which some things are declared, at least one."""
-    most = {"delay": 0.06, "lag": 0.1, "gain_error": 0.1, "pose_delay": 0.05, "pose_noise": 0.002, "pose_noise_deg": 0.5}
+    most = {
+        "delay": 0.06,
+        "lag": 0.1,
+        "gain_error": 0.1,
+        "pose_delay": 0.05,
+        "pose_noise": 0.002,
+        "pose_noise_deg": 0.5,
+    }
     most["longest_hold"] = 0.3
     while True:
-        given = {name: float(rng.uniform(0, value)) for name, value in most.items() if rng.random() < 0.4}
+        given = {
+            name: float(rng.uniform(0, value)) for name, value in most.items() if rng.random() < 0.4
+        }
         if given:
             return DeclaredRobot(**given)
 
 
 def random_problem(rng: Rng, robot: DeclaredRobot) -> Problem:
-    """Return one of the problems with another person, other limits and another response, possibly contradictory."""
+    """Return one of the problems with another person, limits and response, maybe contradictory."""
     while True:
         try:
             return _mutated(load_problem(str(rng.choice(TASKS))), rng, robot)
@@ -59,23 +76,41 @@ def _mutated(problem: Problem, rng: Rng, robot: DeclaredRobot) -> Problem:
     )
     middle = np.array(response.contact()(response.comfort)[0])
     axes = tuple(axis for axis in AXES if rng.random() < 0.7) or AXES
-    twist = TwistLimit(*(float(10**x) for x in rng.uniform([-2, -1.5, -1, -0.5], [0, 0.3, 0.7, 1])), axes=axes)
+    twist = TwistLimit(
+        *(float(10**x) for x in rng.uniform([-2, -1.5, -1, -0.5], [0, 0.3, 0.7, 1])), axes=axes
+    )
     limits: list[Any] = [twist]
     dt = float(rng.choice([0.004, 0.01, 0.02, 0.05], p=[0.1, 0.6, 0.2, 0.1]))
     average = (None, 0.0, 0.02, 0.2)[rng.choice(4, p=[0.5, 0.2, 0.15, 0.15])]
-    # A box without an inside along some axes (no wider than is allowed along those that move), or without the start.
+    # A box without an inside along some axes (no wider than is allowed along those that move), or
+    # without the start.
     size = rng.choice([0.0, 1e-9, 1e-4, 0.02, 0.3], 3, p=[0.1, 0.05, 0.1, 0.25, 0.5])
-    rise = (1 + robot.gain_error) * twist.linear_acceleration * (3 + 9 / 8) * dt**2 * (average != 0.0)
-    size = np.where(twist.speed[:3] > 0, np.maximum(size, 1.001 * max(rise, 1e-5) + 2 * robot.pose_noise), size)
+    rise = (
+        (1 + robot.gain_error) * twist.linear_acceleration * (3 + 9 / 8) * dt**2 * (average != 0.0)
+    )
+    size = np.where(
+        twist.speed[:3] > 0, np.maximum(size, 1.001 * max(rise, 1e-5) + 2 * robot.pose_noise), size
+    )
     centre = middle[:3, 3] + rng.choice([0.0, 0.02, 0.3], p=[0.5, 0.3, 0.2]) * rng.normal(size=3)
     if rng.random() < 0.9:
         limits.append(WorkspaceBox(tuple(centre - size / 2), tuple(centre + size / 2)))
     if rng.random() < 0.8:
-        direction = middle[:3, 0] + rng.choice([0.0, 0.3, 2.0], p=[0.4, 0.4, 0.2]) * rng.normal(size=3)
+        direction = middle[:3, 0] + rng.choice([0.0, 0.3, 2.0], p=[0.4, 0.4, 0.2]) * rng.normal(
+            size=3
+        )
         limits.append(AxisCone(tuple(direction), float(rng.choice([0.5, 5, 35, 90, 150]))))
     recover = bool(rng.random() < 0.2)
-    limits.append(JointLimit(ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5)), recover=recover))
-    terms: dict[str, Any] = {"response": response, "limits": limits, "dt": dt, "control": Control(average=average)}
+    limits.append(
+        JointLimit(
+            ranges_deg=_ranges(rng), rate_deg=float(10 ** rng.uniform(0.5, 2.5)), recover=recover
+        )
+    )
+    terms: dict[str, Any] = {
+        "response": response,
+        "limits": limits,
+        "dt": dt,
+        "control": Control(average=average),
+    }
     terms |= {"robot": robot}
     return problem.replace(**terms, name=f"random of {problem.name}")
 
@@ -102,10 +137,14 @@ def somewhere(rng: Rng, problem: Problem) -> np.ndarray:
     pose[:3, :3] = rotation(rng)
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     low, high = (np.asarray(box.lower), np.asarray(box.upper)) if box else (np.zeros(3), np.ones(3))
-    pose[:3, 3] = rng.uniform(low, high) + outside * rng.choice([0.0, 0.01, 0.5]) * rng.normal(size=3)
+    pose[:3, 3] = rng.uniform(low, high) + outside * rng.choice([0.0, 0.01, 0.5]) * rng.normal(
+        size=3
+    )
     if cone is not None and not (outside and rng.random() < 0.5):
         wide = np.sin(min(np.radians(cone.half_angle_deg), 1.5)) / np.sqrt(2)
-        pose[:3, :3] = along(np.asarray(cone.direction) + wide * rng.uniform(-1, 1) * rotation(rng)[:, 0], rng)
+        pose[:3, :3] = along(
+            np.asarray(cone.direction) + wide * rng.uniform(-1, 1) * rotation(rng)[:, 0], rng
+        )
     return pose
 
 

@@ -1,4 +1,4 @@
-"""The fuzzer's judge of statuses and sentences: every cause is named, and nothing is named that is not there."""
+"""The fuzzer's judge of statuses and sentences: every cause is named, and nothing else."""
 
 from __future__ import annotations
 
@@ -82,7 +82,9 @@ class ReasonJudge:
         if step.status == "invalid" and not call.invalid:
             wrong("usable input refused")
         for part in reason.split("; "):
-            if not any(words in part for words in known) and not any(words in part for words in _OF_ROBOT):
+            if not any(words in part for words in known) and not any(
+                words in part for words in _OF_ROBOT
+            ):
                 wrong("usable input refused", part)
         if not reason:
             wrong("no reason")

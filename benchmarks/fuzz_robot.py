@@ -1,7 +1,10 @@
-"""What the step has to say of the robot, reckoned by the fuzzer from the calls alone: `RobotReckoning`.
+"""What the step has to say of the robot, reckoned by the fuzzer from the calls alone.
 
-Measured motion is compared with what was sent since the object last came to stand still. Beyond 1 mm and 0.2 deg, and what is
-declared, it is a fault. Near the threshold, and where a declared robot leaves room, saying so and not saying so are both right.
+See `RobotReckoning`.
+
+Measured motion is compared with what was sent since the object last came to stand still. Beyond 1
+mm and 0.2 deg, and what is declared, it is a fault. Near the threshold, and where a declared robot
+leaves room, saying so and not saying so are both right.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ class RobotReckoning:
     """Whether the object may move, must not, or either, as far as the robot is concerned.
 
     Attributes:
-        must: whether this step has to brake: there certainly is a fault, or the object has not come to rest since one.
+        must: whether this step has to brake: there certainly is a fault, or the object has not come
+            to rest since one.
         may: whether it may brake because of the robot.
         named: whether it has to say ``robot: ...``.
     """
@@ -41,7 +45,12 @@ class RobotReckoning:
             honest: whether the robot keeps what is declared and nothing that is reported is a lie.
             twist: with which the object moves already (6,).
         """
-        self._robot, self._average, self._dt, self._honest = problem.robot, problem.average, problem.dt, honest
+        self._robot, self._average, self._dt, self._honest = (
+            problem.robot,
+            problem.average,
+            problem.dt,
+            honest,
+        )
         limit = problem.twist_limit
         self._credible = 0.5 * np.repeat([limit.linear_speed, limit.angular_speed], 3)
         # The error of an orientation turns with the object, and may then lie along any axis.
@@ -66,7 +75,10 @@ class RobotReckoning:
         self._most = np.maximum(np.abs(self._sent), fade * self._most)
 
     def ramped(self) -> None:
-        """Judge nothing of what the robot did by itself: what is measured after it has nothing to be compared with."""
+        """Judge nothing of what the robot did by itself.
+
+        What is measured after it has nothing to be compared with.
+        """
         self._stand_still(False, False)
 
     @property
@@ -104,7 +116,9 @@ class RobotReckoning:
         self._lied |= lied
         surely, perhaps = [0.0], [0.0]
         if before is not None:
-            self._compare(turned(before, pose), self._sent * self._lasted, measured, surely, perhaps)
+            self._compare(
+                turned(before, pose), self._sent * self._lasted, measured, surely, perhaps
+            )
         elif measured:
             self._low = self._high = self._apart
         if (parked and (not self._parked or self._blamed or max(surely) > _MANY)) or not enabled:
@@ -124,8 +138,15 @@ class RobotReckoning:
         if told is not None and before is not None and enabled:
             self._listen(told, perhaps)
         fault = enabled and not self._honest and max(surely) > _MANY
-        possible = not self._honest and (max(perhaps) > _FEW or (self._robot.declared and self._lied))
-        limit = self._pause + (0.0 if self._phase == "halted" else _CALM) + self._robot.delay + self._robot.pose_delay
+        possible = not self._honest and (
+            max(perhaps) > _FEW or (self._robot.declared and self._lied)
+        )
+        limit = (
+            self._pause
+            + (0.0 if self._phase == "halted" else _CALM)
+            + self._robot.delay
+            + self._robot.pose_delay
+        )
         limit += 3 * self._robot.lag + 4 * max(self._lasted, self._dt)
         owes = bool(self._phase) and min(self._still, self._since) < limit
         # The period that begins counts already.
@@ -135,7 +156,14 @@ class RobotReckoning:
         if fault:
             self._begin("fault")
 
-    def _compare(self, went: np.ndarray, done: np.ndarray, measured: bool, surely: list[float], perhaps: list[float]) -> None:
+    def _compare(
+        self,
+        went: np.ndarray,
+        done: np.ndarray,
+        measured: bool,
+        surely: list[float],
+        perhaps: list[float],
+    ) -> None:
         """Compare motion with what was sent."""
         robot = self._robot
         self._path = self._path + np.abs(done)
@@ -146,21 +174,36 @@ class RobotReckoning:
         if self._low is None or self._high is None:
             # Between two measured poses there is a measured motion.
             self._low = self._high = self._apart
-        self._low, self._high = np.minimum(self._low, self._apart), np.maximum(self._high, self._apart)
+        self._low, self._high = (
+            np.minimum(self._low, self._apart),
+            np.maximum(self._high, self._apart),
+        )
         # Whatever the robot may owe, not do, or do on for once, in any direction.
-        slow = 2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag) + robot.longest_hold
+        slow = (
+            2 * (1 + robot.gain_error) * (robot.delay + robot.pose_delay + robot.lag)
+            + robot.longest_hold
+        )
         alone = robot.longest_hold and not (robot.delay or robot.lag or robot.pose_delay)
         # A hold that does not stand out of the noise cannot be told from it.
-        room = (6 if alone else 2) * self._noise + slow * self._most + robot.gain_error * np.linalg.norm(self._path)
+        room = (
+            (6 if alone else 2) * self._noise
+            + slow * self._most
+            + robot.gain_error * np.linalg.norm(self._path)
+        )
         fast = (1 + robot.gain_error) * self._most * self._lasted
-        least, most = (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
+        least, most = (
+            (-fast, fast) if robot.declared else (np.minimum(done, 0), np.maximum(done, 0))
+        )
         leap, apart = np.abs(went - np.clip(went, least, most)), self._high - self._low
         surely.append(float(np.max((apart - room) / _UNIT)))
         perhaps.append(_size(apart + self._crept))
         perhaps.append(_size(leap))
 
     def _listen(self, told: np.ndarray, perhaps: list[float]) -> None:
-        """Compare a reported twist with the sent one, over time; what scatters, up to half the speed limit, is noise."""
+        """Compare a reported twist with the sent one, over time.
+
+        What scatters, up to half the speed limit, is noise.
+        """
         robot, lasted = self._robot, self._lasted
         if lasted > 3.003 * self._dt:
             # One sample over so long a period shows nothing.
@@ -181,13 +224,16 @@ class RobotReckoning:
         if phase == "fault" or not self._phase:
             self._phase, self._since = phase, 0.0
 
-    def follow(self, reason: str, braked: bool, stopped: bool, twist: np.ndarray, dt: float) -> None:
+    def follow(
+        self, reason: str, braked: bool, stopped: bool, twist: np.ndarray, dt: float
+    ) -> None:
         """Take over what was answered.
 
         Args:
             reason: of the step.
             braked: whether it was to brake.
-            stopped: whether the object was not allowed to move: not enabled, or no pose of a robot that needs one.
+            stopped: whether the object was not allowed to move: not enabled, or no pose of a robot
+                that needs one.
             twist: sent (6,).
             dt: for how long [s].
         """

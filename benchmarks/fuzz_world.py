@@ -1,8 +1,11 @@
-"""What the fuzzer's judge takes to be true: where the object is, whatever the step makes of it. Without the step's code.
+"""What the fuzzer's judge takes to be true: where the object is, whatever the step makes of it.
 
-`HardRows` says how far outside its workspace and its tool cone an object is, at a place and on the way from one to the next.
-`TrueObject` is the object in the hands of a robot that is late, lags, moves more or less than it is sent, and is measured late
-and with an error; exact between the periods.
+It does without the step's code.
+
+`HardRows` says how far outside its workspace and its tool cone an object is, at a place and on the
+way from one to the next. `TrueObject` is the object in the hands of a robot that is late, lags,
+moves more or less than it is sent, and is measured late and with an error; exact between the
+periods.
 """
 
 from __future__ import annotations
@@ -31,18 +34,24 @@ class HardRows:
     def __init__(self, problem: Problem) -> None:
         """Read the limits."""
         self._box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-        self.names = [*(self._box.names if self._box else ()), *(self._cone.names if self._cone else ())]
+        self.names = [
+            *(self._box.names if self._box else ()),
+            *(self._cone.names if self._cone else ()),
+        ]
         if self._box:
             self._low, self._high = np.asarray(self._box.lower), np.asarray(self._box.upper)
         if self._cone:
-            self._toward, self._half = np.asarray(self._cone.direction), float(np.radians(self._cone.half_angle_deg))
+            self._toward, self._half = (
+                np.asarray(self._cone.direction),
+                float(np.radians(self._cone.half_angle_deg)),
+            )
 
     def outside(self, pose: np.ndarray) -> np.ndarray:
         """How far outside each row is (k,) [m, rad]; negative inside."""
         return self.along(pose[None], np.zeros((1, 6)))[0]
 
     def along(self, poses: np.ndarray, displacements: np.ndarray) -> np.ndarray:
-        """How far outside each row is at worst (n, k) while an object shifts straight and turns about one axis.
+        """How far outside each row is at worst (n, k) in a straight shift and turn about one axis.
 
         Args:
             poses: where each way begins (n, 4, 4).
@@ -52,32 +61,53 @@ class HardRows:
         if self._box:
             start = poses[:, :3, 3]
             end = start + displacements[:, :3]
-            parts.append(np.maximum(self._low - np.minimum(start, end), np.maximum(start, end) - self._high))
+            parts.append(
+                np.maximum(self._low - np.minimum(start, end), np.maximum(start, end) - self._high)
+            )
         if self._cone:
-            parts.append((self._widest(poses[:, :3, 0], displacements[:, 3:]) - self._half)[:, None])
+            parts.append(
+                (self._widest(poses[:, :3, 0], displacements[:, 3:]) - self._half)[:, None]
+            )
         return np.hstack(parts) if parts else np.zeros((len(poses), 0))
 
     def worst(self, way: Way) -> np.ndarray:
         """How far outside each row is at worst (k,) on a way."""
-        return self.along(np.stack([pose for pose, _ in way]), np.stack([part for _, part in way])).max(axis=0)
+        return self.along(
+            np.stack([pose for pose, _ in way]), np.stack([part for _, part in way])
+        ).max(axis=0)
 
     def reach(self, displacement: np.ndarray) -> np.ndarray:
-        """By how much each row can change at most (k,) with a displacement of this size (6,) along each axis."""
+        """Most change of each row (k,) with a displacement of this size (6,) along each axis."""
         turn = float(np.linalg.norm(displacement[3:]))
-        return np.array([displacement["xyz".index(name[-1])] if name != "tool axis" else turn for name in self.names])
+        return np.array(
+            [
+                displacement["xyz".index(name[-1])] if name != "tool axis" else turn
+                for name in self.names
+            ]
+        )
 
     def _widest(self, axes: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """The largest angle (n,) to the cone's middle while an axis turns: on a circle, so look where that is farthest."""
+        """The largest angle (n,) to the cone's middle while an axis turns.
+
+        The axis turns on a circle, so look where that is farthest.
+        """
         toward, end = self._toward, np.linalg.norm(turns, axis=1, keepdims=True)
         u = turns / np.maximum(end, 1e-30)
         along = u * np.sum(u * axes, axis=1, keepdims=True)
         across = axes - along
         beside = _cross(u, across)
         phase = np.arctan2(beside @ toward, across @ toward)[:, None]
-        angles = np.minimum(np.maximum(np.hstack([0 * end, end, phase + np.pi, phase - np.pi]), 0), end)[:, :, None]
-        reached = along[:, None] + across[:, None] * np.cos(angles) + beside[:, None] * np.sin(angles)
+        angles = np.minimum(
+            np.maximum(np.hstack([0 * end, end, phase + np.pi, phase - np.pi]), 0), end
+        )[:, :, None]
+        reached = (
+            along[:, None] + across[:, None] * np.cos(angles) + beside[:, None] * np.sin(angles)
+        )
         apart, together = reached - toward, reached + toward
-        squares = np.einsum("nki,nki->nk", apart, apart), np.einsum("nki,nki->nk", together, together)
+        squares = (
+            np.einsum("nki,nki->nk", apart, apart),
+            np.einsum("nki,nki->nk", together, together),
+        )
         return 2 * np.arctan2(np.sqrt(squares[0]), np.sqrt(squares[1])).max(axis=1)
 
 
@@ -94,7 +124,9 @@ def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     angle = (x * x + y * y + z * z) ** 0.5
     if angle > 0:
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        turn = cross * (np.sin(angle) / angle) + cross @ cross * (2 * (np.sin(angle / 2) / angle) ** 2)
+        turn = cross * (np.sin(angle) / angle) + cross @ cross * (
+            2 * (np.sin(angle / 2) / angle) ** 2
+        )
         after[:3, :3] += turn @ pose[:3, :3]
     return after
 
@@ -156,10 +188,16 @@ class TrueObject:
     def __init__(self, kind: RobotKind, measured: np.ndarray, twist: np.ndarray) -> None:
         """Start, at rest or moving."""
         self.kind, self._time, self._sent = kind, 0.0, [(-np.inf, np.array(twist))]
-        self.seen = _Mover(measured.copy(), kind.gain * twist, kind.delay + kind.pose_delay, kind.lag, kind.gain)
+        self.seen = _Mover(
+            measured.copy(), kind.gain * twist, kind.delay + kind.pose_delay, kind.lag, kind.gain
+        )
         self.now = self.seen
         if kind.pose_delay:
-            self.now = replace(self.seen, pose=moved(measured, kind.gain * twist * kind.pose_delay), dead=kind.delay)
+            self.now = replace(
+                self.seen,
+                pose=moved(measured, kind.gain * twist * kind.pose_delay),
+                dead=kind.delay,
+            )
         self._reported = kind.gain * twist
 
     @property
@@ -171,8 +209,15 @@ class TrueObject:
     def at_rest(self) -> bool:
         """Whether nothing of what was sent moves it any more, to 1e-9 m/s and rad/s."""
         since = self._time - self.kind.delay - self.kind.pose_delay
-        coming = any(twist.any() for begin, twist in self._sent if begin > since) or self._active(since).any()
-        return not coming and bool(np.abs(self.now.velocity).max() < 1e-9) and bool(np.abs(self.seen.velocity).max() < 1e-9)
+        coming = (
+            any(twist.any() for begin, twist in self._sent if begin > since)
+            or self._active(since).any()
+        )
+        return (
+            not coming
+            and bool(np.abs(self.now.velocity).max() < 1e-9)
+            and bool(np.abs(self.seen.velocity).max() < 1e-9)
+        )
 
     def _active(self, time: float) -> np.ndarray:
         return next(twist for begin, twist in reversed(self._sent) if begin <= time)
@@ -211,7 +256,7 @@ class TrueObject:
         return moved(self.seen.pose, rng.uniform(-most, most))
 
     def report(self, rng: np.random.Generator, mean: bool) -> np.ndarray:
-        """Return the twist as the robot reports it (6,): the mean of the last period, or that of its end."""
+        """Return the twist as the robot reports it (6,): mean of the last period, or at its end."""
         twist = self._reported if mean else self.seen.velocity
         return twist * (1 + self.kind.speed_noise * rng.normal(size=6))
 
@@ -226,7 +271,10 @@ class TrueObject:
 
 
 def turned(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return the world-aligned displacement (6,) that leads from one pose (4, 4) to another, as shift and rotation vector."""
+    """Return the world-aligned displacement (6,) from one pose (4, 4) to another.
+
+    It is a shift and a rotation vector.
+    """
     R = after[:3, :3] @ before[:3, :3].T
     sines = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     sine, cosine = float(np.linalg.norm(sines)), float(np.trace(R) - 1) / 2

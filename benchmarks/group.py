@@ -1,21 +1,29 @@
-"""One fixed place for several people: what it is worth, against a finer grid, and against a place for the average person.
+"""What one fixed place for several people is worth.
 
-Run ``python -m benchmarks.group [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes ``desk`` with five people
-and ``overhead`` with three on a grid of 30 cm; ``--full`` all five problems, five people, 15 cm. People
-are given by stature, with the weights and the comfort of the problem. Nothing comes from the cache. Per problem it prints
+It is set against a finer grid and against a place for the average person.
 
-- ``minimax_highest``, ``minimax_mean``: highest and mean exact score of the group at the place for ``minimax``;
-  ``mean_highest``, ``mean_mean``: at the place for ``mean``. A score is the worse of two ways of coming to rest there.
-- ``half_grid_highest``, ``half_grid_mean``: the lowest highest and the lowest mean on a shared grid of half the spacing: eight
-  times the places, by brute force. Its scores are of one way of coming to rest only, which flatters it.
-- ``average_highest``, ``average_mean``, ``average_unreached``: the group at the best place of a person of the median
-  stature alone, as if the workplace were designed for the average; how many do not reach it (left out of the two scores).
-- ``own_mean``: mean score if everybody had their own best place. ``pays_mean``, ``pays_most``: points above that at the place
-  for ``mean``, of everybody and of who pays most.
-- ``own_above_optimise``, ``own_below_optimise``: people whose own best score is above, and below, the one that
-  ``problem.optimise`` finds for them, by another method, from 16 starts (quick: 6).
-- ``free_z_highest``, ``free_z_mean``: the scores, for ``minimax``, if everybody could set the height themselves.
-- ``seconds``: whole search for ``minimax`` with two processes. ``half_grid_seconds``: the finer grid, likewise.
+Run ``python -m benchmarks.group [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes
+``desk`` with five people and ``overhead`` with three on a grid of 30 cm; ``--full`` all five
+problems, five people, 15 cm. People are given by stature, with the weights and the comfort of the
+problem. Nothing comes from the cache. Per problem it prints
+
+- ``minimax_highest``, ``minimax_mean``: highest and mean exact score of the group at the place for
+  ``minimax``; ``mean_highest``, ``mean_mean``: at the place for ``mean``. A score is the worse of
+  two ways of coming to rest there.
+- ``half_grid_highest``, ``half_grid_mean``: the lowest highest and the lowest mean on a shared grid
+  of half the spacing: eight times the places, by brute force. Its scores are of one way of coming
+  to rest only, which flatters it.
+- ``average_highest``, ``average_mean``, ``average_unreached``: the group at the best place of a
+  person of the median stature alone, as if the workplace were designed for the average; how many do
+  not reach it (left out of the two scores).
+- ``own_mean``: mean score if everybody had their own best place. ``pays_mean``, ``pays_most``:
+  points above that at the place for ``mean``, of everybody and of who pays most.
+- ``own_above_optimise``, ``own_below_optimise``: people whose own best score is above, and below,
+  the one that ``problem.optimise`` finds for them, by another method, from 16 starts (quick: 6).
+- ``free_z_highest``, ``free_z_mean``: the scores, for ``minimax``, if everybody could set the
+  height themselves.
+- ``seconds``: whole search for ``minimax`` with two processes. ``half_grid_seconds``: the finer
+  grid, likewise.
 """
 
 from __future__ import annotations
@@ -51,11 +59,16 @@ def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: fl
     fine = shared_grid(problem, people, spacing / 2, jobs=JOBS, cache=False)
     half_seconds = time.perf_counter() - begin
     reached = fine.scores[:, fine.reached_by_all]
-    average = best_for_group(problem, (float(np.median(statures)),), "mean", spacing=spacing, cache=False)
+    average = best_for_group(
+        problem, (float(np.median(statures)),), "mean", spacing=spacing, cache=False
+    )
     search = PlaceSearch(problem, people, mean.grid, "mean")
     there = search.coming(search.at(search.placing.point(average.pose)))
     scores = there.scores[there.scores > 0]
-    alone = [optimise(problem, starts=report.pick(6, 16), person=person.follower).reba_after for person in people]
+    alone = [
+        optimise(problem, starts=report.pick(6, 16), person=person.follower).reba_after
+        for person in people
+    ]
     own = np.array([member.own_reba for member in mean.members])
     pays = [member.pays for member in mean.members]
     figures = {

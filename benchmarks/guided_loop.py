@@ -1,22 +1,29 @@
-"""Whole closed loops with a place to be drawn to: problems x people x starts, as ``benchmarks.closed_loop``.
+"""Whole closed loops with a place to be drawn to.
 
-Run ``python -m benchmarks.guided_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default) takes one person with two
-starts per problem; ``--full`` ten people with twenty starts each. The people are not those of ``closed_loop``: the guided
-step's thresholds were chosen on people 0 to 19, and these are 20 and up.
+They are problems x people x starts, as ``benchmarks.closed_loop``.
+
+Run ``python -m benchmarks.guided_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default)
+takes one person with two starts per problem; ``--full`` ten people with twenty starts each. The
+people are not those of ``closed_loop``: the guided step's thresholds were chosen on people 0 to 19,
+and these are 20 and up.
 
 Every loop is run three times, from the same start and with the same noise:
 
-- ``PROBLEM.figure``: guided by ``problem.optimise`` for the controller's own model of the person, all that it can know;
+- ``PROBLEM.figure``: guided by ``problem.optimise`` for the controller's own model of the person,
+  all that it can know;
 - ``PROBLEM.own_figure``: guided by ``problem.optimise`` for the very person who follows;
 - ``PROBLEM.alone_figure``: by descent alone.
 
-Beside them, from the same starts and for the same people, the object where nobody had to measure anything:
+Beside them, from the same starts and for the same people, the object where nobody had to measure
+anything:
 
-- ``PROBLEM.rule_share_at_best``, ``PROBLEM.rule_mean_end``: carried straight to the height of the elbow, 0.40 m ahead, level
-  (`benchmarks.loops.rule_pose`); ``PROBLEM.placed_...``: to the optimum of the model, without a step that looks at the person.
+- ``PROBLEM.rule_share_at_best``, ``PROBLEM.rule_mean_end``: carried straight to the height of the
+  elbow, 0.40 m ahead, level (`benchmarks.loops.rule_pose`); ``PROBLEM.placed_...``: to the optimum
+  of the model, without a step that looks at the person.
 
-The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the object was drawn to the
-place, ``returned_share``: share in which it was drawn back, because the person was better off before.
+The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the
+object was drawn to the place, ``returned_share``: share in which it was drawn back, because the
+person was better off before.
 """
 
 from __future__ import annotations
@@ -26,7 +33,15 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.loops import Loops, figures_of, gather, optimum_of, placed_score, rule_pose, run_loops
+from benchmarks.loops import (
+    Loops,
+    figures_of,
+    gather,
+    optimum_of,
+    placed_score,
+    rule_pose,
+    run_loops,
+)
 from benchmarks.report import Report, run
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem_files.load import TASKS, load_problem
@@ -72,7 +87,16 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
 
     for way, place in places.items():
         told = loops[way].beside if way else beside
-        run_loops(loops[way], problem, person, person_seed, count, Stepper(problem, guide=place), told, own)
+        run_loops(
+            loops[way],
+            problem,
+            person,
+            person_seed,
+            count,
+            Stepper(problem, guide=place),
+            told,
+            own,
+        )
     return name, loops
 
 
@@ -93,16 +117,26 @@ def measure(report: Report) -> None:
         return sum(len(each.start) for each in loops.values())
 
     seeds = range(FIRST_PERSON, FIRST_PERSON + people)
-    gather(report, loops_of_person, [(name, seed, starts) for seed in seeds for name in TASKS], take)
+    gather(
+        report, loops_of_person, [(name, seed, starts) for seed in seeds for name in TASKS], take
+    )
     for name, ways in found.items():
         for way, loops in ways.items():
             figures = figures_of(loops)
             if loops.start and way != "alone_":
                 runs = len(loops.start)
-                figures |= {"travelled_share": sum(loops.travelled) / runs, "returned_share": sum(loops.returned) / runs}
+                figures |= {
+                    "travelled_share": sum(loops.travelled) / runs,
+                    "returned_share": sum(loops.returned) / runs,
+                }
             if loops.start and not way:
-                for what, scores in (("rule", np.array(loops.rule)), ("placed", np.array(loops.placed))):
-                    figures[f"{what}_share_at_best"] = float(np.mean(scores <= np.array(loops.best)))
+                for what, scores in (
+                    ("rule", np.array(loops.rule)),
+                    ("placed", np.array(loops.placed)),
+                ):
+                    figures[f"{what}_share_at_best"] = float(
+                        np.mean(scores <= np.array(loops.best))
+                    )
                     figures[f"{what}_mean_end"] = float(scores.mean())
             for figure, value in figures.items():
                 report.figure(f"{name}.{way}{figure}", value)

@@ -1,17 +1,20 @@
 """The shape of the package: circles, climbs, and how far one goes to follow a problem into a step.
 
-Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for the first two alone, as ``make check``
-does. Imports within functions and for types alone are counted like all others; the facade ``ergoqp/__init__.py``, which names
-what there is and imports it when it is asked for, is no room.
+Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for the first
+two alone, as ``make check`` does. Imports within functions and for types alone are counted like all
+others; the facade ``ergoqp/__init__.py``, which names what there is and imports it when it is asked
+for, is no room.
 
 - ``circles``: groups of files that import each other.
 - ``climbs``: imports of a room from one that is not on a lower floor of ``benchmarks/floors.toml``.
-- ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top of ``ergoqp/``.
+- ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top
+  of ``ergoqp/``.
 - ``long_lines``: lines of Python of more than 100 columns, in the whole project.
-- ``walk.stays``, ``walk.up``, ``walk.again``: ``step_function(problem)`` is run, and every call that is handed the problem is
-  followed from file to file: how many stays that makes, how many calls go into a room on a higher floor, and how many stays are
-  in a file that was left before.
-- ``import_s``: processor time of ``import ergoqp`` beyond NumPy's, the median of five processes [s].
+- ``walk.stays``, ``walk.up``, ``walk.again``: ``step_function(problem)`` is run, and every call
+  that is handed the problem is followed from file to file: how many stays that makes, how many
+  calls go into a room on a higher floor, and how many stays are in a file that was left before.
+- ``import_s``: processor time of ``import ergoqp`` beyond NumPy's, the median of five processes
+  [s].
 """
 
 from __future__ import annotations
@@ -59,7 +62,10 @@ def _imported(path: Path, files: dict[str, Path]) -> Iterator[str]:
 
 
 def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
-    """Return the groups of files that import each other (Tarjan's strongly connected components of more than one)."""
+    """Return the groups of files that import each other.
+
+    They are Tarjan's strongly connected components of more than one file.
+    """
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
@@ -89,7 +95,9 @@ def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
 
 def floors() -> dict[str, int]:
     """Return the floor of every room."""
-    listed = tomllib.loads((ROOT / "benchmarks" / "floors.toml").read_text(encoding="utf-8"))["floors"]
+    listed = tomllib.loads((ROOT / "benchmarks" / "floors.toml").read_text(encoding="utf-8"))[
+        "floors"
+    ]
     return {room: number for number, rooms in enumerate(listed) for room in rooms}
 
 
@@ -110,7 +118,11 @@ def climbs(arrows: dict[str, set[str]]) -> list[str]:
             continue
         for other in sorted(others):
             there = room_of(other)
-            if there != here and level.get(there, len(level)) >= level[here] and not _ground(here, there, level):
+            if (
+                there != here
+                and level.get(there, len(level)) >= level[here]
+                and not _ground(here, there, level)
+            ):
                 found.append(f"{name} imports {other}")
     return found
 
@@ -122,7 +134,9 @@ def _ground(here: str, there: str, level: dict[str, int]) -> bool:
 
 def long_lines() -> int:
     """Count the lines of more than `COLUMNS` columns."""
-    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(
+        ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     texts = ((ROOT / name).read_text(encoding="utf-8") for name in listed.split("\n") if name)
     return sum(len(line) > COLUMNS for text in texts for line in text.splitlines())
 
@@ -148,7 +162,11 @@ class Walk:
         code = frame.f_code
         if event == "return" and self._frames and self._frames[-1] is frame:
             self._frames.pop()
-        if event != "call" or not code.co_filename.startswith(f"{PACKAGE}/") or code.co_name.startswith("<"):
+        if (
+            event != "call"
+            or not code.co_filename.startswith(f"{PACKAGE}/")
+            or code.co_name.startswith("<")
+        ):
             return
         names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
         if not any(frame.f_locals.get(name) is self._followed for name in names):
@@ -185,8 +203,15 @@ def walked() -> Walk:
 
 def import_seconds() -> float:
     """Return the processor time of ``import ergoqp`` beyond NumPy's."""
-    text = "import numpy, time; t = time.process_time(); import ergoqp; print(time.process_time() - t)"
-    ran = [subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True, cwd=ROOT) for _ in range(5)]
+    text = (
+        "import numpy, time; t = time.process_time(); import ergoqp; print(time.process_time() - t)"
+    )
+    ran = [
+        subprocess.run(
+            [sys.executable, "-c", text], capture_output=True, text=True, check=True, cwd=ROOT
+        )
+        for _ in range(5)
+    ]
     return statistics.median(float(each.stdout) for each in ran)
 
 
@@ -211,7 +236,9 @@ def measure(report: Report) -> None:
     report.figure("longest_file", max(lengths.values()))
     report.figure("long_lines", long_lines(), f"of more than {COLUMNS} columns")
     walk = walked()
-    report.figure("walk.stays", walk.stays, "of the problem on its way through a step's construction")
+    report.figure(
+        "walk.stays", walk.stays, "of the problem on its way through a step's construction"
+    )
     report.figure("walk.up", walk.up)
     report.figure("walk.again", walk.again)
     report.figure("import_s", import_seconds(), "s of processor, beyond NumPy")
@@ -220,7 +247,10 @@ def measure(report: Report) -> None:
 def check() -> int:
     """Return 1 where the house has a circle or a climb, having said which."""
     arrows = imports(modules())
-    said = [*("circle: " + ", ".join(group) for group in circles(arrows)), *(f"climb: {each}" for each in climbs(arrows))]
+    said = [
+        *("circle: " + ", ".join(group) for group in circles(arrows)),
+        *(f"climb: {each}" for each in climbs(arrows)),
+    ]
     print("\n".join(said) if said else "no circle, no climb")
     return int(bool(said))
 

@@ -1,10 +1,14 @@
-"""Time of a control step against the number of support vectors of its cost. ``python -m benchmarks.kernel_scale``.
+"""Time of a control step against the number of support vectors of its cost.
 
-The problem is ``screwing`` with a support vector machine of the 20 joints of the EPFL report's data as its cost, interpreted by
-CasADi, the QP and the certification included.
+Run ``python -m benchmarks.kernel_scale``.
 
-- ``us_N``: median of a whole `Stepper.step` call with N support vectors; ``p99_us_N`` its 99th percentile.
-- ``cost_us_N``: value and gradient of the cost alone; ``sklearn_us_N``: scikit-learn's own prediction, the value alone.
+The problem is ``screwing`` with a support vector machine of the 20 joints of the EPFL report's data
+as its cost, interpreted by CasADi, the QP and the certification included.
+
+- ``us_N``: median of a whole `Stepper.step` call with N support vectors; ``p99_us_N`` its 99th
+  percentile.
+- ``cost_us_N``: value and gradient of the cost alone; ``sklearn_us_N``: scikit-learn's own
+  prediction, the value alone.
 - ``us_smooth_reba``: the step with the sheet's smooth score, in the same run.
 """
 
@@ -29,7 +33,10 @@ COUNTS = (30, 100, 300, 1000, 3000, 10_000)
 
 
 def machine(count: int) -> tuple[Svr, object]:
-    """Fit scikit-learn's machine to so many postures that at least `count` become support vectors, and keep so many."""
+    """Fit scikit-learn's machine and keep `count` of its support vectors.
+
+    It is fitted to so many postures that at least `count` become support vectors.
+    """
     from sklearn.svm import SVR
 
     data = posture_data(max(10, count // 8), seed=3)
@@ -37,9 +44,18 @@ def machine(count: int) -> tuple[Svr, object]:
     estimator = SVR(epsilon=1e-3).fit((data.points - mean) / scale, data.labels)
     kept = np.argsort(-np.abs(estimator.dual_coef_.ravel()))[:count]
     if len(kept) < count:
-        raise RuntimeError(f"only {len(kept)} support vectors of {len(data)} postures, {count} wanted")
+        raise RuntimeError(
+            f"only {len(kept)} support vectors of {len(data)} postures, {count} wanted"
+        )
     centres, weights = estimator.support_vectors_[kept], estimator.dual_coef_.ravel()[kept]
-    model = KernelSum(Kernel("rbf", estimator._gamma), centres, weights, float(estimator.intercept_[0]), mean, scale)
+    model = KernelSum(
+        Kernel("rbf", estimator._gamma),
+        centres,
+        weights,
+        float(estimator.intercept_[0]),
+        mean,
+        scale,
+    )
     return Svr(Columns(tuple(range(len(mean)))), model, data.coordinates, 1.0), estimator
 
 
@@ -69,13 +85,17 @@ def measure(report: Report) -> None:
         report.figure(f"p99_us_{count}", float(np.percentile(times, 99)))
         states = cost.coordinates.spread(posture_data(20, seed=4).points)
         report.figure(f"cost_us_{count}", evaluation_time(cost, states), "value and gradient")
-        row = ((cost.coordinates.read(states[0]) - cost.model.mean) / cost.model.scale).reshape(1, -1)
+        row = ((cost.coordinates.read(states[0]) - cost.model.mean) / cost.model.scale).reshape(
+            1, -1
+        )
         calls = []
         for _ in range(300):
             start = time.perf_counter()
             estimator.predict(row)  # type: ignore[attr-defined]
             calls.append(time.perf_counter() - start)
-        report.figure(f"sklearn_us_{count}", float(np.median(calls)) * 1e6, "scikit-learn, value alone")
+        report.figure(
+            f"sklearn_us_{count}", float(np.median(calls)) * 1e6, "scikit-learn, value alone"
+        )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
-"""The kinematics three times over: our CasADi expressions, MuJoCo and Pinocchio. ``python -m benchmarks.kinematics``.
+"""The kinematics three times over: our CasADi expressions, MuJoCo and Pinocchio.
 
-Random postures over the whole joint ranges (and 20 degrees beyond), a random place and yaw of the pelvis, three statures and
-one body of measured lengths; position, rotation and Jacobian of every frame, the columns of the pelvis's own motion included.
-MuJoCo and Pinocchio see the same loaded model; the Pinocchio model is built from it joint by joint
-(`benchmarks.pinocchio_model`), not by its reader of MJCF. ``max_error`` is the largest difference of any entry between any
-two of the three, in metres and radians.
+Run ``python -m benchmarks.kinematics``.
+
+Random postures over the whole joint ranges (and 20 degrees beyond), a random place and yaw of the
+pelvis, three statures and one body of measured lengths; position, rotation and Jacobian of every
+frame, the columns of the pelvis's own motion included. MuJoCo and Pinocchio see the same loaded
+model; the Pinocchio model is built from it joint by joint (`benchmarks.pinocchio_model`), not by
+its reader of MJCF. ``max_error`` is the largest difference of any entry between any two of the
+three, in metres and radians.
 """
 
 from __future__ import annotations
@@ -24,9 +27,19 @@ from ergoqp.joints import JOINTS, LOWER, UPPER
 
 Array = NDArray[np.float64]
 Frames = dict[str, tuple[Array, Array, Array]]
-"""Per frame: position (n, 3), rotation (n, 3, 3), Jacobian (n, 6, 36) of x, y, z, yaw and the 32 joints, world-aligned."""
+"""Per frame: position (n, 3), rotation (n, 3, 3) and Jacobian (n, 6, 36), world-aligned.
 
-MEASURED = {"upper_arm": 0.36, "forearm": 0.23, "thigh": 0.40, "trunk": 0.55, "shoulder_width": 0.40, "foot_length": 0.30}
+The Jacobian is that of x, y, z, yaw and the 32 joints.
+"""
+
+MEASURED = {
+    "upper_arm": 0.36,
+    "forearm": 0.23,
+    "thigh": 0.40,
+    "trunk": 0.55,
+    "shoulder_width": 0.40,
+    "foot_length": 0.30,
+}
 
 
 def bodies() -> dict[str, Body]:
@@ -37,7 +50,10 @@ def bodies() -> dict[str, Body]:
 
 
 def random_states(count: int, seed: int = 0) -> Array:
-    """Return states (n, 36): pelvis x, y, z [m] and yaw [rad], then the posture [rad], some of it beyond the ranges."""
+    """Return states (n, 36): pelvis x, y, z [m] and yaw [rad], then the posture [rad].
+
+    Some of the posture is beyond the ranges.
+    """
     rng = np.random.default_rng(seed)
     beyond = np.radians(20)
     base = rng.uniform([-2, -2, -2, -np.pi], [2, 2, 2, np.pi], (count, 4))
@@ -54,7 +70,9 @@ def by_casadi(body: Body, states: Array) -> Frames:
     both[:, :3, :3] = both[:, 3:, 3:] = yaw
     found: Frames = {}
     for frame in FRAMES:
-        positions, rotations, jacobians = (np.array(part.full()) for part in kinematics.function(frame)(states[:, 4:].T))
+        positions, rotations, jacobians = (
+            np.array(part.full()) for part in kinematics.function(frame)(states[:, 4:].T)
+        )
         position = positions.T
         rotation = rotations.reshape(3, count, 3).transpose(1, 0, 2)
         jacobian = jacobians.reshape(6, count, len(JOINTS)).transpose(1, 0, 2)
@@ -63,7 +81,11 @@ def by_casadi(body: Body, states: Array) -> Frames:
         pelvis = both @ pelvis
         pelvis[:, :3, :3] = np.eye(3)
         world = np.concatenate([pelvis, both @ jacobian], axis=2)
-        found[frame] = (states[:, :3] + np.einsum("nij,nj->ni", yaw, position), yaw @ rotation, world)
+        found[frame] = (
+            states[:, :3] + np.einsum("nij,nj->ni", yaw, position),
+            yaw @ rotation,
+            world,
+        )
     return found
 
 
@@ -73,7 +95,12 @@ def by_mujoco(body: Body, states: Array) -> Frames:
     data = mujoco.MjData(model)
     sites = {frame: model.site(frame).id for frame in FRAMES}
     found: Frames = {
-        f: (np.zeros((len(states), 3)), np.zeros((len(states), 3, 3)), np.zeros((len(states), 6, 36))) for f in FRAMES
+        f: (
+            np.zeros((len(states), 3)),
+            np.zeros((len(states), 3, 3)),
+            np.zeros((len(states), 6, 36)),
+        )
+        for f in FRAMES
     }
     for i, state in enumerate(states):
         data.qpos[:] = state
@@ -97,7 +124,12 @@ def by_pinocchio(body: Body, states: Array) -> Frames:
     data = model.createData()
     numbers = {frame: model.getFrameId(frame) for frame in FRAMES}
     found: Frames = {
-        f: (np.zeros((len(states), 3)), np.zeros((len(states), 3, 3)), np.zeros((len(states), 6, 36))) for f in FRAMES
+        f: (
+            np.zeros((len(states), 3)),
+            np.zeros((len(states), 3, 3)),
+            np.zeros((len(states), 6, 36)),
+        )
+        for f in FRAMES
     }
     for i, state in enumerate(states):
         pin.computeJointJacobians(model, data, state)
@@ -110,8 +142,12 @@ def by_pinocchio(body: Body, states: Array) -> Frames:
 
 
 def largest_difference(first: Frames, second: Frames) -> float:
-    """Return the largest difference of any entry of any frame [m, rad]; infinite when one of them is not a number."""
-    apart = [float(np.abs(a - b).max()) for frame in FRAMES for a, b in zip(first[frame], second[frame], strict=True)]
+    """Return the largest difference of any entry of any frame [m, rad]; infinite if one is NaN."""
+    apart = [
+        float(np.abs(a - b).max())
+        for frame in FRAMES
+        for a, b in zip(first[frame], second[frame], strict=True)
+    ]
     return max(apart) if np.isfinite(apart).all() else float("inf")
 
 
@@ -127,19 +163,30 @@ def measure(report: Report) -> None:
     if has_pinocchio():
         worst |= {"casadi_pinocchio": 0.0, "mujoco_pinocchio": 0.0}
     else:
-        report.say("Pinocchio (package pin, extra 'pinocchio') is absent: only CasADi and MuJoCo are compared")
+        report.say(
+            "Pinocchio (package pin, extra 'pinocchio') is absent: only CasADi and MuJoCo are"
+            " compared"
+        )
     for name, body in bodies().items():
         found = {"casadi": by_casadi(body, states), "mujoco": by_mujoco(body, states)}
         if has_pinocchio():
             found["pinocchio"] = by_pinocchio(body, states)
-        apart = {pair: largest_difference(*(found[part] for part in pair.split("_"))) for pair in worst}
-        report.say(f"{name:<18}" + "  ".join(f"{pair} {value:.1e}" for pair, value in apart.items()))
+        apart = {
+            pair: largest_difference(*(found[part] for part in pair.split("_"))) for pair in worst
+        }
+        report.say(
+            f"{name:<18}" + "  ".join(f"{pair} {value:.1e}" for pair, value in apart.items())
+        )
         worst = {pair: max(worst[pair], value) for pair, value in apart.items()}
     for pair, value in worst.items():
         report.figure(f"{pair}.error", value, "m, rad")
     report.figure("frames", len(FRAMES))
     report.figure("postures", len(states), f"random, of {len(bodies())} bodies each")
-    report.figure("max_error", max(worst.values()), "m, rad: any two of the three, any frame, pose and Jacobian")
+    report.figure(
+        "max_error",
+        max(worst.values()),
+        "m, rad: any two of the three, any frame, pose and Jacobian",
+    )
 
 
 if __name__ == "__main__":

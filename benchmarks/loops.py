@@ -1,4 +1,7 @@
-"""Closed loops with people who are not the controller's model: running them, what is kept of each, and the figures of many."""
+"""Closed loops with people who are not the controller's model.
+
+The module runs them, says what is kept of each, and gives the figures of many.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,7 @@ Beside = Callable[[Start, int, Trace], None]
 
 
 def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
-    """Return the best place for a person who is at ease, None: the model, as ``ergoqp optimise`` finds it."""
+    """Return the best place for a person at ease (None: the model), as by ``ergoqp optimise``."""
     response = person_of(problem) if person is None else person.response
     return optimise(problem, response.comfort, person=person)
 
@@ -72,8 +75,9 @@ def run_loops(
 ) -> None:
     """Run the loops of one person in one problem and append what became of them.
 
-    The best that there is for this person is the better one of what brute force finds on a grid of places and what the
-    optimiser finds: each is beaten by the other somewhere. Starts are chosen by the grid alone.
+    The best that there is for this person is the better one of what brute force finds on a grid of
+    places and what the optimiser finds: each is beaten by the other somewhere. Starts are chosen by
+    the grid alone.
 
     Args:
         loops: what is appended to.
@@ -90,10 +94,21 @@ def run_loops(
         seed, checker = 1000 * person_seed + number, Checker(problem)
         try:
             trace = run_loop(
-                problem, person, start, duration=DURATION, seed=seed, stepper=stepper, checker=checker, stop_when_still=STILL
+                problem,
+                person,
+                start,
+                duration=DURATION,
+                seed=seed,
+                stepper=stepper,
+                checker=checker,
+                stop_when_still=STILL,
             )
         except Exception as error:
-            print(f"{problem.name} person {person_seed} start {number}: {type(error).__name__}: {error}", flush=True)
+            print(
+                f"{problem.name} person {person_seed} start {number}: {type(error).__name__}:"
+                f" {error}",
+                flush=True,
+            )
             loops.exceptions += 1
             continue
         loops.start.append(int(problem.assess(start.posture).final[0]))
@@ -102,19 +117,30 @@ def run_loops(
         loops.end.append(end_score(problem, person, start, trace.postures[-1], trace.poses[-1]))
         loops.settle.append(settle_time(trace))
         loops.violations.append(sum(checker.violations.values()))
-        loops.braking.append(float(np.mean([step.status in ("braking", "invalid") for step in trace.steps])))
-        loops.power.append(power_above(np.array(trace.twists), problem.dt, problem.twist_limit.speed))
+        loops.braking.append(
+            float(np.mean([step.status in ("braking", "invalid") for step in trace.steps]))
+        )
+        loops.power.append(
+            power_above(np.array(trace.twists), problem.dt, problem.twist_limit.speed)
+        )
         beside(start, seed, trace)
 
 
-def end_score(problem: Problem, person: Follower, start: Start, posture: np.ndarray, pose: np.ndarray) -> int:
-    """Exact score of the rest posture where the object is now; of the posture itself where it is out of reach."""
+def end_score(
+    problem: Problem, person: Follower, start: Start, posture: np.ndarray, pose: np.ndarray
+) -> int:
+    """Return the exact score of the rest posture where the object is now.
+
+    Where the object is out of reach, it is the score of the posture itself.
+    """
     rest, reached = person.settle(posture, pose, start.grasp, start.soles)
     return int(problem.assess(rest if reached else posture).final[0])
 
 
 def placed_score(problem: Problem, person: Follower, start: Start, pose: np.ndarray) -> int:
-    """Exact score of the rest posture where the object is carried straight to a pose, by nobody's leave but the person's reach.
+    """Exact score of the rest posture where the object is carried straight to a pose.
+
+    Nothing but the person's reach limits the carrying.
 
     Where it is out of reach the object stays at the last place on the way that was not.
     """
@@ -132,15 +158,19 @@ def placed_score(problem: Problem, person: Follower, start: Start, pose: np.ndar
 
 
 def rule_pose(problem: Problem) -> np.ndarray:
-    """Return where a rule of thumb puts the object: at the height of the elbow, 0.40 m before the person, tool level.
+    """Return the object's rule-of-thumb pose: elbow height, 0.40 m before the person, tool level.
 
-    In front of the shoulder of the hand that holds it, or in the middle for both; within the workspace.
+    In front of the shoulder of the hand that holds it, or in the middle for both; within the
+    workspace.
     """
     response = person_of(problem)
     kinematics = response.kinematics
     pelvis = np.array(response.contact()(response.comfort)[1])
     q = ca.SX.sym("q", len(problem.coordinates))
-    at = [ca.vertcat(*(kinematics.at(f"{hand}_{part}", q)[0] for part in ("shoulder", "elbow"))) for hand in response.hands]
+    at = [
+        ca.vertcat(*(kinematics.at(f"{hand}_{part}", q)[0] for part in ("shoulder", "elbow")))
+        for hand in response.hands
+    ]
     points = np.array(ca.Function("arms", [q], [ca.horzcat(*at)])(response.comfort)).mean(axis=1)
     shoulder, elbow = (pelvis[:3, :3] @ part + pelvis[:3, 3] for part in (points[:3], points[3:]))
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
@@ -149,16 +179,21 @@ def rule_pose(problem: Problem) -> np.ndarray:
     pose[:3, 3] = np.clip(wished, box.lower, box.upper)
     level = np.array([toward[0], toward[1], 0.0])
     leans = np.degrees(np.arcsin(min(1.0, abs(toward[2]))))
-    pose[:3, :3] = frame_of(level / np.linalg.norm(level) if leans < cone.half_angle_deg else toward)
+    pose[:3, :3] = frame_of(
+        level / np.linalg.norm(level) if leans < cone.half_angle_deg else toward
+    )
     return pose
 
 
-def gather(report: Report, worker: Callable, jobs: Sequence[tuple], take: Callable[..., int]) -> None:
+def gather(
+    report: Report, worker: Callable, jobs: Sequence[tuple], take: Callable[..., int]
+) -> None:
     """Run `worker` on every job, two at a time.
 
     Args:
         report: is told how far it is.
-        worker: called with the parts of a job; its result is a tuple that begins with the name of the problem.
+        worker: called with the parts of a job; its result is a tuple that begins with the name of
+            the problem.
         jobs: arguments of the worker.
         take: called with the parts of each result; returns how many loops it holds.
     """
@@ -171,8 +206,14 @@ def gather(report: Report, worker: Callable, jobs: Sequence[tuple], take: Callab
 
 def figures_of(loops: Loops) -> dict[str, float]:
     """Return the figures of loops by name; only the counts if there were none."""
-    start, grid, best, end = (np.array(scores) for scores in (loops.start, loops.grid, loops.best, loops.end))
-    figures: dict[str, float] = {"runs": len(start), "exceptions": loops.exceptions, "violations": sum(loops.violations)}
+    start, grid, best, end = (
+        np.array(scores) for scores in (loops.start, loops.grid, loops.best, loops.end)
+    )
+    figures: dict[str, float] = {
+        "runs": len(start),
+        "exceptions": loops.exceptions,
+        "violations": sum(loops.violations),
+    }
     if not len(start):
         return figures
     return figures | {

@@ -1,12 +1,13 @@
-"""The step's QP through mink, for comparison: same terms, same inputs, the arm's joints as unknowns, same twist.
+"""The step's QP through mink, for comparison: same terms, inputs and twist, arm joints as unknowns.
 
-`mink_steps` does it in two ways. ``"arm"`` is the leanest that mink offers: only the seven joints of the arm are unknown and
-all terms act on the twist. ``"whole"`` is the formulation of `ergoqp.whole_body`: posture, pelvis and arm are unknown, and the
-tie S xi is an equality. What mink needs (tasks, limits, configuration) is kept over the steps in both.
+`mink_steps` does it in two ways. ``"arm"`` is the leanest that mink offers: only the seven joints
+of the arm are unknown and all terms act on the twist. ``"whole"`` is the formulation of
+`ergoqp.whole_body`: posture, pelvis and arm are unknown, and the tie S xi is an equality. What mink
+needs (tasks, limits, configuration) is kept over the steps in both.
 
-Included is what a step needs from its inputs to the twist: the terms (cost, response, rows: the same CasADi functions as in
-the fast step), the kinematics, mink's building of the QP and its solution by DAQP. Not included, though the fast step does it:
-input checks, certification, locking.
+Included is what a step needs from its inputs to the twist: the terms (cost, response, rows: the
+same CasADi functions as in the fast step), the kinematics, mink's building of the QP and its
+solution by DAQP. Not included, though the fast step does it: input checks, certification, locking.
 """
 
 from __future__ import annotations
@@ -31,7 +32,13 @@ from ergoqp.whole_body.robot import Robot, load_robot
 from ergoqp.whole_body.scene import Load, Scene, carry, default_tool_frame
 from ergoqp.whole_body.stopping import joint_bounds
 from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
-from ergoqp.whole_body.terms import Evaluator, own_objective, pelvis_function, person_of, terms_function
+from ergoqp.whole_body.terms import (
+    Evaluator,
+    own_objective,
+    pelvis_function,
+    person_of,
+    terms_function,
+)
 
 Call = tuple[Any, Any, float]
 Solver = Callable[[dict[str, Any]], tuple[np.ndarray, float]]
@@ -64,19 +71,24 @@ class ArmColumns:
         self.person = self.idle = np.zeros(0, dtype=int)
 
 
-def mink_steps(problem: Problem, calls: Sequence[Call], unknowns: Literal["arm", "whole"] = "arm") -> PeerTimes:
+def mink_steps(
+    problem: Problem, calls: Sequence[Call], unknowns: Literal["arm", "whole"] = "arm"
+) -> PeerTimes:
     """Time mink on the QPs of a recorded trajectory.
 
-    Counted are the steps in which the fast step's answer is that of its first QP and goes out as it is: status ``optimal``, no
-    joint locked, no row relaxed. The arm stays in one posture; every step still computes its kinematics anew. The trajectory is
-    gone through twice, and the first time not counted.
+    Counted are the steps in which the fast step's answer is that of its first QP and goes out as it
+    is: status ``optimal``, no joint locked, no row relaxed. The arm stays in one posture; every
+    step still computes its kinematics anew. The trajectory is gone through twice, and the first
+    time not counted.
 
     Args:
         problem: the task.
         calls: (posture, pose, age) of every step, as `benchmarks.step.trajectory` records them.
         unknowns: ``"arm"`` or ``"whole"``, see above.
     """
-    return timed(problem, calls, _ArmSolver(problem) if unknowns == "arm" else _WholeSolver(problem))
+    return timed(
+        problem, calls, _ArmSolver(problem) if unknowns == "arm" else _WholeSolver(problem)
+    )
 
 
 def timed(problem: Problem, calls: Sequence[Call], solver: Solver) -> PeerTimes:
@@ -85,7 +97,8 @@ def timed(problem: Problem, calls: Sequence[Call], solver: Solver) -> PeerTimes:
     Args:
         problem: the task.
         calls: of the trajectory.
-        solver: answers what `questions` gives with a twist (6,), and the seconds that the peer itself took.
+        solver: answers what `questions` gives with a twist (6,), and the seconds that the peer
+            itself took.
     """
     given = questions(problem, calls)
     whole, part, difference = np.zeros(len(given)), np.zeros(len(given)), 0.0
@@ -105,8 +118,18 @@ def questions(problem: Problem, calls: Sequence[Call]) -> list[tuple[dict[str, A
     for posture, pose, age in calls:
         unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
-        question = {"posture": posture, "observed": np.ones(len(posture)), "pose": step.pose, "previous": previous}
-        question |= {"dt": problem.dt, "stalled": unimproved, "locked": np.zeros(len(posture)), "final": 0.0}
+        question = {
+            "posture": posture,
+            "observed": np.ones(len(posture)),
+            "pose": step.pose,
+            "previous": previous,
+        }
+        question |= {
+            "dt": problem.dt,
+            "stalled": unimproved,
+            "locked": np.zeros(len(posture)),
+            "final": 0.0,
+        }
         plain = step.status == "optimal" and step.residuals["accepted"] == 1 and not step.locked
         if plain and not data(question)["cap"].any():
             given.append((question, step.twist))
@@ -135,7 +158,11 @@ class _ArmSolver:
         moment = resting(self._scene.robot, self._dt, J, terms, terms["H"], terms["g"])
         begin = time.perf_counter()
         at_moment([*self._tasks, *self._limits, *self._constraints], moment)
-        settings = {"limits": self._limits, "constraints": self._constraints, "damping": 0.0} | SETTINGS
+        settings = {
+            "limits": self._limits,
+            "constraints": self._constraints,
+            "damping": 0.0,
+        } | SETTINGS
         velocity = mink.solve_ik(configuration, self._tasks, self._dt, SOLVER, **settings)
         took = time.perf_counter() - begin
         return J @ velocity, took
@@ -147,7 +174,11 @@ class _WholeSolver:
     def __init__(self, problem: Problem) -> None:
         person, robot = person_of(problem), load_robot("panda")
         base, load = default_base(problem, 0.20), Load(default_tool_frame(0.0))
-        self._dt, self._terms, self._pelvis = problem.dt, Evaluator(terms_function(problem)), pelvis_function(person)
+        self._dt, self._terms, self._pelvis = (
+            problem.dt,
+            Evaluator(terms_function(problem)),
+            pelvis_function(person),
+        )
         self._scene = Scene(person.body, robot, base, load, person.hands)
         self._formulation = Formulation(self._scene)
 
@@ -157,7 +188,13 @@ class _WholeSolver:
         pelvis = np.array(self._pelvis(question["posture"])[0]).ravel()
         formulation.configuration.update(scene.qpos(pelvis, question["posture"], scene.robot.rest))
         jacobian = np.zeros((6, scene.model.nv))
-        mujoco.mj_jacSite(scene.model, formulation.configuration.data, jacobian[:3], jacobian[3:], scene.contact_site)
+        mujoco.mj_jacSite(
+            scene.model,
+            formulation.configuration.data,
+            jacobian[:3],
+            jacobian[3:],
+            scene.contact_site,
+        )
         H, g = own_objective(terms)
         moment = resting(scene.robot, self._dt, jacobian[:, scene.arm], terms, H, g)
         begin = time.perf_counter()
@@ -168,8 +205,18 @@ class _WholeSolver:
         return moment.jacobian @ velocity[scene.arm], took
 
 
-def resting(robot: Robot, dt: float, J: np.ndarray, terms: dict[str, np.ndarray], H: np.ndarray, g: np.ndarray) -> Moment:
-    """A moment in which the arm rests and has no limit near: those of the twist alone decide, as in the fast step."""
+def resting(
+    robot: Robot,
+    dt: float,
+    J: np.ndarray,
+    terms: dict[str, np.ndarray],
+    H: np.ndarray,
+    g: np.ndarray,
+) -> Moment:
+    """Return a moment in which the arm rests and has no limit near.
+
+    The limits of the twist alone decide, as in the fast step.
+    """
     still = np.zeros(len(robot.joints))
     fast, ranges = np.full(len(still), 1e3), (robot.lower - 50, robot.upper + 50)
     low, high = joint_bounds(robot.rest, still, ranges, fast, 100 * fast, dt)

@@ -1,8 +1,9 @@
-"""Small mistakes put into the code, one at a time: what `benchmarks.mutants` tries to hide from the tests.
+"""Small mistakes in the code, one at a time, that `benchmarks.mutants` tries to hide from tests.
 
-Most kinds are those of cosmic-ray: an operator or a comparison exchanged, a number one more or less, a condition turned
-round, a loop that never runs, a decorator gone, an exception not caught. Three are added that it does not have: a statement
-dropped, a branch turned round, and a number of the sheet's data changed.
+Most kinds are those of cosmic-ray: an operator or a comparison exchanged, a number one more or
+less, a condition turned round, a loop that never runs, a decorator gone, an exception not caught.
+Three are added that it does not have: a statement dropped, a branch turned round, and a number of
+the sheet's data changed.
 """
 
 from __future__ import annotations
@@ -22,17 +23,38 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 
 _KINDS: Final = (
-    *("ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "NumberReplacer", "ReplaceContinueWithBreak", "ReplaceBreakWithContinue"),
-    *("AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ExceptionReplacer", "RemoveDecorator", "ZeroIterationForLoop"),
+    "ReplaceTrueWithFalse",
+    "ReplaceFalseWithTrue",
+    "NumberReplacer",
+    "ReplaceContinueWithBreak",
+    "ReplaceBreakWithContinue",
+    "AddNot",
+    "ReplaceAndWithOr",
+    "ReplaceOrWithAnd",
+    "ExceptionReplacer",
+    "RemoveDecorator",
+    "ZeroIterationForLoop",
     "ReplaceUnaryOperator",
-    *(f"ReplaceBinaryOperator_{a}_{b}" for a, b in itertools.permutations(("Add", "Sub", "Mul", "Div"), 2)),
-    *(f"ReplaceBinaryOperator_{a}_{b}" for a, b in (("Pow", "Mul"), ("BitOr", "BitAnd"), ("BitAnd", "BitOr"))),
-    *(f"ReplaceComparisonOperator_{a}_{b}" for a, b in itertools.permutations(("Lt", "LtE", "Gt", "GtE"), 2)),
+    *(
+        f"ReplaceBinaryOperator_{a}_{b}"
+        for a, b in itertools.permutations(("Add", "Sub", "Mul", "Div"), 2)
+    ),
+    *(
+        f"ReplaceBinaryOperator_{a}_{b}"
+        for a, b in (("Pow", "Mul"), ("BitOr", "BitAnd"), ("BitAnd", "BitOr"))
+    ),
+    *(
+        f"ReplaceComparisonOperator_{a}_{b}"
+        for a, b in itertools.permutations(("Lt", "LtE", "Gt", "GtE"), 2)
+    ),
     *(f"ReplaceComparisonOperator_{a}_{b}" for a, b in itertools.permutations(("Eq", "NotEq"), 2)),
     *(f"ReplaceComparisonOperator_{a}_{b}" for a, b in itertools.permutations(("Is", "IsNot"), 2)),
 )
-"""Beginnings of the names of cosmic-ray's operators that are used. Those that would end in a TypeError at once, such as a
-shift of a floating-point number, are not: killing them says nothing."""
+"""Beginnings of the names of cosmic-ray's operators that are used.
+
+Those that would end in a TypeError at once, such as a shift of a floating-point number, are not:
+killing them says nothing.
+"""
 
 
 @dataclass(frozen=True)
@@ -64,11 +86,14 @@ class Mutant:
 
     @property
     def rank(self) -> str:
-        """Place in the order in which mutants are taken: random, and the same when other lines change."""
+        """Place in the order of taking mutants: random, and the same when other lines change."""
         return hashlib.sha256(self.name.encode()).hexdigest()
 
     def source(self) -> str | None:
-        """Return the whole file with the mistake; None if it is the same program, as in an annotation, or none at all."""
+        """Return the whole file with the mistake.
+
+        It is None if that is the same program, as in an annotation, or no program at all.
+        """
         made = self.make()
         if made is None or self.path.endswith(".toml"):
             return made
@@ -79,13 +104,20 @@ class Mutant:
 
 
 def mutants_of(root: Path, path: str) -> list[Mutant]:
-    """Return one mutant per place of a file where something can be mistaken, chosen among those that the place allows."""
+    """Return one mutant per place of a file where something can be mistaken.
+
+    Each is chosen among those that the place allows.
+    """
     code = (root / path).read_text(encoding="utf-8")
     lines = code.splitlines()
     found: dict[tuple[int, int], list[Mutant]] = {}
-    for (line, column), kind, make in _numbers(code) if path.endswith(".toml") else (*_of_cosmic_ray(code), *_of_our_own(code)):
+    for (line, column), kind, make in (
+        _numbers(code) if path.endswith(".toml") else (*_of_cosmic_ray(code), *_of_our_own(code))
+    ):
         was = lines[line - 1]
-        mutant = Mutant(path, line, was.strip(), kind, column - (len(was) - len(was.lstrip())), code, make)
+        mutant = Mutant(
+            path, line, was.strip(), kind, column - (len(was) - len(was.lstrip())), code, make
+        )
         found.setdefault((line, column), []).append(mutant)
     return [min(choice, key=lambda mutant: mutant.rank) for choice in found.values()]
 
@@ -109,11 +141,17 @@ def _of_cosmic_ray(code: str) -> Iterator[Site]:
 def _of_our_own(code: str) -> Iterator[Site]:
     """Yield statements dropped, and conditions turned round."""
     for node in ast.walk(ast.parse(code)):
-        if isinstance(node, ast.AugAssign | ast.Raise) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)):
+        if isinstance(node, ast.AugAssign | ast.Raise) or (
+            isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+        ):
             yield (node.lineno, node.col_offset), "drop", partial(_replaced, code, node, "pass")
         elif isinstance(node, ast.IfExp):
             test = f"(not ({ast.get_source_segment(code, node.test)}))"
-            yield (node.test.lineno, node.test.col_offset), "turn", partial(_replaced, code, node.test, test)
+            yield (
+                (node.test.lineno, node.test.col_offset),
+                "turn",
+                partial(_replaced, code, node.test, test),
+            )
 
 
 def _replaced(code: str, node: ast.expr | ast.stmt, text: str) -> str:
@@ -134,7 +172,11 @@ def _numbers(code: str) -> Iterator[Site]:
             start, end = offset + match.start(), offset + match.end()
             for step in (1, -1):
                 text = f"{float(match[0]) + step:.{1 if '.' in match[0] else 0}f}"
-                yield (number, match.start()), f"{step:+d}", partial("".join, (code[:start], text, code[end:]))
+                yield (
+                    (number, match.start()),
+                    f"{step:+d}",
+                    partial("".join, (code[:start], text, code[end:])),
+                )
         offset += len(line)
 
 
@@ -160,7 +202,11 @@ class _Bare(ast.NodeTransformer):
         return self._without_docstring(node)
 
     def _without_docstring(self, node: ast.FunctionDef | ast.ClassDef | ast.Module) -> ast.AST:
-        kept = [child for child in node.body if not (isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant))]
+        kept = [
+            child
+            for child in node.body
+            if not (isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant))
+        ]
         node.body = kept or [ast.Pass()]
         return self.generic_visit(node)
 

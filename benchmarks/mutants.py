@@ -1,16 +1,19 @@
-"""Do the tests notice? Mistakes put into what the safety rests on, one at a time, and the tests run on each.
+"""Whether the tests notice mistakes in what the safety rests on, put in and tested one at a time.
 
-Run ``python -m benchmarks.mutants [--quick | --full] [--json FILE]``, or ``make mutants``. A sample of the mistakes of
-`benchmarks.mutant_kinds`, the same from run to run, is put into copies of the project: the control step, the limits, the
-rest, the layout of the exported step, the sheet with its data, and the checker. Each is judged by the tests that run its line
-(coverage, measured first), the quickest first, until one fails.
+Run ``python -m benchmarks.mutants [--quick | --full] [--json FILE]``, or ``make mutants``. A sample
+of the mistakes of `benchmarks.mutant_kinds`, the same from run to run, is put into copies of the
+project: the control step, the limits, the rest, the layout of the exported step, the sheet with its
+data, and the checker. Each is judged by the tests that run its line (coverage, measured first), the
+quickest first, until one fails.
 
 - ``mutants``: mistakes tried.
-- ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that no test runs is alive.
-- ``killed_share.unpinned``: the same of the first mutants, without the tests that only compare with answers of before
-  (``tests/step/test_pinned.py``).
+- ``killed_share``: share of them that a test noticed, or that never ended. A mistake on a line that
+  no test runs is alive.
+- ``killed_share.unpinned``: the same of the first mutants, without the tests that only compare with
+  answers of before (``tests/step/test_pinned.py``).
 - ``not_covered``: of those alive, how many stand on such a line.
-- ``explained``: of those alive, how many change nothing, each with its reason in ``mutants_alive.toml``.
+- ``explained``: of those alive, how many change nothing, each with its reason in
+  ``mutants_alive.toml``.
 - ``unexplained``: the rest: a test is missing.
 
 Every one that is alive is printed.
@@ -43,14 +46,29 @@ from benchmarks.report import Report, run
 ROOT: Final = Path(__file__).resolve().parents[1]
 
 MUTATED: Final = (
-    *("ergoqp/step/*.py", "ergoqp/limits/*.py"),
-    *("ergoqp/export/layout.py", "ergoqp/simulation/check.py", "ergoqp/sheets/*.py", "ergoqp/sheets/*.toml"),
+    "ergoqp/step/*.py",
+    "ergoqp/limits/*.py",
+    "ergoqp/export/layout.py",
+    "ergoqp/simulation/check.py",
+    "ergoqp/sheets/*.py",
+    "ergoqp/sheets/*.toml",
 )
 
 TESTS: Final = (
-    *("tests/test_wrong_arguments.py", "tests/step", "tests/problem", "tests/problem_files", "tests/expressions"),
-    *("tests/learning", "tests/limits", "tests/native", "tests/export", "tests/sheets", "tests/simulation", "tests/solvers"),
-    *("tests/studies/test_policy.py", "tests/datasets/test_posture_data.py"),
+    "tests/test_wrong_arguments.py",
+    "tests/step",
+    "tests/problem",
+    "tests/problem_files",
+    "tests/expressions",
+    "tests/learning",
+    "tests/limits",
+    "tests/native",
+    "tests/export",
+    "tests/sheets",
+    "tests/simulation",
+    "tests/solvers",
+    "tests/studies/test_policy.py",
+    "tests/datasets/test_posture_data.py",
 )
 """The tests that may notice; those of pages, recordings and commands would only add time."""
 
@@ -96,13 +114,21 @@ class Tests:
 
     def __init__(self, folder: Path, paths: Sequence[str]) -> None:
         """Run them once."""
-        options = ["--cov=ergoqp", "--cov-context=test", "--cov-report=", "--durations=0", "--durations-min=0"]
+        options = [
+            "--cov=ergoqp",
+            "--cov-context=test",
+            "--cov-report=",
+            "--durations=0",
+            "--durations-min=0",
+        ]
         found = [str(path) for pattern in paths for path in sorted(folder.glob(pattern))]
         done = _pytest(folder, [*found, *options, "-n", str(WORKERS)], timeout=3600)
         if done.returncode:
             raise RuntimeError(f"the tests fail without a mistake:\n{done.stdout[-3000:]}")
         self._seconds: dict[str, float] = {}
-        for seconds, test in re.findall(r"^\s*([\d.]+)s (?:setup|call|teardown)\s+(\S.*)$", done.stdout, re.MULTILINE):
+        for seconds, test in re.findall(
+            r"^\s*([\d.]+)s (?:setup|call|teardown)\s+(\S.*)$", done.stdout, re.MULTILINE
+        ):
             self._seconds[test.strip()] = self._seconds.get(test.strip(), 0.0) + float(seconds)
         data = CoverageData(str(folder / ".coverage"))
         data.read()
@@ -115,7 +141,7 @@ class Tests:
         }
 
     def of(self, mutant: Mutant, pinned: bool = True) -> tuple[list[str], bool]:
-        """Return the tests that judge a mutant, first those that may notice soonest, and whether any runs its line.
+        """Return a mutant's tests, what may notice soonest first, and whether any runs its line.
 
         Args:
             mutant: the mistake.
@@ -123,13 +149,20 @@ class Tests:
         """
         lines = self._lines.get(READS.get(mutant.path, mutant.path), {})
         of_file: set[str] = set().union(*lines.values())
-        # What runs at import, such as a constant, is run by no test: those of the whole file are asked.
+        # What runs at import, such as a constant, is run by no test: those of the whole file are
+        # asked.
         running = set() if mutant.path in READS else self._on(lines, mutant)
         nearest = sorted(running, key=self._time)
-        # What a cache or an import keeps is run by the first test alone; others of the same files depend on it all the same.
+        # What a cache or an import keeps is run by the first test alone; others of the same files
+        # depend on it all the same.
         files = {test.partition("::")[0] for test in running or of_file}
         others = sorted(
-            (test for test in self._seconds if test.partition("::")[0] in files and test not in running), key=self._time
+            (
+                test
+                for test in self._seconds
+                if test.partition("::")[0] in files and test not in running
+            ),
+            key=self._time,
         )
         chosen, spent = [], 0.0
         kept = [test for test in of_file if test.startswith(PINNED)] if pinned else []
@@ -152,7 +185,10 @@ class Tests:
 
 
 def judged(folder: Path, mutant: Mutant, tests: Tests, pinned: bool = True) -> Verdict | None:
-    """Return what the tests say of a mutant in a copy of the project, which is left as it was; None if it is no mistake."""
+    """Return what the tests say of a mutant; None if it is no mistake.
+
+    They run in a copy of the project, which is left as it was.
+    """
     source = mutant.source()
     if source is None:
         return None
@@ -174,11 +210,26 @@ def judged(folder: Path, mutant: Mutant, tests: Tests, pinned: bool = True) -> V
     return Verdict(mutant, now, done.returncode != 0, covered)
 
 
-def _pytest(folder: Path, options: Sequence[str], timeout: float) -> subprocess.CompletedProcess[str]:
+def _pytest(
+    folder: Path, options: Sequence[str], timeout: float
+) -> subprocess.CompletedProcess[str]:
     """Run tests in a copy of the project, with all that they start, for so long at most."""
     # A cache of compiled code of its own, filled by the first run: that of the user is left alone.
-    environment = {**os.environ, "XDG_CACHE_HOME": str(folder.parent / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", *options]
+    environment = {
+        **os.environ,
+        "XDG_CACHE_HOME": str(folder.parent / "cache"),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--no-header",
+        *options,
+    ]
     with subprocess.Popen(
         command,
         cwd=folder,
@@ -197,7 +248,9 @@ def _pytest(folder: Path, options: Sequence[str], timeout: float) -> subprocess.
 
 
 def _copy(folder: Path) -> Path:
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout.split("\n")
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split("\n")
     for name in filter(None, listed):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, folder / name)
@@ -207,12 +260,22 @@ def _copy(folder: Path) -> Path:
 def measure(report: Report) -> None:
     """Try the mutants in copies of the project, two at a time."""
     patterns = report.pick(MUTATED[-2:], MUTATED)
-    paths = sorted(str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern))
-    sample = sorted((mutant for path in paths for mutant in mutants_of(ROOT, path)), key=lambda mutant: mutant.rank)
+    paths = sorted(
+        str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern)
+    )
+    sample = sorted(
+        (mutant for path in paths for mutant in mutants_of(ROOT, path)),
+        key=lambda mutant: mutant.rank,
+    )
     wanted = report.pick(12, 320)
-    known = tomllib.loads(Path(__file__).with_name("mutants_alive.toml").read_text(encoding="utf-8"))["alive"]
+    known = tomllib.loads(
+        Path(__file__).with_name("mutants_alive.toml").read_text(encoding="utf-8")
+    )["alive"]
     verdicts: list[Verdict] = []
-    with tempfile.TemporaryDirectory(prefix="ergoqp-mutants-") as place, ThreadPoolExecutor(WORKERS) as pool:
+    with (
+        tempfile.TemporaryDirectory(prefix="ergoqp-mutants-") as place,
+        ThreadPoolExecutor(WORKERS) as pool,
+    ):
         folders: SimpleQueue[Path] = SimpleQueue()
         for number in range(WORKERS):
             folders.put(_copy(Path(place) / str(number)))
@@ -233,10 +296,19 @@ def measure(report: Report) -> None:
             verdicts.append(verdict)
             if not verdict.killed:
                 where = f"{verdict.mutant.path}:{verdict.mutant.line}"
-                reason = known.get(verdict.mutant.name, "NOT EXPLAINED" if verdict.covered else "NO TEST RUNS THIS LINE")
-                report.say(f"alive {where} [{verdict.mutant.kind}]\n  - {verdict.mutant.was}\n  + {verdict.now}\n  {reason}")
+                reason = known.get(
+                    verdict.mutant.name,
+                    "NOT EXPLAINED" if verdict.covered else "NO TEST RUNS THIS LINE",
+                )
+                report.say(
+                    f"alive {where} [{verdict.mutant.kind}]\n  - {verdict.mutant.was}\n  +"
+                    f" {verdict.now}\n  {reason}"
+                )
             if len(verdicts) % 20 == 0:
-                report.say(f"{len(verdicts)}/{wanted}, {sum(verdict.killed for verdict in verdicts)} killed")
+                report.say(
+                    f"{len(verdicts)}/{wanted}, {sum(verdict.killed for verdict in verdicts)}"
+                    " killed"
+                )
         again = pool.map(partial(one, pinned=False), sample[: report.pick(0, 50)])
         unpinned = [verdict.killed for verdict in again if verdict is not None]
     alive = [verdict for verdict in verdicts if not verdict.killed]
@@ -244,9 +316,13 @@ def measure(report: Report) -> None:
     report.figure("mutants", len(verdicts))
     report.figure("killed_share", 1 - len(alive) / len(verdicts))
     if unpinned:
-        report.figure("killed_share.unpinned", sum(unpinned) / len(unpinned), f"of the first {len(unpinned)}")
+        report.figure(
+            "killed_share.unpinned", sum(unpinned) / len(unpinned), f"of the first {len(unpinned)}"
+        )
     report.figure("not_covered", sum(not verdict.covered for verdict in alive))
-    report.figure("explained", explained, "alive, and change nothing: reasons in mutants_alive.toml")
+    report.figure(
+        "explained", explained, "alive, and change nothing: reasons in mutants_alive.toml"
+    )
     report.figure("unexplained", len(alive) - explained)
 
 

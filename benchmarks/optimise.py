@@ -1,25 +1,33 @@
-"""The offline optimum against brute force and the closed loop, for people who are not the problem's own.
+"""The offline optimum against brute force and the closed loop, for people not the problem's own.
 
-Run ``python -m benchmarks.optimise [--quick | --full] [--json FILE]``. A case is a person (seeds from 100 on: none was looked
-at while the method was made) and a place at rest at least 2 points above that person's best; `problem.optimise` gets the
-person, the posture and 32 starts. ``--quick`` (the default) takes one case per problem, ``--full`` ten people with ten cases
-each. Per problem it prints
+Run ``python -m benchmarks.optimise [--quick | --full] [--json FILE]``. A case is a person (seeds
+from 100 on: none was looked at while the method was made) and a place at rest at least 2 points
+above that person's best; `problem.optimise` gets the person, the posture and 32 starts. ``--quick``
+(the default) takes one case per problem, ``--full`` ten people with ten cases each. Per problem it
+prints
 
-- ``cases``; ``share_at_best``: share whose true score, where the person comes to rest, equals the lowest that brute force finds
-  for that person anywhere in the workspace (or lower). ``lower_than_best``: share below it, between brute force's places.
-- ``worse_than_loop``: cases in which a closed loop from the same place (30 s, noise and delay) ends at a lower score.
-- ``max_kkt``: largest violation of the optimality conditions of a chosen optimum; ``starts_optimal``: share of all starts that
-  end below 1e-6; ``starts_at_best``: share of all starts that end at brute force's best.
-- ``max_apart_deg``: largest difference between the program's posture and the settled one, of a joint, of chosen optima.
-- ``mean_start``, ``mean_best``, ``mean_loop``, ``mean_equilibrium``: exact scores before, of brute force, of the closed loop
-  and of the optimum. ``mean_cooperative``: of the bound in which the posture is chosen too, for one case of every person, and
-  ``mean_equilibrium_beside``: of the optimum in the same cases.
-- ``ms_per_start``: of a whole call in one process, program and verdict included, and ``cpu_ms_per_start``, which other work on
-  the machine does not lengthen; ``speedup_2``: how much sooner two processes that have done work for the same task before are
-  done with the same starts (``speedup_starts``).
-- In ``--full`` the same of whole commands, ``ergoqp optimise screwing``, from the start of the program to its end:
-  ``command.seconds_32`` and ``command.speedup_32`` (two processes against one) with the 32 starts that the command takes by
-  default, ``..._96`` with 96, and ``command.cpu_ms_per_start_...`` of one process.
+- ``cases``; ``share_at_best``: share whose true score, where the person comes to rest, equals the
+  lowest that brute force finds for that person anywhere in the workspace (or lower).
+  ``lower_than_best``: share below it, between brute force's places.
+- ``worse_than_loop``: cases in which a closed loop from the same place (30 s, noise and delay) ends
+  at a lower score.
+- ``max_kkt``: largest violation of the optimality conditions of a chosen optimum;
+  ``starts_optimal``: share of all starts that end below 1e-6; ``starts_at_best``: share of all
+  starts that end at brute force's best.
+- ``max_apart_deg``: largest difference between the program's posture and the settled one, of a
+  joint, of chosen optima.
+- ``mean_start``, ``mean_best``, ``mean_loop``, ``mean_equilibrium``: exact scores before, of brute
+  force, of the closed loop and of the optimum. ``mean_cooperative``: of the bound in which the
+  posture is chosen too, for one case of every person, and ``mean_equilibrium_beside``: of the
+  optimum in the same cases.
+- ``ms_per_start``: of a whole call in one process, program and verdict included, and
+  ``cpu_ms_per_start``, which other work on the machine does not lengthen; ``speedup_2``: how much
+  sooner two processes that have done work for the same task before are done with the same starts
+  (``speedup_starts``).
+- In ``--full`` the same of whole commands, ``ergoqp optimise screwing``, from the start of the
+  program to its end: ``command.seconds_32`` and ``command.speedup_32`` (two processes against one)
+  with the 32 starts that the command takes by default, ``..._96`` with 96, and
+  ``command.cpu_ms_per_start_...`` of one process.
 """
 
 from __future__ import annotations
@@ -83,7 +91,15 @@ def cases_of_person(name: str, person_seed: int, count: int) -> tuple[str, Cases
         seed = 1000 * person_seed + number
         options = {"starts": STARTS, "seed": seed, "pose": start.pose, "person": person}
         optimum = optimise(problem, start.posture, **options)
-        trace = run_loop(problem, person, start, duration=DURATION, seed=seed, stepper=stepper, stop_when_still=STILL)
+        trace = run_loop(
+            problem,
+            person,
+            start,
+            duration=DURATION,
+            seed=seed,
+            stepper=stepper,
+            stop_when_still=STILL,
+        )
         chosen = next(trial for trial in optimum.trials if trial.pose is optimum.pose)
         cases.start.append(optimum.reba_before)
         cases.best.append(best)
@@ -95,8 +111,12 @@ def cases_of_person(name: str, person_seed: int, count: int) -> tuple[str, Cases
             cases.beside.append(optimum.reba_after)
         cases.kkt.append(optimum.kkt_residual)
         cases.apart.append(chosen.apart)
-        cases.starts_optimal.append(float(np.mean([trial.kkt_residual <= RESIDUAL for trial in optimum.trials])))
-        cases.starts_at_best.append(float(np.mean([0 < trial.reba <= best for trial in optimum.trials])))
+        cases.starts_optimal.append(
+            float(np.mean([trial.kkt_residual <= RESIDUAL for trial in optimum.trials]))
+        )
+        cases.starts_at_best.append(
+            float(np.mean([0 < trial.reba <= best for trial in optimum.trials]))
+        )
     return name, cases
 
 
@@ -161,15 +181,26 @@ def timing(report: Report, name: str) -> None:
 
 
 def commands(report: Report, starts: int) -> None:
-    """Time whole commands with one process and with two, which includes starting them and what they load and build."""
+    """Time whole commands with one process and with two.
+
+    The time includes starting them and what they load and build.
+    """
     seconds, cpu = {}, {}
     for jobs in (1, 2):
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "ergoqp", "optimise", "screwing", "--out", folder]
             before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
             options = ["--starts", str(starts), "--jobs", str(jobs)]
-            subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            after, seconds[jobs] = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - begin
+            subprocess.run(
+                [*command, *options],
+                check=True,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            after, seconds[jobs] = (
+                resource.getrusage(resource.RUSAGE_CHILDREN),
+                time.perf_counter() - begin,
+            )
             cpu[jobs] = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     report.figure(f"command.seconds_{starts}", seconds[1], "s, one process")
     report.figure(f"command.speedup_{starts}", seconds[1] / seconds[2])

@@ -1,7 +1,8 @@
-"""The step's QP through pink, as `benchmarks.mink_peer` does it through mink with the arm's joints as the unknowns.
+"""The step's QP through pink, as `benchmarks.mink_peer` through mink, arm joints as the unknowns.
 
-Pink can express the same: a `Task` with its own `compute_qp_objective`, limits as rows on displacements, exact rows as
-`constraints`. The kinematics are Pinocchio's, of the same ``models/panda.xml``; terms, matrices and rows are the same numbers.
+Pink can express the same: a `Task` with its own `compute_qp_objective`, limits as rows on
+displacements, exact rows as `constraints`. The kinematics are Pinocchio's, of the same
+``models/panda.xml``; terms, matrices and rows are the same numbers.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class _Objective(Task):
         found = self._ours.compute_qp_objective(configuration)
         return found.H, found.c
 
-    def __repr__(self) -> str:  # pyright: ignore[reportIncompatibleMethodOverride] (pink's own tasks return a text too)
+    # Pink's own tasks return a text too.
+    def __repr__(self) -> str:  # pyright: ignore[reportIncompatibleMethodOverride]
         return repr(self._ours)
 
 
@@ -54,7 +56,9 @@ class _Rows(Limit):
     def __init__(self, ours: Any) -> None:
         self._ours = ours
 
-    def compute_qp_inequalities(self, configuration: Any, dt: float) -> tuple[np.ndarray, np.ndarray] | None:
+    def compute_qp_inequalities(
+        self, configuration: Any, dt: float
+    ) -> tuple[np.ndarray, np.ndarray] | None:
         found = self._ours.compute_qp_inequalities(configuration, dt)
         return None if found.inactive else (found.G, found.h)
 
@@ -67,26 +71,42 @@ class _PinkSolver:
         self._model = pin.buildModelFromMJCF(str(data_folder("models") / "panda.xml"))
         flange = self._model.frames[self._model.getFrameId("flange")]
         contact = flange.placement * pin.SE3(default_tool_frame(0.0))
-        self._contact = self._model.addFrame(pin.Frame("contact", flange.parentJoint, contact, pin.FrameType.OP_FRAME))
+        self._contact = self._model.addFrame(
+            pin.Frame("contact", flange.parentJoint, contact, pin.FrameType.OP_FRAME)
+        )
         rest = self._columns.robot.rest
         self._configuration = pink.Configuration(self._model, self._model.createData(), rest)
-        tasks, limits = [ObjectTask(self._columns), NullSpaceTask(self._columns)], [TwistBounds, StepRows, ArmBounds]
+        tasks, limits = (
+            [ObjectTask(self._columns), NullSpaceTask(self._columns)],
+            [TwistBounds, StepRows, ArmBounds],
+        )
         rows = [limit(self._columns) for limit in limits]
         held = [Held(self._columns)] if (problem.twist_limit.speed == 0).any() else []
         self._ours = [*tasks, *rows, *held]
-        self._tasks, self._constraints = [_Objective(task) for task in tasks], [_Objective(task) for task in held]
+        self._tasks, self._constraints = (
+            [_Objective(task) for task in tasks],
+            [_Objective(task) for task in held],
+        )
         self._limits = [_Rows(limit) for limit in rows]
 
     def __call__(self, question: dict[str, Any]) -> tuple[np.ndarray, float]:
         """Return the twist (6,), and the seconds that pink itself took."""
-        terms, configuration, robot = self._terms(question), self._configuration, self._columns.robot
+        terms, configuration, robot = (
+            self._terms(question),
+            self._configuration,
+            self._columns.robot,
+        )
         configuration.update(robot.rest)
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         J = pin.getFrameJacobian(configuration.model, configuration.data, self._contact, aligned)
         moment = resting(robot, self._dt, J, terms, terms["H"], terms["g"])
         begin = time.perf_counter()
         at_moment(self._ours, moment)
-        settings = {"limits": self._limits, "constraints": self._constraints, "damping": 0.0} | SETTINGS
+        settings = {
+            "limits": self._limits,
+            "constraints": self._constraints,
+            "damping": 0.0,
+        } | SETTINGS
         velocity = pink.solve_ik(configuration, self._tasks, self._dt, SOLVER, **settings)
         took = time.perf_counter() - begin
         return J @ velocity, took

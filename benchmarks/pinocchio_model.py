@@ -1,6 +1,7 @@
-"""A Pinocchio model built body by body from a loaded MuJoCo model, as an independent check of the kinematics.
+"""A Pinocchio model made body by body from a loaded MuJoCo model: an independent kinematics check.
 
-Pinocchio's own MJCF reader is not used: it was seen to merge hinges and to drop the offset of the root.
+Pinocchio's own MJCF reader is not used: it was seen to merge hinges and to drop the offset of the
+root.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import numpy as np
 
 
 def pinocchio_model(model: mujoco.MjModel) -> Any:
-    """Return the `pin.Model` of a MuJoCo model whose bodies carry one hinge, one slide or no joint each; sites become frames.
+    """Return the `pin.Model` of a MuJoCo model; sites become frames.
+
+    Each of its bodies carries one hinge, one slide or no joint.
 
     Raises:
         ImportError: if Pinocchio (package ``pin``) is absent.
@@ -21,17 +24,24 @@ def pinocchio_model(model: mujoco.MjModel) -> Any:
     import pinocchio as pin
 
     made = pin.Model()
-    carrier = {0: (0, pin.SE3.Identity())}  # per body: its joint, and its pose in that joint's frame
+    carrier = {
+        0: (0, pin.SE3.Identity())
+    }  # per body: its joint, and its pose in that joint's frame
     for body in range(1, model.nbody):
         parent, offset = carrier[int(model.body_parentid[body])]
         here = offset * pin.SE3(_rotation(model.body_quat[body]), np.array(model.body_pos[body]))
         if model.body_jntnum[body] > 1:
-            raise ValueError(f"body {model.body(body).name}: got {model.body_jntnum[body]} joints, allowed at most one")
+            raise ValueError(
+                f"body {model.body(body).name}: got {model.body_jntnum[body]} joints, allowed at"
+                " most one"
+            )
         carrier[body] = (parent, here)
         if model.body_jntnum[body] == 1:
             number = int(model.body_jntadr[body])
             anchor = pin.SE3(np.eye(3), np.array(model.jnt_pos[number]))
-            joint = made.addJoint(parent, _kind(pin, model, number), here * anchor, model.joint(number).name)
+            joint = made.addJoint(
+                parent, _kind(pin, model, number), here * anchor, model.joint(number).name
+            )
             carrier[body] = (joint, anchor.inverse())
         if carrier[body][0]:
             made.appendBodyToJoint(carrier[body][0], _inertia(pin, model, body), carrier[body][1])

@@ -1,7 +1,8 @@
-"""The plain way of the EPFL report, for comparison: NumPy and scikit-learn, no constraint, no certificate.
+"""The EPFL report's plain way, for comparison: NumPy, scikit-learn, no constraint, no certificate.
 
-x_d = -eps dV/dq dq/dx (its equation 3.3) with V a support vector regression on the 20 joints, the gradient of a one-class SVM
-added, gradients in NumPy over the support vectors, and dq/dx by a damped pseudo-inverse of the hand's Jacobian from MuJoCo.
+x_d = -eps dV/dq dq/dx (its equation 3.3) with V a support vector regression on the 20 joints, the
+gradient of a one-class SVM added, gradients in NumPy over the support vectors, and dq/dx by a
+damped pseudo-inverse of the hand's Jacobian from MuJoCo.
 """
 
 from __future__ import annotations
@@ -46,7 +47,10 @@ def plain_step_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> 
                 continue
             start = time.perf_counter()
             sample = posture[columns]
-            cost, inside = regression.predict(sample[None])[0], boundary.decision_function(sample[None])[0]
+            cost, inside = (
+                regression.predict(sample[None])[0],
+                boundary.decision_function(sample[None])[0],
+            )
             gradient = np.zeros(len(posture))
             gradient[columns] = slopes[0](sample) - (slopes[1](sample) if inside < 0 else 0.0)
             data.qpos[4:] = posture

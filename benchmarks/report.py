@@ -1,4 +1,4 @@
-"""What every benchmark shares: its options, its figures on the screen, and the same figures as flat JSON."""
+"""What every benchmark shares: its options, and its figures on the screen and as flat JSON."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ class Report:
         print(text, flush=True)
 
 
-def run(measure: Callable[[Report], None], description: str, arguments: Sequence[str] | None = None) -> Report:
+def run(
+    measure: Callable[[Report], None], description: str, arguments: Sequence[str] | None = None
+) -> Report:
     """Read the options, measure, write the JSON file.
 
     Args:
@@ -62,20 +64,29 @@ def run(measure: Callable[[Report], None], description: str, arguments: Sequence
     """
     parser = argparse.ArgumentParser(description=description)
     size = parser.add_mutually_exclusive_group()
-    size.add_argument("--quick", action="store_true", help="a smaller sample, within 45 s (the default)")
+    size.add_argument(
+        "--quick", action="store_true", help="a smaller sample, within 45 s (the default)"
+    )
     size.add_argument("--full", action="store_true", help="the whole measurement")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures there, flat")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="also write the figures there, flat"
+    )
     options = parser.parse_args(arguments)
     report = Report(full=options.full)
     start = time.perf_counter()
     measure(report)
-    report.say(f"measured in {time.perf_counter() - start:.1f} s ({'full' if report.full else 'quick'})")
+    report.say(
+        f"measured in {time.perf_counter() - start:.1f} s ({'full' if report.full else 'quick'})"
+    )
     if options.json is not None:
         options.json.write_text(json.dumps(report.figures, indent=1) + "\n", encoding="utf-8")
     return report
 
 
 def shared_folder() -> Path | None:
-    """Return the project's shared folder of reference data: ``shared/`` in the checkout or beside it; None if absent."""
+    """Return the project's shared folder of reference data; None if absent.
+
+    It is ``shared/`` in the checkout or beside it.
+    """
     found = (parent / "shared" for parent in Path(__file__).resolve().parents)
     return next((folder for folder in found if (folder / "reba" / "tables.json").is_file()), None)

@@ -1,15 +1,18 @@
-"""Whether the step answers as it did at an earlier commit, to the last bit. ``python -m benchmarks.same --before COMMIT``.
+"""Whether the step answers as it did at an earlier commit, to the last bit.
 
-The earlier commit is checked out beside this one as a worktree. Its step makes recordings for every problem of ``problems/``:
-random walks with noise, unseen angles, lost poses, late frames, periods that vary. Each recorded input holds the state too, so
-that it is one call of a pure function. The same inputs then go through the step of both trees, on this machine:
+Run ``python -m benchmarks.same --before COMMIT [--full]``.
+
+The earlier commit is checked out beside this one as a worktree. Its step makes recordings for every
+problem of ``problems/``: random walks with noise, unseen angles, lost poses, late frames, periods
+that vary. Each recorded input holds the state too, so that it is one call of a pure function. The
+same inputs then go through the step of both trees, on this machine:
 
 - ``inputs``: how many in all; ``--full`` 10 000.
-- ``differ.plain``, ``differ.compiled``, ``differ.exported``, ``differ.guided``: inputs after which any bit of any output is
-  another: of the CasADi function, of the same through the C compiler, of the exported C, and of the step
-  with a place given and a robot declared.
-- ``refused``: inputs that were answered with ``braking`` or ``invalid``; ``moving``: with a twist that is not zero. They say
-  that the inputs reach the parts of the step.
+- ``differ.plain``, ``differ.compiled``, ``differ.exported``, ``differ.guided``: inputs after which
+  any bit of any output is another: of the CasADi function, of the same through the C compiler, of
+  the exported C, and of the step with a place given and a robot declared.
+- ``refused``: inputs that were answered with ``braking`` or ``invalid``; ``moving``: with a twist
+  that is not zero. They say that the inputs reach the parts of the step.
 """
 
 from __future__ import annotations
@@ -29,10 +32,25 @@ from benchmarks.report import Report, run
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 KINDS: Final = ("plain", "guided", "compiled", "exported")
-ROBOT: Final = {"delay": 0.01, "lag": 0.02, "pose_noise": 1e-3, "pose_noise_deg": 0.2, "gain_error": 0.02}
+ROBOT: Final = {
+    "delay": 0.01,
+    "lag": 0.02,
+    "pose_noise": 1e-3,
+    "pose_noise_deg": 0.2,
+    "gain_error": 0.02,
+}
 CORE: Final = "ergoqp_core"
 SOURCES: Final = ("src/ergoqp_core.c", "src/qp.c")
-FLAGS: Final = ("-std=c99", "-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Iinclude", "-Isrc", "-Idaqp/include")
+FLAGS: Final = (
+    "-std=c99",
+    "-O1",
+    "-shared",
+    "-fPIC",
+    "-ffp-contract=off",
+    "-Iinclude",
+    "-Isrc",
+    "-Idaqp/include",
+)
 
 
 def step_function(name: str, kind: str, folder: Path) -> Any:
@@ -42,11 +60,17 @@ def step_function(name: str, kind: str, folder: Path) -> Any:
     import ergoqp
 
     problem = _problem(name, kind)
-    make = getattr(problem, "step_function", None) or (lambda **given: ergoqp.step_function(problem, **given))
+    make = getattr(problem, "step_function", None) or (
+        lambda **given: ergoqp.step_function(problem, **given)
+    )
     if kind != "exported":
         return make(compiled=kind == "compiled", **({"guided": True} if kind == "guided" else {}))
     export = folder / f"export_{os.getpid()}_{name}"
-    subprocess.run([sys.executable, "-m", "ergoqp", "export", name, "--out", str(export)], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "ergoqp", "export", name, "--out", str(export)],
+        check=True,
+        capture_output=True,
+    )
     library = export / "core.so"
     command = ["gcc", *FLAGS, *SOURCES, "daqp/lib/libdaqpstat.a", "-lm", "-o", str(library)]
     subprocess.run(command, cwd=export, check=True)
@@ -62,7 +86,7 @@ def _problem(name: str, kind: str) -> Any:
 
 
 def record(name: str, kind: str, number: int, folder: Path) -> None:
-    """Keep inputs (each a row of all numbers) of the step's random walks, and how many were refused and moved."""
+    """Keep the inputs of random walks, each a row of all numbers."""
     from ergoqp.step.inputs import stand_in
     from ergoqp.step.state import initial_state
 
@@ -71,10 +95,13 @@ def record(name: str, kind: str, number: int, folder: Path) -> None:
     rng, n = np.random.default_rng(sum(map(ord, name))), len(problem.coordinates)
     home, contact = np.asarray(stand_in(problem), dtype=float), problem.response.contact()
     sizes = {function.name_in(i): function.size_in(i) for i in range(function.n_in())}
-    kept, refused, moving, given = [], 0, 0, {}
+    kept, refused, moving = [], 0, 0
+    posture, pose, twist, state = home, np.eye(4), np.zeros(6), np.zeros(0)
     for step in range(number):
         if step % 100 == 0:
-            posture = home + (rng.choice([0.05, 0.15, 0.3]) * rng.normal(size=n) if n == 32 else 0.0)
+            posture = home + (
+                rng.choice([0.05, 0.15, 0.3]) * rng.normal(size=n) if n == 32 else 0.0
+            )
             pose, twist = np.array(contact(posture)[0]), np.zeros(6)
             state = np.ravel(initial_state(problem, kind == "guided"))
         posture = posture + (0.002 * rng.normal(size=n) if n == 32 else 0.0)
@@ -114,14 +141,19 @@ def record(name: str, kind: str, number: int, folder: Path) -> None:
 
 def _column(value: Any, size: tuple[int, int]) -> np.ndarray:
     full = np.broadcast_to(
-        np.asarray(value, dtype=float).reshape(size, order="F") if np.size(value) > 1 else float(value), size
+        np.asarray(value, dtype=float).reshape(size, order="F")
+        if np.size(value) > 1
+        else float(value),
+        size,
     )
     return np.ravel(full, order="F")
 
 
 def _arguments(row: np.ndarray, function: Any) -> list[np.ndarray]:
     ends = np.cumsum([function.numel_in(i) for i in range(function.n_in())])[:-1]
-    return [part.reshape(function.size_in(i), order="F") for i, part in enumerate(np.split(row, ends))]
+    return [
+        part.reshape(function.size_in(i), order="F") for i, part in enumerate(np.split(row, ends))
+    ]
 
 
 def _near(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -135,14 +167,22 @@ def answer(name: str, kind: str, folder: Path, out: str) -> None:
     function = step_function(name, kind, folder)
     recorded = folder / f"in_{name}_{'guided' if kind == 'guided' else 'plain'}.npz"
     rows = np.load(recorded)["rows"]
-    results = [np.concatenate([np.ravel(part, order="F") for part in function(*_arguments(row, function))]) for row in rows]
+    results = [
+        np.concatenate([np.ravel(part, order="F") for part in function(*_arguments(row, function))])
+        for row in rows
+    ]
     np.save(folder / f"{out}_{name}_{kind}.npy", np.array(results))
 
 
 def child(tree: Path, folder: Path, *arguments: str) -> None:
     """Run this file in a process that imports the package of a tree."""
     environment = os.environ | {"PYTHONPATH": str(tree)}
-    subprocess.run([sys.executable, str(Path(__file__)), str(folder), *arguments], cwd=tree, env=environment, check=True)
+    subprocess.run(
+        [sys.executable, str(Path(__file__)), str(folder), *arguments],
+        cwd=tree,
+        env=environment,
+        check=True,
+    )
 
 
 def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
@@ -151,7 +191,9 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
     number = -(-report.pick(1_000, 10_000) // len(names))
     with tempfile.TemporaryDirectory() as scratch:
         folder, earlier = Path(scratch), Path(scratch) / "before"
-        subprocess.run(["git", "worktree", "add", "-q", "--detach", str(earlier), before], cwd=ROOT, check=True)
+        subprocess.run(
+            ["git", "worktree", "add", "-q", "--detach", str(earlier), before], cwd=ROOT, check=True
+        )
         try:
             for name in names:
                 for kind in {"plain", *kinds} & {"plain", "guided"}:
@@ -160,13 +202,21 @@ def measure(report: Report, before: str, kinds: tuple[str, ...]) -> None:
                     for out, tree in (("before", earlier), ("after", ROOT)):
                         child(tree, folder, "answer", name, kind, out)
         finally:
-            subprocess.run(["git", "worktree", "remove", "--force", str(earlier)], cwd=ROOT, check=True)
+            subprocess.run(
+                ["git", "worktree", "remove", "--force", str(earlier)], cwd=ROOT, check=True
+            )
         report.figure("inputs", number * len(names))
         for key in ("refused", "moving"):
-            report.figure(key, sum(int(np.load(folder / f"in_{name}_plain.npz")[key]) for name in names))
+            report.figure(
+                key, sum(int(np.load(folder / f"in_{name}_plain.npz")[key]) for name in names)
+            )
         for kind in kinds:
             differ = {name: _differ(folder, name, kind) for name in names}
-            report.figure(f"differ.{kind}", sum(differ.values()), ", ".join(f"{n}: {d}" for n, d in differ.items() if d))
+            report.figure(
+                f"differ.{kind}",
+                sum(differ.values()),
+                ", ".join(f"{n}: {d}" for n, d in differ.items() if d),
+            )
 
 
 def _differ(folder: Path, name: str, kind: str) -> int:
@@ -184,4 +234,8 @@ if __name__ == "__main__":
         parser.add_argument("--before", default="HEAD", help="the commit to compare with")
         parser.add_argument("--kinds", default=",".join(KINDS), help="which forms of the step")
         own, others = parser.parse_known_args()
-        run(lambda report: measure(report, own.before, tuple(own.kinds.split(","))), __doc__.splitlines()[0], others)
+        run(
+            lambda report: measure(report, own.before, tuple(own.kinds.split(","))),
+            str(__doc__).splitlines()[0],
+            others,
+        )

@@ -1,4 +1,7 @@
-"""The exact sheet: cells against the verified tables, published cases, speed. ``python -m benchmarks.sheet``."""
+"""The exact sheet: cells against the verified tables, published cases, speed.
+
+Run ``python -m benchmarks.sheet``.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,19 @@ from ergoqp import reba
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.sheets.method import sheet_of
 
-SEGMENTS = {"neck": "neck", "trunk": "trunk", "legs": "legs", "upper": "upper_arm", "lower": "lower_arm", "wrist": "wrist"}
+SEGMENTS = {
+    "neck": "neck",
+    "trunk": "trunk",
+    "legs": "legs",
+    "upper": "upper_arm",
+    "lower": "lower_arm",
+    "wrist": "wrist",
+}
 KNOWN_TO_DISAGREE = {
     "ugeyik_tableC_3_4": "table C has 3 at A 3, B 4 in every worksheet; the public test asserts 4",
-    "pause_test_joint_data": "its neck sign is flexion negative: +20 deg is extension there (2), flexion here (1)",
+    "pause_test_joint_data": (
+        "its neck sign is flexion negative: +20 deg is extension there (2), flexion here (1)"
+    ),
 }
 
 
@@ -37,7 +49,8 @@ def score_case(case: dict[str, Any]) -> dict[str, int]:
         cells = sheet_of(reba.Method()).tables[segments["table"]].cells
         return {"cell": int(cells[tuple(i - 1 for i in segments["index"])])}
     if "score_a" in segments:
-        # Only the two sums are published: table values of 2 and 8, reached here by one choice of segments.
+        # Only the two sums are published: table values of 2 and 8, reached here by one choice of
+        # segments.
         scores = reba.combine(neck=1, trunk=2, legs=1, load=1, upper_arm=6, lower_arm=1, wrist=2)
     else:
         known = {name: segments.get(key, 1) for key, name in SEGMENTS.items()}
@@ -47,7 +60,7 @@ def score_case(case: dict[str, Any]) -> dict[str, int]:
 
 
 def score_angles(angles: dict[str, Any]) -> int:
-    """Return our score of the one case that gives angles only, with its signs taken as ours [deg]."""
+    """Return our score of the one case that gives angles only, its signs taken as ours [deg]."""
     posture = np.zeros(32)
     flexion, side_bend, twist = "flexion", "side_bend", "twist"
     for part in ("trunk", "neck"):
@@ -91,11 +104,20 @@ def measure(report: Report) -> None:
     """Measure the exact sheet."""
     shared = shared_folder()
     if shared is None:
-        report.say("the shared folder with the reference tables and cases is absent: cells_wrong, cases_wrong not measured")
+        report.say(
+            "the shared folder with the reference tables and cases is absent: cells_wrong,"
+            " cases_wrong not measured"
+        )
     else:
         report.figure("cells_wrong", cells_wrong(shared), "of 240 in tables A, B and C")
-        report.figure("cases_wrong", cases_wrong(shared, report), "agree though they must not, or the reverse")
-    report.figure("postures_per_s", postures_per_second(report.pick(200_000, 1_000_000)), "one core, final score")
+        report.figure(
+            "cases_wrong", cases_wrong(shared, report), "agree though they must not, or the reverse"
+        )
+    report.figure(
+        "postures_per_s",
+        postures_per_second(report.pick(200_000, 1_000_000)),
+        "one core, final score",
+    )
 
 
 if __name__ == "__main__":

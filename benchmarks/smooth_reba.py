@@ -1,4 +1,7 @@
-"""The smooth score against the exact one, and its derivative against differences. ``python -m benchmarks.smooth_reba``."""
+"""The smooth score against the exact one, and its derivative against differences.
+
+Run ``python -m benchmarks.smooth_reba``.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +20,28 @@ from ergoqp.joints import JOINTS
 Array = NDArray[np.float64]
 
 
-def accuracy(report: Report, postures: Array, scores: NDArray[np.int64], mixture: SmoothReba) -> None:
-    """Report the error of V against the exact sheet: at 0.25 deg, and of the mixture that the controller descends."""
+def accuracy(
+    report: Report, postures: Array, scores: NDArray[np.int64], mixture: SmoothReba
+) -> None:
+    """Report V's error against the exact sheet: at 0.25 deg, and of the controller's mixture."""
     value = mixture(postures)
-    report.figure("mixture.mae", np.abs(value - scores).mean(), f"points, tau {mixture.taus_deg} deg, the controller's own")
-    report.figure("mixture.exact", (np.round(value) == scores).mean(), "share whose rounded value is the score")
+    report.figure(
+        "mixture.mae",
+        np.abs(value - scores).mean(),
+        f"points, tau {mixture.taus_deg} deg, the controller's own",
+    )
+    report.figure(
+        "mixture.exact",
+        (np.round(value) == scores).mean(),
+        "share whose rounded value is the score",
+    )
     value = SmoothReba((0.25,), (1.0,))(postures)
     error, rounded = np.abs(value - scores), np.round(value)
     report.figure("mae", error.mean(), "points, tau 0.25 deg")
     report.figure("exact", (rounded == scores).mean(), "share whose rounded value is the score")
-    report.figure("within1", (np.abs(rounded - scores) <= 1).mean(), "share within one point, rounded")
+    report.figure(
+        "within1", (np.abs(rounded - scores) <= 1).mean(), "share within one point, rounded"
+    )
     report.figure("spearman", spearman(value, scores), "rank correlation")
     report.figure("worst", error.max(), "points")
 
@@ -42,20 +57,27 @@ def spearman(first: Array, second: NDArray) -> float:
 
 
 def monte_carlo_error(postures: Array, draws: int, rng: np.random.Generator) -> float:
-    """Return the root mean square of (closed form - sampled mean) / standard error at 5 deg; 1 for an exact closed form."""
+    """Return the root mean square of (closed form - sampled mean) / standard error at 5 deg.
+
+    It is 1 for an exact closed form.
+    """
     tau = np.radians(5.0)
     value = SmoothReba((5.0,), (1.0,))(postures)
     ratios = []
     for posture, expected in zip(postures, value, strict=True):
         noisy = posture + rng.logistic(scale=tau / 2, size=(draws, len(JOINTS)))
-        # Noise may leave +-180 deg, where the sheet's outer bands go on but `assess` suspects degrees.
+        # Noise may leave +-180 deg, where the sheet's outer bands go on but `assess` suspects
+        # degrees.
         sampled = reba.assess(np.clip(noisy, -np.pi, np.pi)).final
         ratios.append((sampled.mean() - expected) / (sampled.std() / np.sqrt(draws)))
     return float(np.sqrt(np.mean(np.square(ratios))))
 
 
 def gradient_error(cost: SmoothReba, postures: Array) -> float:
-    """Return the largest |gradient - differences| relative to |differences|; central, Richardson to sixth order."""
+    """Return the largest |gradient - differences| relative to |differences|.
+
+    The differences are central, with Richardson extrapolation to sixth order.
+    """
     worst = 0.0
     for posture in postures:
         exact = cost.value_and_gradient(posture)[1].full().ravel()
@@ -67,7 +89,10 @@ def gradient_error(cost: SmoothReba, postures: Array) -> float:
 
 
 def flat_share(cost: SmoothReba, postures: Array, scores: NDArray[np.int64]) -> tuple[float, float]:
-    """Return the share of postures above 1 with a gradient below 1e-6 points per rad, and the smallest gradient."""
+    """Return the share of postures above 1 with a gradient below 1e-6 points per rad.
+
+    Also return the smallest gradient.
+    """
     function = cost.value_and_gradient.map(len(postures))
     gradients = np.asarray(function(postures.T)[1])
     norms = np.linalg.norm(gradients, axis=0)[scores > 1]
@@ -97,12 +122,22 @@ def measure(report: Report) -> None:
     mixture = SmoothReba()
     accuracy(report, postures, scores, mixture)
     sampled, draws = report.pick((50, 20_000), (200, 100_000))
-    report.figure("mc_error", monte_carlo_error(postures[:sampled], draws, rng), "standard errors, root mean square; ideal 1")
+    report.figure(
+        "mc_error",
+        monte_carlo_error(postures[:sampled], draws, rng),
+        "standard errors, root mean square; ideal 1",
+    )
     gradient = gradient_error(mixture, postures[: report.pick(300, 3000)])
     report.figure("gradient_error", gradient, "largest, relative, of the mixture")
     flat, smallest = flat_share(mixture, postures, scores)
-    report.figure("flat_share", flat, f"of the postures above 1; smallest gradient {smallest:.3g} points/rad")
-    report.figure("step_us", step_time(mixture.value_and_gradient, postures), "median, value and gradient of the mixture")
+    report.figure(
+        "flat_share", flat, f"of the postures above 1; smallest gradient {smallest:.3g} points/rad"
+    )
+    report.figure(
+        "step_us",
+        step_time(mixture.value_and_gradient, postures),
+        "median, value and gradient of the mixture",
+    )
     one = step_time(SmoothReba((1.5,), (1.0,)).value_and_gradient, postures)
     report.say(f"value and gradient of one width: {one:.3g} us")
 

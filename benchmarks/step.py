@@ -1,22 +1,31 @@
-"""How long one control step takes, certification and account included. ``python -m benchmarks.step``.
+"""How long one control step takes, certification and account included.
 
-A closed loop runs first, with a simulated person who is not the model, and everything that went into `Stepper.step` is kept:
-noisy postures, measured poses, ages. Then those very calls are made again, in order, and each is timed from outside with
-`time.perf_counter`: the whole call, from the user's arrays to the `Step`. The first pass over the trajectory warms up and is
-not counted. ``median_us`` and the percentiles are of ``screwing``; every problem's own figures follow as ``PROBLEM.median_us``.
+Run ``python -m benchmarks.step``.
 
-``function_us`` is the CasADi function alone on the same inputs, ``python_us`` what the call costs around it; ``phase_...`` are
-its parts (`benchmarks.step_phases`), which add up to ``median_us``.
+A closed loop runs first, with a simulated person who is not the model, and everything that went
+into `Stepper.step` is kept: noisy postures, measured poses, ages. Then those very calls are made
+again, in order, and each is timed from outside with `time.perf_counter`: the whole call, from the
+user's arrays to the `Step`. The first pass over the trajectory warms up and is not counted.
+``median_us`` and the percentiles are of ``screwing``; every problem's own figures follow as
+``PROBLEM.median_us``.
 
-- ``compiled_...``: the same calls with ``compiled=True``. ``c_...``: the exported step in C, timed in C (`benchmarks.step_c`);
-  ``c_max_difference`` is the largest difference of any of its twists from Python's.
-- ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns (`benchmarks.mink_peer`), the leanest
-  there is: its terms come from the step's own CasADi functions. ``mink_whole_us``: posture and arm as unknowns, as in
-  `ergoqp.whole_body`. ``mink_plain_us``: mink as people write it, which asks for less (`benchmarks.mink_plain`). The ratios
-  are of each to the step's three forms, all in this run. ``mink_max_difference``: of its twists from the step's.
+``function_us`` is the CasADi function alone on the same inputs, ``python_us`` what the call costs
+around it; ``phase_...`` are its parts (`benchmarks.step_phases`), which add up to ``median_us``.
+
+- ``compiled_...``: the same calls with ``compiled=True``. ``c_...``: the exported step in C, timed
+  in C (`benchmarks.step_c`); ``c_max_difference`` is the largest difference of any of its twists
+  from Python's.
+- ``mink_us``: mink on the same QP, inputs to twist, the arm's joints as unknowns
+  (`benchmarks.mink_peer`), the leanest there is: its terms come from the step's own CasADi
+  functions. ``mink_whole_us``: posture and arm as unknowns, as in `ergoqp.whole_body`.
+  ``mink_plain_us``: mink as people write it, which asks for less (`benchmarks.mink_plain`). The
+  ratios are of each to the step's three forms, all in this run. ``mink_max_difference``: of its
+  twists from the step's.
 - ``pink_us``: pink on the same QP, the arm's joints as unknowns (`benchmarks.pink_peer`).
-- ``qpsolvers_us``: one call of qpsolvers with DAQP on the step's own QPs, the solve alone, one after the other and warmed up.
-- ``plain_us``: the EPFL report's way in NumPy and scikit-learn, without any constraint (`benchmarks.plain_peer`).
+- ``qpsolvers_us``: one call of qpsolvers with DAQP on the step's own QPs, the solve alone, one
+  after the other and warmed up.
+- ``plain_us``: the EPFL report's way in NumPy and scikit-learn, without any constraint
+  (`benchmarks.plain_peer`).
 """
 
 from __future__ import annotations
@@ -57,7 +66,9 @@ class Recorder:
         """Forget the loop, not the calls."""
         self.stepper.reset()
 
-    def step(self, posture: Any, pose: Any = None, twist: Any = None, *, age: float = 0.0, **rest: Any) -> Any:
+    def step(
+        self, posture: Any, pose: Any = None, twist: Any = None, *, age: float = 0.0, **rest: Any
+    ) -> Any:
         """Keep what came in and answer."""
         self.calls.append((np.array(posture), np.array(pose), age))
         step = self.stepper.step(posture, pose, twist, age=age, **rest)
@@ -70,14 +81,17 @@ def trajectory(problem: Problem, stepper: Stepper, duration: float) -> Recorder:
     recorder = Recorder(stepper)
     for seed in (0, 1):
         person = sample_person(problem, seed)
-        posture = person.response.comfort + np.radians(15) * np.random.default_rng(seed).normal(size=32)
+        posture = person.response.comfort + np.radians(15) * np.random.default_rng(seed).normal(
+            size=32
+        )
         start = start_at(person, np.clip(posture, LOWER, UPPER))
-        run_loop(problem, person, start, duration=duration / 2, seed=seed, stepper=recorder)  # type: ignore[arg-type]
+        half = duration / 2
+        run_loop(problem, person, start, duration=half, seed=seed, stepper=recorder)  # type: ignore
     return recorder
 
 
 def time_calls(stepper: Stepper, calls: list[Call]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the durations [us] of the whole calls, and of the function alone, over a recorded trajectory."""
+    """Return the durations [us] of whole calls and the function alone on a recorded trajectory."""
     whole, alone = np.zeros(len(calls)), np.zeros(len(calls))
     for _ in ("warm-up", "counted"):
         stepper.reset()
@@ -96,7 +110,10 @@ def time_calls(stepper: Stepper, calls: list[Call]) -> tuple[np.ndarray, np.ndar
 
 
 def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
-    """Return the median time [us] of one qpsolvers call on the QPs of a recorded loop, None without qpsolvers and DAQP."""
+    """Return the median time [us] of one qpsolvers call on the QPs of a recorded loop.
+
+    It is None unless both qpsolvers and DAQP are installed.
+    """
     try:
         import qpsolvers
     except ImportError:
@@ -109,7 +126,9 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
         unimproved = stepper.stalled
         step = stepper.step(posture, pose, age=age)
         if step.status == "optimal":
-            parts = data(posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0)
+            parts = data(
+                posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0
+            )
             H, g, A, lower, upper, _, _, low, high = (np.array(part) for part in parts[:9])
             G, h = np.vstack([A, -A]), np.concatenate([upper, -lower]).ravel()
             asked.append(qpsolvers.Problem(H, g.ravel(), G, h, lb=low.ravel(), ub=high.ravel()))
@@ -125,7 +144,10 @@ def qpsolvers_us(problem: Problem, calls: list[Call]) -> float | None:
 
 
 def sent_as_planned(problem: Problem) -> Problem:
-    """Return a problem in which nothing is averaged: the QP of its step is one that others can solve by themselves."""
+    """Return a problem in which nothing is averaged.
+
+    The QP of its step is one that others can solve by themselves.
+    """
     return problem.replace(control=replace(problem.control, average=0.0))
 
 
@@ -138,7 +160,9 @@ def measure(report: Report) -> None:
         stepper = Stepper(problem)
         recorder = trajectory(problem, stepper, duration if name == "screwing" else duration / 2)
         whole, alone = time_calls(stepper, recorder.calls)
-        kinds = {status: recorder.statuses.count(status) for status in sorted(set(recorder.statuses))}
+        kinds = {
+            status: recorder.statuses.count(status) for status in sorted(set(recorder.statuses))
+        }
         report.say(f"{name}: {len(whole)} steps, {kinds}")
         prefix = "" if name == "screwing" else f"{name}."
         report.figure(f"{prefix}median_us", float(np.median(whole)), "whole Stepper.step call")
@@ -148,7 +172,11 @@ def measure(report: Report) -> None:
             report.figure("max_us", float(whole.max()), "on a shared machine, not a promise")
             report.figure("function_us", float(np.median(alone)), "the CasADi function alone")
             report.figure("function_p99_us", float(np.percentile(alone, 99)))
-            report.figure("python_us", float(np.median(whole - alone)), "checking inputs and the account, in Python")
+            report.figure(
+                "python_us",
+                float(np.median(whole - alone)),
+                "checking inputs and the account, in Python",
+            )
             report.figure("steps", len(whole))
         medians[name] = float(np.median(whole))
     report.figure("worst_median_us", max(medians.values()), max(medians, key=medians.__getitem__))
@@ -156,16 +184,25 @@ def measure(report: Report) -> None:
 
 
 def _peers(report: Report, median: float) -> None:
-    """The other forms of the step, and what others need for the same, on one recorded loop of ``screwing``."""
+    """Report the other forms of the step on one recorded loop of ``screwing``.
+
+    Also report what others need for the same.
+    """
     problem = load_problem("screwing")
     calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
     phases = phases_us(problem, calls)
     for name, value in phases.items():
         report.figure(f"phase_{name}_us", value)
-    report.figure("phase_other_us", median - sum(phases.values()), "copying, certification, account, Python: the rest")
+    report.figure(
+        "phase_other_us",
+        median - sum(phases.values()),
+        "copying, certification, account, Python: the rest",
+    )
 
     compiled = time_calls(Stepper(problem, compiled=True), calls)[0]
-    report.figure("compiled_median_us", float(np.median(compiled)), "whole Stepper.step call, compiled=True")
+    report.figure(
+        "compiled_median_us", float(np.median(compiled)), "whole Stepper.step call, compiled=True"
+    )
     report.figure("compiled_p99_us", float(np.percentile(compiled, 99)))
     report.figure("compiled_p999_us", float(np.percentile(compiled, 99.9)))
     forms = {"mink_ratio": median, "mink_ratio_compiled": float(np.median(compiled))}
@@ -173,18 +210,40 @@ def _peers(report: Report, median: float) -> None:
         report.say("no CMake or no C compiler: the exported step is not measured")
     else:
         for name in ("median", "p99", "p999", "max"):
-            report.figure(f"c_{name}_us", getattr(c, f"{name}_us"), "exported step, timed in C" if name == "median" else "")
-        report.figure("c_own_p999_us", c.own_p999_us, "the same, of every step's shortest time over the passes")
-        report.figure("c_max_difference", c.difference, f"largest difference from Python over {c.states} steps [m/s, rad/s]")
+            report.figure(
+                f"c_{name}_us",
+                getattr(c, f"{name}_us"),
+                "exported step, timed in C" if name == "median" else "",
+            )
+        report.figure(
+            "c_own_p999_us",
+            c.own_p999_us,
+            "the same, of every step's shortest time over the passes",
+        )
+        report.figure(
+            "c_max_difference",
+            c.difference,
+            f"largest difference from Python over {c.states} steps [m/s, rad/s]",
+        )
         forms["mink_ratio_c"] = c.median_us
     problem = sent_as_planned(problem)
     calls = trajectory(problem, Stepper(problem), report.pick(20.0, 100.0)).calls
     peer = mink_steps(problem, calls, "arm")
-    report.figure("mink_us", float(np.median(peer.whole_us)), "mink on the same QP, arm as unknowns, inputs to twist")
-    report.figure("mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP")
+    report.figure(
+        "mink_us",
+        float(np.median(peer.whole_us)),
+        "mink on the same QP, arm as unknowns, inputs to twist",
+    )
+    report.figure(
+        "mink_own_us", float(np.median(peer.own_us)), "of it in mink: building and solving the QP"
+    )
     report.figure("mink_max_difference", peer.difference)
     plain = float(np.median(mink_plain_us(problem.dt, report.pick(1000, 5000))))
-    report.figure("mink_plain_us", plain, "a task for the hand, one for the posture, mink's limits: less is asked")
+    report.figure(
+        "mink_plain_us",
+        plain,
+        "a task for the hand, one for the posture, mink's limits: less is asked",
+    )
     some = calls[: report.pick(300, 2000)]
     whole = float(np.median(mink_steps(problem, some, "whole").whole_us))
     report.figure("mink_whole_us", whole, "posture and arm as unknowns")
@@ -197,11 +256,19 @@ def _peers(report: Report, median: float) -> None:
     except ImportError as missing:
         report.say(f"pink is not measured: {missing}")
     else:
-        report.figure("pink_us", float(np.median(pink_steps(problem, calls).whole_us)), "pink on the same QP")
+        report.figure(
+            "pink_us", float(np.median(pink_steps(problem, calls).whole_us)), "pink on the same QP"
+        )
     if (us := qpsolvers_us(problem, calls)) is not None:
-        report.figure("qpsolvers_us", us, "one qpsolvers call on the step's own QP, the solve alone")
+        report.figure(
+            "qpsolvers_us", us, "one qpsolvers call on the step's own QP, the solve alone"
+        )
     if (plain := plain_step_us(problem, some)) is not None:
-        report.figure("plain_us", float(np.median(plain)), "NumPy and scikit-learn, the EPFL report's way, no constraints")
+        report.figure(
+            "plain_us",
+            float(np.median(plain)),
+            "NumPy and scikit-learn, the EPFL report's way, no constraints",
+        )
 
 
 if __name__ == "__main__":

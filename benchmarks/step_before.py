@@ -2,13 +2,15 @@
 
 Run ``python -m benchmarks.step_before [--quick | --full] [--json FILE]``.
 
-The earlier one is the last in which the limits were anchored on the measured twist and nothing was known of the robot. It is
-taken out of the repository's own history, so this needs a clone with that history. Both versions record their own closed
-loop of ``screwing``, with the same people and starts, and take turns in timing passes over it; a figure is the ratio of the
-medians over the passes.
+The earlier one is the last in which the limits were anchored on the measured twist and nothing was
+known of the robot. It is taken out of the repository's own history, so this needs a clone with that
+history. Both versions record their own closed loop of ``screwing``, with the same people and
+starts, and take turns in timing passes over it; a figure is the ratio of the medians over the
+passes.
 
 - ``interpreted``, ``compiled``, ``c``: with no robot declared, the whole call, now over before.
-- ``FORM.declared``: with everything declared that can be, over the earlier step, which knew of no robot.
+- ``FORM.declared``: with everything declared that can be, over the earlier step, which knew of no
+  robot.
 - ``FORM.now_us``, ``FORM.before_us``, ``FORM.declared_us``: the medians themselves.
 """
 
@@ -36,7 +38,9 @@ class Version:
         """Start it; it is ready when `ready` says so."""
         worker = str(ROOT / "benchmarks" / "step_worker.py")
         command = [sys.executable, worker, str(folder), form, str(int(declared)), str(seconds)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=folder)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=folder
+        )
         self.times: list[float] = []
 
     def ready(self) -> bool:
@@ -73,7 +77,10 @@ def measure(report: Report) -> None:
 
 def _compare(report: Report, form: str, before: Path) -> None:
     seconds, passes = report.pick(1.0, 20.0), report.pick(3, 31)
-    versions = {"before": Version(before, form, False, seconds), "now": Version(ROOT, form, False, seconds)}
+    versions = {
+        "before": Version(before, form, False, seconds),
+        "now": Version(ROOT, form, False, seconds),
+    }
     versions["declared"] = Version(ROOT, form, True, seconds)
     if not all([version.ready() for version in versions.values()]):
         report.say(f"{form}: a compiler or CMake is missing")
@@ -84,8 +91,12 @@ def _compare(report: Report, form: str, before: Path) -> None:
     for version in versions.values():
         version.end()
     medians = {name: float(np.median(version.times)) for name, version in versions.items()}
-    report.figure(form, medians["now"] / medians["before"], "no robot declared, over the commit before")
-    report.figure(f"{form}.declared", medians["declared"] / medians["before"], "everything declared")
+    report.figure(
+        form, medians["now"] / medians["before"], "no robot declared, over the commit before"
+    )
+    report.figure(
+        f"{form}.declared", medians["declared"] / medians["before"], "everything declared"
+    )
     for name, value in medians.items():
         report.figure(f"{form}.{name}_us", value)
 

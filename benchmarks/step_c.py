@@ -1,6 +1,7 @@
-"""The exported step, built by its own CMake file and fed the calls of a recorded loop: its times, and its answers.
+"""Times and answers of the exported step, built by its own CMake file, on a recorded loop's calls.
 
-Times are taken in C around every call of `ergoqp_step`, by the exported `replay` program; nothing of Python is in them.
+Times are taken in C around every call of `ergoqp_step`, by the exported `replay` program; nothing
+of Python is in them.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ class CTimes:
         p99_us: 99th percentile [us].
         p999_us: 99.9th percentile [us].
         max_us: the longest [us].
-        own_p999_us: 99.9th percentile of every step's shortest time over the passes [us]: what the step itself needs, without
-            the interruptions of a shared machine.
+        own_p999_us: 99.9th percentile of every step's shortest time over the passes [us]: what the
+            step itself needs, without the interruptions of a shared machine.
         difference: largest difference of any twist from Python's [m/s, rad/s].
         states: number of calls that were compared.
     """
@@ -77,7 +78,7 @@ def c_times(problem: Problem, calls: Sequence[Call], passes: int) -> CTimes | No
 
 
 def built(problem: Problem, folder: Path) -> tuple[Path, ModuleType]:
-    """Export the step to a folder and build it there; return the folder, and its wrapper for Python."""
+    """Export the step to a folder and build it there; return (folder, wrapper for Python)."""
     export_step(problem, folder)
     for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
@@ -86,7 +87,9 @@ def built(problem: Problem, folder: Path) -> tuple[Path, ModuleType]:
 
 def _wrapper(folder: Path) -> ModuleType:
     """The exported wrapper for Python, for the layout of its structs."""
-    spec = importlib.util.spec_from_file_location("exported_step", folder / "python" / "ergoqp_step.py")
+    spec = importlib.util.spec_from_file_location(
+        "exported_step", folder / "python" / "ergoqp_step.py"
+    )
     if spec is None or spec.loader is None:
         raise RuntimeError("the export holds no Python wrapper")
     module = importlib.util.module_from_spec(spec)
@@ -95,7 +98,9 @@ def _wrapper(folder: Path) -> ModuleType:
 
 
 def _input(wrapper: ModuleType, posture: Any, pose: Any, age: float) -> Any:
-    given = wrapper.Input(frame=int(posture is not None and np.ndim(posture) > 0), enable=1, age=age)
+    given = wrapper.Input(
+        frame=int(posture is not None and np.ndim(posture) > 0), enable=1, age=age
+    )
     given.observed[:] = [1.0] * len(given.observed)
     given.dt = wrapper.DT
     if given.frame:

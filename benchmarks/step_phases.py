@@ -1,7 +1,8 @@
-"""Where the time of the interpreted step goes: its functions one by one, on the inputs of a recorded loop.
+"""Where the interpreted step's time goes: its functions one by one, on a recorded loop's inputs.
 
-Each function is called by itself at the same postures, so that its instructions are nearer at hand than in the whole step; the
-rest of the whole call, `other`, holds what that hides, copying, branches and further passes. The phases add up to the total.
+Each function is called by itself at the same postures, so that its instructions are nearer at hand
+than in the whole step; the rest of the whole call, `other`, holds what that hides, copying,
+branches and further passes. The phases add up to the total.
 """
 
 from __future__ import annotations
@@ -22,10 +23,14 @@ from ergoqp.step.stepper import Stepper
 
 
 def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict[str, float]:
-    """Return the median time [us] of cost, response, rows and objective, QP with its check, and gain."""
+    """Return median times [us] of cost, response, rows and objective, QP with check, and gain."""
     data = qp_data(problem)
     solver = build_qp(solver_named("daqp"), data.size1_out("A"))
-    cost, response, gain = cost_function(problem), problem.response.sensitivity(), gain_function(problem)
+    cost, response, gain = (
+        cost_function(problem),
+        problem.response.sensitivity(),
+        gain_function(problem),
+    )
     everything = {"cost": cost, "response": response, "data": data, "qp": solver, "gain": gain}
     timers = {name: _Timer(function) for name, function in everything.items()}
     n = len(problem.coordinates)
@@ -38,7 +43,9 @@ def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict
             continue
         _, total, _ = timers["cost"](posture, np.ones(n))
         S, _ = timers["response"](posture, np.zeros(n))
-        parts = timers["data"](posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0)
+        parts = timers["data"](
+            posture, np.ones(n), step.pose, previous, problem.dt, unimproved, np.zeros(n), 0.0
+        )
         timers["qp"](*parts[: len(QP_DATA)])
         timers["gain"](posture, total, step.twist, S)
         previous = step.twist
@@ -55,7 +62,8 @@ class _Timer:
         self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
         self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
         for i, array in enumerate(self._inputs):
-            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+            # The stub asks for a length.
+            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self._outputs):
             self._buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
         self._times: list[float] = []

@@ -1,8 +1,10 @@
-"""One version of the step, timed when it is told to: run by `benchmarks.step_before` for the code in a given folder.
+"""One version of the step, timed when it is told to.
 
-``python step_worker.py FOLDER FORM DECLARED SECONDS`` with FORM ``interpreted``, ``compiled`` or ``c``; DECLARED 1 declares
-a robot. Every line that it reads makes one pass over a recorded closed loop; it answers with the median of the whole calls
-[us].
+`benchmarks.step_before` runs it for the code in a given folder.
+
+``python step_worker.py FOLDER FORM DECLARED SECONDS`` with FORM ``interpreted``, ``compiled`` or
+``c``; DECLARED 1 declares a robot. Every line that it reads makes one pass over a recorded closed
+loop; it answers with the median of the whole calls [us].
 """
 
 from __future__ import annotations
@@ -16,7 +18,14 @@ from typing import Any
 
 from ergoqp.step.stepper import Stepper
 
-ALL = {"delay": 0.03, "lag": 0.05, "gain_error": 0.02, "pose_delay": 0.02, "pose_noise": 0.001, "pose_noise_deg": 0.2}
+ALL = {
+    "delay": 0.03,
+    "lag": 0.05,
+    "gain_error": 0.02,
+    "pose_delay": 0.02,
+    "pose_noise": 0.001,
+    "pose_noise_deg": 0.2,
+}
 ALL |= {"longest_hold": 0.05}
 """Everything that can be declared of a robot, at once."""
 
@@ -52,11 +61,17 @@ def _exported(problem: Any, calls: Any, folder: Path) -> Any:
     for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
     wrapper = of_version._wrapper(folder)
-    (folder / "inputs").write_bytes(b"".join(bytes(of_version._input(wrapper, *call)) for call in calls))
+    (folder / "inputs").write_bytes(
+        b"".join(bytes(of_version._input(wrapper, *call)) for call in calls)
+    )
 
     def one_pass() -> float:
         shown = subprocess.run(
-            ["build/replay", "inputs", "outputs", "2"], cwd=folder, check=True, capture_output=True, text=True
+            ["build/replay", "inputs", "outputs", "2"],
+            cwd=folder,
+            check=True,
+            capture_output=True,
+            text=True,
         ).stdout
         return float(dict(map(str.split, shown.splitlines()))["median_ns"]) / 1e3
 

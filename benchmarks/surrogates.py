@@ -1,23 +1,30 @@
-"""Every cost against the sheet on postures that it has not seen. ``python -m benchmarks.surrogates``.
+"""Every cost against the sheet on postures that it has not seen.
 
-All costs of a run are fitted to the same balanced sheet-labelled postures of 20 joints, 1000 of each score, and judged on
-others from another seed. ``--quick`` judges on fewer, fits the costs of the `interval` labels to fewer, and leaves out the
-large network and the learning curve.
+Run ``python -m benchmarks.surrogates``.
 
-- ``<cost>.mae``: mean error of the value against the sheet [points]; ``.exact``, ``.within1``: share whose rounded value is the
-  score, or at most one off; ``.spearman``: rank correlation; ``.worst``: largest error [points].
-- ``<cost>.us``: median time of value and gradient through the function's buffers; ``.size``: of the saved model [kB].
-- ``<cost>_interval.*``: the same cost fitted to, and judged by, the simplified labels behind the EPFL report's data;
-  ``<cost>_interval.sheet_mae``, ``.sheet_exact``: the same fit judged by the sheet, on the postures of the first kind, whose
-  joints range further than those data.
+All costs of a run are fitted to the same balanced sheet-labelled postures of 20 joints, 1000 of
+each score, and judged on others from another seed. ``--quick`` judges on fewer, fits the costs of
+the `interval` labels to fewer, and leaves out the large network and the learning curve.
+
+- ``<cost>.mae``: mean error of the value against the sheet [points]; ``.exact``, ``.within1``:
+  share whose rounded value is the score, or at most one off; ``.spearman``: rank correlation;
+  ``.worst``: largest error [points].
+- ``<cost>.us``: median time of value and gradient through the function's buffers; ``.size``: of the
+  saved model [kB].
+- ``<cost>_interval.*``: the same cost fitted to, and judged by, the simplified labels behind the
+  EPFL report's data; ``<cost>_interval.sheet_mae``, ``.sheet_exact``: the same fit judged by the
+  sheet, on the postures of the first kind, whose joints range further than those data.
 - ``svr_<n>.mae``, ``.exact``: fitted to n postures. ``.vectors``: how many it keeps.
-- ``neural``: the shipped model of 22 joints, on unseen postures of these. ``neural_<n>``: fitted to the n postures of the run.
-  ``neural_full``: trained here on a stream of 20 million, with a larger network; ``.fit_s`` its training time.
-- ``neural.mae_near``, ``.exact_near``: of the postures with a joint within 0.2 deg of a band end, ``.share_near`` of all.
+- ``neural``: the shipped model of 22 joints, on unseen postures of these. ``neural_<n>``: fitted to
+  the n postures of the run. ``neural_full``: trained here on a stream of 20 million, with a larger
+  network; ``.fit_s`` its training time.
+- ``neural.mae_near``, ``.exact_near``: of the postures with a joint within 0.2 deg of a band end,
+  ``.share_near`` of all.
 
-The costs: ``constant`` (the median label), ``quadratic``, ``gmr``, ``gmr_joint`` (the EPFL report's kind), ``svr``,
-``svr_default`` (scikit-learn's own settings), ``one_class_ladder``, ``neural``; beside them the sheet's own smooth reading,
-``smooth_reba`` as the controller uses it and ``smooth_reba_sharp`` at 0.25 deg.
+The costs: ``constant`` (the median label), ``quadratic``, ``gmr``, ``gmr_joint`` (the EPFL report's
+kind), ``svr``, ``svr_default`` (scikit-learn's own settings), ``one_class_ladder``, ``neural``;
+beside them the sheet's own smooth reading, ``smooth_reba`` as the controller uses it and
+``smooth_reba_sharp`` at 0.25 deg.
 """
 
 from __future__ import annotations
@@ -104,7 +111,10 @@ def fitted(report: Report, kind: str, data: DataSet) -> LearnedCost:
     """Fit a cost and say how long it took."""
     start = time.perf_counter()
     cost = FITS[kind](data)
-    report.say(f"{kind}: fitted to {len(data)} postures in {time.perf_counter() - start:.1f} s ({data.source})")
+    report.say(
+        f"{kind}: fitted to {len(data)} postures in {time.perf_counter() - start:.1f} s"
+        f" ({data.source})"
+    )
     return cost
 
 
@@ -117,7 +127,9 @@ def near_band_end(data: DataSet) -> NDArray[np.bool_]:
                 joint = Coordinates(data.coordinates).state[segment.joint(step, side)]
                 if joint in data.coordinates:
                     angles = data.points[:, data.coordinates.index(joint), np.newaxis]
-                    near |= (np.abs(angles - np.array(step.edges)) < np.radians(NEAR_DEG)).any(axis=1)
+                    near |= (np.abs(angles - np.array(step.edges)) < np.radians(NEAR_DEG)).any(
+                        axis=1
+                    )
     return near
 
 
@@ -127,7 +139,9 @@ def shipped(report: Report, per_score: int) -> None:
     values = judge(report, "neural", load_cost(data_folder("models") / "neural_sheet.npz"), data)
     near = near_band_end(data)
     close = quality_of(values[near], data.labels[near])
-    report.figure("neural.share_near", near.mean(), f"with a joint within {NEAR_DEG:g} deg of a band end")
+    report.figure(
+        "neural.share_near", near.mean(), f"with a joint within {NEAR_DEG:g} deg of a band end"
+    )
     report.figure("neural.mae_near", close.mae, "of these")
     report.figure("neural.exact_near", close.exact, "of these")
 
@@ -159,9 +173,18 @@ def measure(report: Report) -> None:
     judge(report, "smooth_reba_sharp", SmoothReba((0.25,), (1.0,)), unseen)
     shipped(report, judged)
     for kind in FITS:
-        judge(report, f"neural_{len(data)}" if kind == "neural" else kind, fitted(report, kind, data), unseen)
-    data, simple = (posture_data(n, "interval", seed=seed) for n, seed in ((simplified, SEED), (judged, UNSEEN)))
-    report_quality(report, "constant_interval", np.full(len(simple), np.median(data.labels)), simple)
+        judge(
+            report,
+            f"neural_{len(data)}" if kind == "neural" else kind,
+            fitted(report, kind, data),
+            unseen,
+        )
+    data, simple = (
+        posture_data(n, "interval", seed=seed) for n, seed in ((simplified, SEED), (judged, UNSEEN))
+    )
+    report_quality(
+        report, "constant_interval", np.full(len(simple), np.median(data.labels)), simple
+    )
     for kind in FITS:
         name = f"neural_{len(data)}_interval" if kind == "neural" else f"{kind}_interval"
         cost = fitted(report, kind, data)

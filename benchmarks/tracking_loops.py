@@ -1,4 +1,4 @@
-"""The loops of `benchmarks.tracking`: an object that is driven about by one robot, judged in every moment."""
+"""The loops of `benchmarks.tracking`: an object driven about by one robot, judged throughout."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ JUMP = 0.6
 """Every so often the posture is another one [s]."""
 
 ROOM = 0.03
-"""Half the size of the box that the object is driven about in [m]: so small that it is at a wall most of the time."""
+"""Half the size of the box that the object is driven about in [m].
+
+It is so small that the object is at a wall most of the time.
+"""
 
 TILT = 6.0
 """Half the angle of the cone [deg]."""
@@ -44,9 +47,14 @@ def driven(name: str, declared: DeclaredRobot, narrow: bool = True) -> Problem:
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     middle = (lower + upper) / 2
-    walls = WorkspaceBox(tuple(np.maximum(lower, middle - ROOM)), tuple(np.minimum(upper, middle + ROOM)))
+    walls = WorkspaceBox(
+        tuple(np.maximum(lower, middle - ROOM)), tuple(np.minimum(upper, middle + ROOM))
+    )
     kept = [limit for limit in problem.limits if limit not in (box, cone)]
-    return problem.replace(limits=[*kept, walls, AxisCone(cone.direction, min(TILT, cone.half_angle_deg))], robot=declared)
+    return problem.replace(
+        limits=[*kept, walls, AxisCone(cone.direction, min(TILT, cone.half_angle_deg))],
+        robot=declared,
+    )
 
 
 def drive(
@@ -63,23 +71,38 @@ def drive(
     rng, found = np.random.default_rng([seed, 11]), Found()
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     pose = np.eye(4)
-    pose[:3, 3], pose[:3, :3] = (np.asarray(box.lower) + np.asarray(box.upper)) / 2, frame_of(np.asarray(cone.direction))
+    pose[:3, 3], pose[:3, :3] = (
+        (np.asarray(box.lower) + np.asarray(box.upper)) / 2,
+        frame_of(np.asarray(cone.direction)),
+    )
     robot = OddRobot(case, pose, np.random.default_rng([seed, 12]))
     sent, faults = Sent(problem, found), Faults(case, found)
     comfort, dt, time, until, held = stand_in(problem), problem.dt, 0.0, 0.0, False
     posture, first = comfort, {"pose": pose}
     while time < seconds:
         if time >= until:
-            posture, until = np.clip(comfort + 0.6 * rng.normal(size=32), LOWER, UPPER), until + JUMP
+            posture, until = (
+                np.clip(comfort + 0.6 * rng.normal(size=32), LOWER, UPPER),
+                until + JUMP,
+            )
         meant, late = period(case, dt, rng)
         if case.periods == "one hiccup":
-            # What is declared is one until it stands still again; of a robot that lags two are more than that.
+            # What is declared is one until it stands still again; of a robot that lags two are more
+            # than that.
             late = 0.0 if held else late
             held = late > 0 or (held and bool(np.abs(robot.velocity).max() > 1e-4))
         given = told(case, robot, reports, len(found.twists)) | first
         answer = step(posture, **given, dt=meant, enable=enable)
         first = {}
-        _send(problem, found, robot, sent, answer.twist, meant, 0.0 if case.periods == "watched" else late)
+        _send(
+            problem,
+            found,
+            robot,
+            sent,
+            answer.twist,
+            meant,
+            0.0 if case.periods == "watched" else late,
+        )
         faults.judge(given, answer.reason, answer.twist, meant, late)
         found.twists.append(answer.twist)
         time += meant + late
@@ -87,11 +110,25 @@ def drive(
             for _ in range(round(late / dt)):
                 answer = brake(dt)
                 _send(problem, found, robot, sent, answer.twist, dt, 0.0)
-                faults.judge(told(case, robot, reports, len(found.twists)), answer.reason, answer.twist, dt, 0.0)
+                faults.judge(
+                    told(case, robot, reports, len(found.twists)),
+                    answer.reason,
+                    answer.twist,
+                    dt,
+                    0.0,
+                )
     return found
 
 
-def _send(problem: Problem, found: Found, robot: OddRobot, sent: Sent, twist: np.ndarray, meant: float, late: float) -> None:
+def _send(
+    problem: Problem,
+    found: Found,
+    robot: OddRobot,
+    sent: Sent,
+    twist: np.ndarray,
+    meant: float,
+    late: float,
+) -> None:
     sent.judge(twist, meant)
     before = robot.pose
     parts = max(1, round((meant + late) / 0.005))
@@ -99,12 +136,17 @@ def _send(problem: Problem, found: Found, robot: OddRobot, sent: Sent, twist: np
         for pose in robot.execute(twist, (meant + late) / parts):
             beyond = outside(problem, pose)
             found.outside = np.maximum(found.outside, beyond)
-            found.at_wall, found.moments = found.at_wall + bool(np.any(beyond > NEAR)), found.moments + 1
+            found.at_wall, found.moments = (
+                found.at_wall + bool(np.any(beyond > NEAR)),
+                found.moments + 1,
+            )
     found.path += float(np.linalg.norm(robot.pose[:3, 3] - before[:3, 3]))
 
 
 @cache
-def stepper_of(name: str, declared: DeclaredRobot, form: str = "interpreted", narrow: bool = True) -> Any:
+def stepper_of(
+    name: str, declared: DeclaredRobot, form: str = "interpreted", narrow: bool = True
+) -> Any:
     """Return a stepper of a `driven` problem, in one form of the step."""
     problem = driven(name, declared, narrow)
     if form == "c":

@@ -1,4 +1,4 @@
-"""Robots for `benchmarks.tracking`: what each does, what is declared of it, and how it reports and is called."""
+"""Robots for `benchmarks.tracking`: what each does, its declaration, its reports and its calls."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HICCUP = 0.3
 """How long a hiccup is [s]."""
 
 LOST = 37
-"""Where the pose is lost now and then, it is there for so many calls, and away for twice as many."""
+"""Where the pose is lost now and then, it is there for so many calls and away for twice as many."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,9 @@ class Case:
         kind: how it does what it is sent.
         declared: what the problem says of it.
         oddity: what else it does, see `OddRobot`; empty: nothing.
-        periods: ``even``, ``uneven`` (0.5 to 3 times), ``hiccups`` (one call in 150 comes 0.3 s late), ``one hiccup``
-            (no second one before the object stands still) or ``watched`` (hiccups, and a watchdog brakes meanwhile).
+        periods: ``even``, ``uneven`` (0.5 to 3 times), ``hiccups`` (one call in 150 comes 0.3 s
+            late), ``one hiccup`` (no second one before the object stands still) or ``watched``
+            (hiccups, and a watchdog brakes meanwhile).
         honest: nothing that it does is beyond what is declared.
         slow: it is at most 20 ms late, and that is not declared.
     """
@@ -47,8 +48,8 @@ class Case:
 class OddRobot(SimulatedRobot):
     """A robot with a fault.
 
-    It is ``stalled`` for a second now and then, ``half`` as fast for a while; or one that reports its twist
-    with ``spikes``, in millimetres (``mm``) or in another frame (``frame``).
+    It is ``stalled`` for a second now and then, ``half`` as fast for a while; or one that reports
+    its twist with ``spikes``, in millimetres (``mm``) or in another frame (``frame``).
     """
 
     def __init__(self, case: Case, pose: np.ndarray, rng: np.random.Generator) -> None:
@@ -89,29 +90,53 @@ def cases(dt: float) -> list[Case]:
     for name, robot in declared.items():
         kind = RobotKind.of(robot, np.random.default_rng(1))
         found.append(Case(name, kind, robot, honest=True))
-        half = replace(kind, **{part: getattr(kind, part) / 2 for part in ("delay", "lag", "pose_delay", "pose_noise")})
+        half = replace(
+            kind,
+            **{
+                part: getattr(kind, part) / 2
+                for part in ("delay", "lag", "pose_delay", "pose_noise")
+            },
+        )
         found.append(Case(f"{name}, half of it", half, robot, honest=True))
         if "noise" not in name:
             slow = robot.lag + robot.delay <= 0.0201 and not robot.pose_delay
             found.append(Case(f"{name}, undeclared", replace(kind, gain=1.0), slow=slow))
     kind = RobotKind.of(everything, np.random.default_rng(1))
-    found.append(Case("everything, uneven periods", kind, everything, periods="uneven", honest=True))
+    found.append(
+        Case("everything, uneven periods", kind, everything, periods="uneven", honest=True)
+    )
     for gain, error in ((0.9, 0.1), (1.02, 0.02), (1.1, 0.1)):
-        found.append(Case(f"gain {gain}", RobotKind(gain=gain), DeclaredRobot(gain_error=error), honest=True))
+        found.append(
+            Case(f"gain {gain}", RobotKind(gain=gain), DeclaredRobot(gain_error=error), honest=True)
+        )
         found.append(Case(f"gain {gain}, undeclared", RobotKind(gain=gain)))
-    found += [Case(f"speed noise {share:.0%}", RobotKind(speed_noise=share), honest=True) for share in (0.01, 0.05, 0.2)]
+    found += [
+        Case(f"speed noise {share:.0%}", RobotKind(speed_noise=share), honest=True)
+        for share in (0.01, 0.05, 0.2)
+    ]
     found += [Case(name, oddity=name) for name in ("spikes", "mm", "frame", "stalled", "half")]
     held = DeclaredRobot(longest_hold=HICCUP)
     found.append(Case("hiccups, declared", declared=held, periods="hiccups", honest=True))
     lagging = DeclaredRobot(lag=0.1, longest_hold=HICCUP)
-    found.append(Case("hiccups and lag, declared", RobotKind(lag=0.1), lagging, periods="one hiccup", honest=True))
+    found.append(
+        Case(
+            "hiccups and lag, declared",
+            RobotKind(lag=0.1),
+            lagging,
+            periods="one hiccup",
+            honest=True,
+        )
+    )
     found.append(Case("hiccups, undeclared", periods="hiccups"))
     found.append(Case("hiccups, watchdog", periods="watched", honest=True))
     return found
 
 
 def period(case: Case, dt: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Return (for how long the twist is meant, how much longer it is executed because the next call is late) [s]."""
+    """Return (for how long the twist is meant, how much longer it is executed) [s].
+
+    It is executed longer because the next call is late.
+    """
     if case.periods == "uneven":
         return float(rng.uniform(0.5, 3.0)) * dt, 0.0
     late = case.periods in ("hiccups", "one hiccup", "watched") and rng.random() < 1 / 150
@@ -124,7 +149,8 @@ def told(case: Case, robot: SimulatedRobot, reports: str, number: int) -> dict[s
     Args:
         case: the robot.
         robot: the same, simulated.
-        reports: ``pose``, ``twist``, ``both``, ``lost`` (the pose is, for two thirds of the time) or ``nothing``.
+        reports: ``pose``, ``twist``, ``both``, ``lost`` (the pose is, for two thirds of the time)
+            or ``nothing``.
         number: of the call.
     """
     given: dict[str, Any] = {}

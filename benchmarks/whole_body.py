@@ -1,29 +1,39 @@
-"""Person, robot and object in one model: is the twist that of the fast step, and are distance and joint limits kept?
+"""Person, robot and object in one model.
 
-Run ``python -m benchmarks.whole_body [--quick | --full] [--json FILE]``. Every problem is run with the Panda of
-``models/panda.xml``, its base where `ergoqp.whole_body.placing.default_base` puts it, from awkward starts (each the worst
-of ten random places) of simulated people whose joint weights are not the controller's, whose body is; they follow with a delay
-of 150 ms. Starts at which the arm cannot hold the object, with the distance kept, are counted as ``unreachable`` and left out.
+It shows whether the twist is that of the fast step, and whether distance and joint limits are kept.
 
-- ``max_twist_difference``: with the robot's limits and distances inactive, noisy angles: largest difference of any entry of
-  the object's twist from `Stepper.step` on the same inputs, over the steps whose twist is the QP's answer (status optimal,
-  relaxed or recovering, accepted whole). ``compared`` says how many. [m/s, rad/s]
-- ``min_distance``: with the Panda's limits and a stated distance of 0.05 m: smallest distance over the loops of robot and
-  object from the true person, and of the object from the arm, of the pairs that `ergoqp.whole_body.Scene.pairs` lists;
-  angles without noise. ``noisy.min_distance`` the same with noise of 0.5 deg, drift of 1 deg and lost frames: what the robot
-  sees is then not where the person is; ``noisy.over_speed``: by which share of its limit the object was faster then, at most.
-  ``careless.min_distance``: the same starts and joints without distances in the QP; the quick sample begins at seed 1, at
-  which the dentist's object would go through the thigh. [m]
-- ``robot_violations``: samples that break a range, rate or acceleration of the arm. ``object_violations``: loops in which a
-  limit of the object is broken by more than 1e-6 of its unit, by the independent checker; ``max_object_violation``: the worst,
-  in its unit: the object's way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all
+Run ``python -m benchmarks.whole_body [--quick | --full] [--json FILE]``. Every problem is run with
+the Panda of ``models/panda.xml``, its base where `ergoqp.whole_body.placing.default_base` puts it,
+from awkward starts (each the worst of ten random places) of simulated people whose joint weights
+are not the controller's, whose body is; they follow with a delay of 150 ms. Starts at which the arm
+cannot hold the object, with the distance kept, are counted as ``unreachable`` and left out.
+
+- ``max_twist_difference``: with the robot's limits and distances inactive, noisy angles: largest
+  difference of any entry of the object's twist from `Stepper.step` on the same inputs, over the
+  steps whose twist is the QP's answer (status optimal, relaxed or recovering, accepted whole).
+  ``compared`` says how many. [m/s, rad/s]
+- ``min_distance``: with the Panda's limits and a stated distance of 0.05 m: smallest distance over
+  the loops of robot and object from the true person, and of the object from the arm, of the pairs
+  that `ergoqp.whole_body.Scene.pairs` lists; angles without noise. ``noisy.min_distance`` the same
+  with noise of 0.5 deg, drift of 1 deg and lost frames: what the robot sees is then not where the
+  person is; ``noisy.over_speed``: by which share of its limit the object was faster then, at most.
+  ``careless.min_distance``: the same starts and joints without distances in the QP; the quick
+  sample begins at seed 1, at which the dentist's object would go through the thigh. [m]
+- ``robot_violations``: samples that break a range, rate or acceleration of the arm.
+  ``object_violations``: loops in which a limit of the object is broken by more than 1e-6 of its
+  unit, by the independent checker; ``max_object_violation``: the worst, in its unit: the object's
+  way is made of arcs of the arm. ``braking_share``: share of steps that have no answer with all
   limits of robot and object, though the fast step has one.
-- ``slower_share``: share of steps in which limits of the robot or the distance hold the object back.
-- ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops with distances. Beside it
-  ``mean_still``, where the person comes to rest if the object stays where it is, and ``careless.mean_end`` without distances.
-- ``step_us``, ``step_p99_us``: the whole call in a loop of screwing, distances and fast step included, one process.
-- ``mink_us``: the formulation alone on steps of screwing, see `benchmarks.mink_peer`; ``mink_arm_us`` with the arm's joints as
-  the only unknowns, ``pink_arm_us`` the same through pink; ``fast_us`` the fast step on the same trajectory.
+- ``slower_share``: share of steps in which limits of the robot or the distance hold the object
+  back.
+- ``mean_start``, ``mean_end``: exact score of the posture at the begin and at the end of the loops
+  with distances. Beside it ``mean_still``, where the person comes to rest if the object stays where
+  it is, and ``careless.mean_end`` without distances.
+- ``step_us``, ``step_p99_us``: the whole call in a loop of screwing, distances and fast step
+  included, one process.
+- ``mink_us``: the formulation alone on steps of screwing, see `benchmarks.mink_peer`;
+  ``mink_arm_us`` with the arm's joints as the only unknowns, ``pink_arm_us`` the same through pink;
+  ``fast_us`` the fast step on the same trajectory.
 """
 
 from __future__ import annotations
@@ -88,13 +98,20 @@ def unlimited() -> Robot:
     """The Panda's tree without ranges, rates and accelerations to speak of."""
     robot = load_robot("panda")
     k = np.ones(len(robot.joints))
-    return replace(robot, lower=robot.lower - 50, upper=robot.upper + 50, velocity=1e3 * k, acceleration=1e6 * k)
+    return replace(
+        robot,
+        lower=robot.lower - 50,
+        upper=robot.upper + 50,
+        velocity=1e3 * k,
+        acceleration=1e6 * k,
+    )
 
 
 def loops_of_person(name: str, seed: int, count: int, duration: float) -> tuple[str, Found]:
     """Run all loops of one person in one problem."""
     problem, found = load_problem(name), Found()
-    person = sample_person(problem, seed, body=problem.response.body)  # pyright: ignore[reportAttributeAccessIssue] (IkResponse)
+    # IkResponse.
+    person = sample_person(problem, seed, body=problem.response.body)  # pyright: ignore
     for number in range(count):
         posture = awkward_start(problem, person, 1000 * seed + number + 1, PLACES)
         try:
@@ -105,35 +122,53 @@ def loops_of_person(name: str, seed: int, count: int, duration: float) -> tuple[
         found.loops += 1
         _with_distance(found, problem, whole, person, posture, duration, 1000 * seed + number)
         free = WholeBody(problem, unlimited(), posture=posture, distance=None)
-        trace = run_whole_body(free, person, posture, duration=duration / 2, seed=1000 * seed + number, senses=Senses())
+        trace = run_whole_body(
+            free, person, posture, duration=duration / 2, seed=1000 * seed + number, senses=Senses()
+        )
         found.differences += differences(trace)
     return name, found
 
 
 def differences(trace: WholeBodyTrace) -> list[float]:
     """Return the largest difference of every compared step's twist from the fast step's."""
-    steps = [step for step in trace.steps if step.object_step.status in ("optimal", "relaxed", "recovering")]
+    steps = [
+        step
+        for step in trace.steps
+        if step.object_step.status in ("optimal", "relaxed", "recovering")
+    ]
     whole = [step for step in steps if step.object_step.residuals["accepted"] == 1]
     return [float(np.abs(step.twist - step.object_step.twist).max()) for step in whole]
 
 
 def _with_distance(
-    found: Found, problem: Problem, whole: WholeBody, person: Follower, posture: np.ndarray, duration: float, seed: int
+    found: Found,
+    problem: Problem,
+    whole: WholeBody,
+    person: Follower,
+    posture: np.ndarray,
+    duration: float,
+    seed: int,
 ) -> None:
     checker = Checker(whole.problem)
-    trace = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=EXACT, checker=checker)
+    trace = run_whole_body(
+        whole, person, posture, duration=duration, seed=seed, senses=EXACT, checker=checker
+    )
     found.kept.append(min(trace.distances))
     found.robot_violations += trace.broken_limits(whole)
     worst = max(checker.max_violation.values())
     found.object_violations += worst > ROUNDING
     found.max_object_violation = max(found.max_object_violation, worst)
     # A step that the fast step itself brakes is not the robot's doing.
-    lost = [step.status == "braking" and step.object_step.status != "braking" for step in trace.steps]
+    lost = [
+        step.status == "braking" and step.object_step.status != "braking" for step in trace.steps
+    ]
     found.braking.append(float(np.mean(lost)))
     scores = problem.assess(np.array([trace.postures[0], trace.postures[-1]])).final
     found.start.append(int(scores[0]))
     found.end.append(int(scores[1]))
-    alone, reached = person.settle(posture, person.contact(posture)[0], person.grasp(posture), person.stand(posture))
+    alone, reached = person.settle(
+        posture, person.contact(posture)[0], person.grasp(posture), person.stand(posture)
+    )
     found.still.append(int(problem.assess(alone if reached else posture).final[0]))
     found.slower.append(float(np.mean([step.status == "slower" for step in trace.steps])))
     noisy = run_whole_body(whole, person, posture, duration=duration, seed=seed, senses=Senses())
@@ -157,7 +192,7 @@ def _with_distance(
 
 
 def measure(report: Report) -> None:
-    """Run everything in two processes and print the figures of all problems together, then of each."""
+    """Run everything in two processes; print the figures of all problems together, then of each."""
     people, starts, duration = report.pick(quick=(1, 1, 5.0), full=(2, 2, 8.0))
     jobs = [(name, seed, starts, duration) for seed in range(people) for name in TASKS]
     found = {name: Found() for name in TASKS}
@@ -166,7 +201,9 @@ def measure(report: Report) -> None:
         for done, future in enumerate(as_completed(futures), start=1):
             name, part = future.result()
             found[name].add(part)
-            report.say(f"{done}/{len(jobs)} {name}: {part.loops} loops, {part.unreachable} out of reach")
+            report.say(
+                f"{done}/{len(jobs)} {name}: {part.loops} loops, {part.unreachable} out of reach"
+            )
     together = Found()
     for part in found.values():
         together.add(part)
@@ -204,13 +241,21 @@ def _figures(report: Report, prefix: str, found: Found) -> None:
 def _times(report: Report, duration: float) -> None:
     problem = load_problem("screwing")
     whole, person, posture = _first_loop(problem)
-    taken = [step.solve_time for step in run_whole_body(whole, person, posture, duration=duration, senses=Senses()).steps]
+    taken = [
+        step.solve_time
+        for step in run_whole_body(whole, person, posture, duration=duration, senses=Senses()).steps
+    ]
     report.figure("step_us", 1e6 * float(np.median(taken)), "the whole body's step, median")
     report.figure("step_p99_us", 1e6 * float(np.percentile(taken, 99)))
     stepper = Stepper(problem)
     calls = trajectory(problem, stepper, duration).calls
-    report.figure("fast_us", float(np.median(time_calls(stepper, calls)[0])), "the fast step, median")
-    peers = {"mink_us": mink_steps(problem, calls, "whole"), "mink_arm_us": mink_steps(problem, calls, "arm")}
+    report.figure(
+        "fast_us", float(np.median(time_calls(stepper, calls)[0])), "the fast step, median"
+    )
+    peers = {
+        "mink_us": mink_steps(problem, calls, "whole"),
+        "mink_arm_us": mink_steps(problem, calls, "arm"),
+    }
     try:
         from benchmarks.pink_peer import pink_steps
     except ImportError:
@@ -218,12 +263,16 @@ def _times(report: Report, duration: float) -> None:
     else:
         peers["pink_arm_us"] = pink_steps(problem, calls)
     for name, times in peers.items():
-        meaning = f"median of {len(times.whole_us)} steps, {np.median(times.own_us):.0f} us of it building and solving"
+        meaning = (
+            f"median of {len(times.whole_us)} steps, {np.median(times.own_us):.0f} us of it"
+            " building and solving"
+        )
         report.figure(name, float(np.median(times.whole_us)), meaning)
 
 
 def _first_loop(problem: Problem) -> tuple[WholeBody, Follower, np.ndarray]:
-    person = sample_person(problem, 0, body=problem.response.body)  # pyright: ignore[reportAttributeAccessIssue] (IkResponse)
+    # IkResponse.
+    person = sample_person(problem, 0, body=problem.response.body)  # pyright: ignore
     posture = awkward_start(problem, person, 0, PLACES)
     return WholeBody(problem, posture=posture, distance=DISTANCE), person, posture
 

@@ -1,4 +1,6 @@
-"""Draw the time of a step against the number of support vectors: ``python docs/kernel_scale.py FIGURES.json``.
+"""Draw the time of a step against the number of support vectors.
+
+Run ``python docs/kernel_scale.py FIGURES.json``.
 
 The figures are those that ``python -m benchmarks.kernel_scale --full --json FIGURES.json`` wrote.
 """
@@ -28,11 +30,26 @@ def draw(figures: dict[str, float], path: Path) -> None:
     axes = figure.add_subplot()
     for name, colour, style, label in LINES:
         points = sorted(
-            (int(found[1]), value) for key, value in figures.items() if (found := re.fullmatch(rf"{name}_(\d+)", key))
+            (int(found[1]), value)
+            for key, value in figures.items()
+            if (found := re.fullmatch(rf"{name}_(\d+)", key))
         )
-        axes.plot(*zip(*points, strict=True), style, color=colour, label=label, linewidth=1.6, markersize=4.5)
+        axes.plot(
+            *zip(*points, strict=True),
+            style,
+            color=colour,
+            label=label,
+            linewidth=1.6,
+            markersize=4.5,
+        )
     smooth = figures["us_smooth_reba"]
-    axes.axhline(smooth, color="#009e73", linewidth=1.2, linestyle="--", label="whole step, smooth score of the sheet")
+    axes.axhline(
+        smooth,
+        color="#009e73",
+        linewidth=1.2,
+        linestyle="--",
+        label="whole step, smooth score of the sheet",
+    )
     axes.set(xscale="log", yscale="log", xlabel="support vectors (20 joints)", ylabel="time, µs")
     axes.grid(color="#e3e3e3", linewidth=0.7)
     axes.set_axisbelow(True)

@@ -1,4 +1,7 @@
-"""Draw the README's picture anew: ``python docs/picture.py REPORT.html`` takes it from a report, in headless Chromium."""
+"""Draw the README's picture anew.
+
+``python docs/picture.py REPORT.html`` takes it from a report, in headless Chromium.
+"""
 
 import shutil
 import sys
@@ -6,7 +9,12 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-ARGUMENTS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+ARGUMENTS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
 MARGIN = 12
 
 report = Path(sys.argv[1]).resolve()

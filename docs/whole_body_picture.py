@@ -1,6 +1,9 @@
-"""Draw the picture of person, robot and object anew: ``python docs/whole_body_picture.py``, at the begin and the end of a loop.
+"""Draw the picture of person, robot and object anew, at the begin and the end of a loop.
 
-Needs the extras ``mink`` and ``learn`` (matplotlib), and a machine on which MuJoCo can draw off the screen.
+Run ``python docs/whole_body_picture.py``.
+
+Needs the extras ``mink`` and ``learn`` (matplotlib), and a machine on which MuJoCo can draw off the
+screen.
 """
 
 import os
@@ -31,7 +34,12 @@ model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
 model.vis.headlight.ambient[:] = 0.45
 model.vis.headlight.diffuse[:] = 0.5
 camera = mujoco.MjvCamera()
-camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = [0.55, -0.05, 0.95], 2.9, 115, -10
+camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (
+    [0.55, -0.05, 0.95],
+    2.9,
+    115,
+    -10,
+)
 data, views = mujoco.MjData(model), []
 with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
     for sample in (0, -1):
@@ -50,4 +58,10 @@ with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
 picture = Path(__file__).parent / "images" / "whole_body.png"
 imsave(picture, np.hstack(views))
 scores = problem.assess(np.array([trace.postures[0], trace.postures[-1]])).final
-print(picture, picture.stat().st_size, "bytes, REBA", *scores.tolist(), f"nearest {min(trace.distances):.3f} m")
+print(
+    picture,
+    picture.stat().st_size,
+    "bytes, REBA",
+    *scores.tolist(),
+    f"nearest {min(trace.distances):.3f} m",
+)

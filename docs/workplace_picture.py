@@ -1,6 +1,9 @@
-"""Draw the README's picture of a shared place anew: ``python docs/workplace_picture.py REPORT.html``, in headless Chromium.
+"""Draw the README's picture of a shared place anew, in headless Chromium.
 
-REPORT.html is what ``ergoqp optimise overhead --group 1.55,1.65,1.75,1.85,1.95 --objective mean`` writes.
+Run ``python docs/workplace_picture.py REPORT.html``.
+
+REPORT.html is what ``ergoqp optimise overhead --group 1.55,1.65,1.75,1.85,1.95 --objective mean``
+writes.
 """
 
 import shutil
@@ -15,8 +18,10 @@ MARGIN = 12
 # The row of people, and the maps of the highest score; nothing else.
 ONLY = """
 for (const section of document.querySelectorAll("section"))
-  if (!["Postures", "Map of the highest score"].includes(section.querySelector("h2").textContent)) section.remove();
-document.querySelectorAll("header, footer, h2, .intro, section:first-of-type .legend, section:first-of-type figcaption")
+  const title = section.querySelector("h2").textContent;
+  if (!["Postures", "Map of the highest score"].includes(title)) section.remove();
+document.querySelectorAll("header, footer, h2, .intro, section:first-of-type .legend, "
+  + "section:first-of-type figcaption")
   .forEach(each => each.remove());
 """
 
@@ -31,7 +36,12 @@ with sync_playwright() as playwright:
     last = page.locator("section").last.bounding_box()
     assert box is not None
     assert last is not None
-    clip = {"x": box["x"] + MARGIN, "y": MARGIN, "width": box["width"] - 2 * MARGIN, "height": last["y"] + last["height"]}
+    clip = {
+        "x": box["x"] + MARGIN,
+        "y": MARGIN,
+        "width": box["width"] - 2 * MARGIN,
+        "height": last["y"] + last["height"],
+    }
     page.screenshot(path=picture, full_page=True, clip=clip)
     browser.close()
 print(picture, picture.stat().st_size, "bytes")

@@ -7,7 +7,8 @@
 >>> step.twist.shape
 (6,)
 
-What needs CasADi or MuJoCo is imported when it is first used; so are the package's folders, such as `ergoqp.limits`.
+What needs CasADi or MuJoCo is imported when it is first used; so are the package's folders, such as
+`ergoqp.limits`.
 """
 
 from importlib import import_module

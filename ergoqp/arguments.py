@@ -1,4 +1,7 @@
-"""The judgement of what users hand to the package's own functions: one sentence for what is of another kind or range."""
+"""The judgement of what users hand to the package's own functions.
+
+It gives one sentence for what is of another kind or range.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +32,20 @@ def shown(value: Any, most: int = 40) -> str:
         if isinstance(value, np.ndarray) and value.size > _FEW:
             return f"an array of {value.dtype} of shape {value.shape}"
         return f"{value!r:.{most}}"
-    except Exception:  # a number of thousands of digits, or whatever a user's object does when it is shown
+    except (
+        Exception
+    ):  # a number of thousands of digits, or whatever a user's object does when it is shown
         return f"a {type(value).__name__} that cannot be shown"
 
 
-def check_number(what: str, value: Any, low: float, high: float, unit: str = "", error: type[ErgoqpError] = InputError) -> None:
+def check_number(
+    what: str,
+    value: Any,
+    low: float,
+    high: float,
+    unit: str = "",
+    error: type[ErgoqpError] = InputError,
+) -> None:
     """Check a real number.
 
     Args:
@@ -49,7 +61,10 @@ def check_number(what: str, value: Any, low: float, high: float, unit: str = "",
     """
     if not (_is_real(value) and low <= value <= high):
         end, kind = f" {unit}" if unit else "", "" if _is_real(value) else "a number from "
-        raise error(f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to {high:g}{end}")
+        raise error(
+            f"{what}: got {shown(value)}{'' if kind else end}, allowed {kind}{low:g} to"
+            f" {high:g}{end}"
+        )
 
 
 def check_real(what: str, value: Any, unit: str, error: type[ErgoqpError] = InputError) -> None:
@@ -62,7 +77,9 @@ def check_real(what: str, value: Any, unit: str, error: type[ErgoqpError] = Inpu
         raise error(f"{what}: got {shown(value)}, allowed a number of {unit}")
 
 
-def check_whole(what: str, value: Any, least: int, most: int = MOST_WHOLE, error: type[ErgoqpError] = InputError) -> None:
+def check_whole(
+    what: str, value: Any, least: int, most: int = MOST_WHOLE, error: type[ErgoqpError] = InputError
+) -> None:
     """Check a whole number.
 
     Raises:
@@ -73,7 +90,9 @@ def check_whole(what: str, value: Any, least: int, most: int = MOST_WHOLE, error
         raise error(f"{what}: got {shown(value)}, allowed a whole number {allowed}")
 
 
-def check_word(what: str, value: Any, words: Iterable[str], error: type[ErgoqpError] = InputError) -> None:
+def check_word(
+    what: str, value: Any, words: Iterable[str], error: type[ErgoqpError] = InputError
+) -> None:
     """Check that something is one of some words.
 
     Raises:
@@ -84,14 +103,22 @@ def check_word(what: str, value: Any, words: Iterable[str], error: type[ErgoqpEr
         raise error(f"{what}: got {shown(value)}, allowed {', '.join(words)}")
 
 
-def numbers_of(what: str, values: Any, low: float, high: float, error: type[ErgoqpError] = InputError) -> tuple[float, ...]:
+def numbers_of(
+    what: str, values: Any, low: float, high: float, error: type[ErgoqpError] = InputError
+) -> tuple[float, ...]:
     """Return a list of one number or more.
 
     Raises:
         ErgoqpError: `error`, if it is none, or one of them is not from `low` to `high`.
     """
-    if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable) or not (numbers := tuple(values)):
-        raise error(f"{what}: got {shown(values)}, allowed a list of numbers from {low:g} to {high:g}")
+    if (
+        isinstance(values, (str, bytes, Mapping))
+        or not isinstance(values, Iterable)
+        or not (numbers := tuple(values))
+    ):
+        raise error(
+            f"{what}: got {shown(values)}, allowed a list of numbers from {low:g} to {high:g}"
+        )
     for number in numbers:
         check_number(what, number, low, high, error=error)
     return tuple(float(number) for number in numbers)
@@ -131,7 +158,11 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
 
 
 def check_kind(
-    what: str, value: Any, kind: type | tuple[type, ...], allowed: str, error: type[ErgoqpError] = InputError
+    what: str,
+    value: Any,
+    kind: type | tuple[type, ...],
+    allowed: str,
+    error: type[ErgoqpError] = InputError,
 ) -> None:
     """Check what something is.
 
@@ -155,7 +186,11 @@ def check_text(what: str, value: Any, error: type[ErgoqpError] = InputError) -> 
     Raises:
         ErgoqpError: `error`, if it is not one line of 1 to 250 characters.
     """
-    if not (isinstance(value, str) and 1 <= len(value) <= 250 and not any(unicodedata.category(c) == "Cc" for c in value)):
+    if not (
+        isinstance(value, str)
+        and 1 <= len(value) <= 250
+        and not any(unicodedata.category(c) == "Cc" for c in value)
+    ):
         raise error(f"{what}: got {shown(value)}, allowed a text of one line, 1 to 250 characters")
 
 
@@ -165,12 +200,16 @@ def flag(what: str, value: Any, error: type[ErgoqpError] = InputError) -> bool:
     Raises:
         ErgoqpError: `error`, if it is none.
     """
-    if isinstance(value, (bool, np.bool_)) or (isinstance(value, (int, np.integer)) and value in (0, 1)):
+    if isinstance(value, (bool, np.bool_)) or (
+        isinstance(value, (int, np.integer)) and value in (0, 1)
+    ):
         return bool(value)
     raise error(f"{what}: got {shown(value)}, allowed True or False")
 
 
-def names_of(what: str, values: Any, allowed: str, error: type[ErgoqpError] = InputError) -> tuple[str, ...]:
+def names_of(
+    what: str, values: Any, allowed: str, error: type[ErgoqpError] = InputError
+) -> tuple[str, ...]:
     """Return names from a list, a tuple, an array or anything else that can be gone through.
 
     Raises:
@@ -248,5 +287,5 @@ def as_tuple(what: str, values: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether it is a number as arithmetic of floats takes it: of Python or NumPy, and no fraction."""
+    """Whether it is a number for float arithmetic: of Python or NumPy, and no fraction."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

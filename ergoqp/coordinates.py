@@ -14,7 +14,7 @@ from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, UPPER_BODY
 
 FOREARM: Final[tuple[str, ...]] = ("elbow_x", "elbow_y", "elbow_z", "wrist_x", "wrist_y", "wrist_z")
-"""State of the problem ``forearm``: elbow and wrist of the right arm, axes and origin of the pelvis frame [m]."""
+"""State of the problem ``forearm``: elbow and wrist of the right arm in the pelvis frame [m]."""
 
 REPORT_JOINTS: Final[tuple[str, ...]] = (
     *JOINTS[:6],
@@ -22,24 +22,29 @@ REPORT_JOINTS: Final[tuple[str, ...]] = (
         f"{side}_{joint}"
         for side in ("right", "left")
         for joint in (
-            *("shoulder_flexion", "shoulder_abduction", "elbow_flexion"),
-            *("forearm_pronation", "wrist_flexion", "wrist_deviation"),
+            "shoulder_flexion",
+            "shoulder_abduction",
+            "elbow_flexion",
+            "forearm_pronation",
+            "wrist_flexion",
+            "wrist_deviation",
         )
     ),
     "right_knee_flexion",
     "left_knee_flexion",
 )
-"""The 20 joints of the EPFL report's data: neck 3, trunk 3, knees 2, per arm shoulder 2, elbow 1, wrist 3."""
+"""The EPFL report's 20 joints: neck 3, trunk 3, knees 2, per arm shoulder 2, elbow 1, wrist 3."""
 
 
 SCORED_JOINTS: Final[tuple[str, ...]] = (*UPPER_BODY, "right_knee_flexion", "left_knee_flexion")
-"""The 22 joints that the sheet reads: those of the report's data and the rotation of both shoulders."""
+"""The 22 joints that the sheet reads: those of the report and the rotation of both shoulders."""
 
 
 class Coordinates:
     """Names of the inputs of a model, and where they are in a state.
 
-    A model of joints reads them from the 32 of a posture, whichever they are; any other names are the state itself.
+    A model of joints reads them from the 32 of a posture, whichever they are; any other names are
+    the state itself.
 
     Args:
         names: of the inputs, each once.
@@ -53,10 +58,14 @@ class Coordinates:
         self.names = tuple(names)
         known = [name for name in self.names if name in INDEX]
         if not self.names or len(set(self.names)) < len(self.names):
-            raise InputError(f"coordinates: got {self.names!r}, allowed one or more names, each once")
+            raise InputError(
+                f"coordinates: got {self.names!r}, allowed one or more names, each once"
+            )
         if known and len(known) < len(self.names):
             other = next(name for name in self.names if name not in INDEX)
-            raise InputError(f"coordinates: got {other!r} among joints, allowed names of ergoqp.JOINTS only")
+            raise InputError(
+                f"coordinates: got {other!r} among joints, allowed names of ergoqp.JOINTS only"
+            )
         self.state = JOINTS if known else self.names
 
     def __len__(self) -> int:
@@ -75,7 +84,9 @@ class Coordinates:
             InputError: if the state has another size.
         """
         if q.shape != (len(self.state), 1):
-            raise InputError(f"posture: got an expression of shape {q.shape}, allowed ({len(self.state)}, 1)")
+            raise InputError(
+                f"posture: got an expression of shape {q.shape}, allowed ({len(self.state)}, 1)"
+            )
         return q if self.indices == list(range(q.shape[0])) else q[self.indices]
 
     def read(self, states: ArrayLike) -> NDArray[np.float64]:
@@ -86,8 +97,12 @@ class Coordinates:
         """
         rows = np.atleast_2d(np.asarray(states, dtype=float))
         if rows.ndim != 2 or rows.shape[1] != len(self.state):
-            what = "in the order of ergoqp.JOINTS" if self.state == JOINTS else ", ".join(self.state)
-            raise InputError(f"postures: got shape {np.shape(states)}, allowed (n, {len(self.state)}), {what}")
+            what = (
+                "in the order of ergoqp.JOINTS" if self.state == JOINTS else ", ".join(self.state)
+            )
+            raise InputError(
+                f"postures: got shape {np.shape(states)}, allowed (n, {len(self.state)}), {what}"
+            )
         return rows[:, self.indices]
 
     def spread(self, points: ArrayLike) -> NDArray[np.float64]:

@@ -1,8 +1,11 @@
-"""What can be wrong with what the user gave: one sentence each, saying what, where, got and allowed."""
+"""What can be wrong with user input: one sentence each, saying what, where, got and allowed."""
 
 
 class ErgoqpError(Exception):
-    """Root of the package's own errors; its text is one sentence for the user (command line: exit status 2)."""
+    """Root of the package's own errors; its text is one sentence for the user.
+
+    On the command line the exit status is 2.
+    """
 
 
 class InputError(ErgoqpError, ValueError):
@@ -14,7 +17,10 @@ class OutOfReachError(InputError):
 
 
 class WorkersError(ErgoqpError):
-    """The processes that were to solve the starts are gone; what they finished is in the ledger, where there is one."""
+    """The processes that were to solve the starts are gone.
+
+    What they finished is in the ledger, where there is one.
+    """
 
 
 class RecordingError(ErgoqpError):
@@ -36,8 +42,13 @@ class MissingExtraError(ErgoqpError, ImportError):
 
     def __init__(self, what: str, extra: str, module: str) -> None:
         """Compose the one sentence that names the extra."""
-        super().__init__(f"{what} needs the package {module!r}: install it with `pip install 'ergoqp[{extra}]'`")
+        super().__init__(
+            f"{what} needs the package {module!r}: install it with `pip install 'ergoqp[{extra}]'`"
+        )
 
 
 class ModelError(ErgoqpError):
-    """A learned model cannot be fitted from this data, or its file is not one: cut, changed or of another kind."""
+    """A learned model cannot be fitted from this data, or its file is not one.
+
+    Such a file is cut, changed or of another kind.
+    """

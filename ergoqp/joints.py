@@ -1,12 +1,15 @@
-"""The 32 joints of the person: names, order, ranges and signs. The floor that every other room stands on.
+"""The 32 joints of the person: names, order, ranges and signs.
 
-Zero is upright with hanging arms and palms to the thighs. Positive is flexion, bending and twisting to the left, abduction,
-inward rotation, pronation and ulnar deviation; the two sides of the body share signs (anatomical, not geometric). Hinges are
-intrinsic rotations in the order listed, the first one proximal.
+They are the floor that every other room stands on.
 
-Ranges are a box of active ranges of motion: AAOS and five adult studies as tabulated in F.A. Davis, appendix A.1, rounded to
-what healthy adults reach; trunk values are for the whole spine including the pelvis, which is upright by definition, so a
-stoop from the hips counts as trunk flexion.
+Zero is upright with hanging arms and palms to the thighs. Positive is flexion, bending and twisting
+to the left, abduction, inward rotation, pronation and ulnar deviation; the two sides of the body
+share signs (anatomical, not geometric). Hinges are intrinsic rotations in the order listed, the
+first one proximal.
+
+Ranges are a box of active ranges of motion: AAOS and five adult studies as tabulated in F.A. Davis,
+appendix A.1, rounded to what healthy adults reach; trunk values are for the whole spine including
+the pelvis, which is upright by definition, so a stoop from the hips counts as trunk flexion.
 """
 
 from __future__ import annotations

@@ -25,7 +25,10 @@ def data_folder(name: str) -> Path:
         folder = parent / name
         if folder.is_dir():
             return folder
-    raise ErgoqpError(f"the data folder {name!r} is missing from this installation of ergoqp; reinstall the package")
+    raise ErgoqpError(
+        f"the data folder {name!r} is missing from this installation of ergoqp; reinstall the"
+        " package"
+    )
 
 
 def cache_folder() -> Path:

@@ -1,4 +1,4 @@
-"""A task of your own, put together in Python: another person, other limits, and a cost that you wrote yourself."""
+"""A task of your own, put together in Python: another person, other limits, and your own cost."""
 
 import casadi as ca
 import numpy as np
@@ -9,8 +9,15 @@ from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.responses import IkResponse
 
-# How the person would like to stand: knees not quite straight, or nobody could say which way they bend.
-comfort = {"elbow_flexion": 80, "knee_flexion": 8, "hip_flexion": 4, "ankle_flexion": 4, "neck_flexion": 10}
+# How the person would like to stand: knees not quite straight, or nobody could say which way they
+# bend.
+comfort = {
+    "elbow_flexion": 80,
+    "knee_flexion": 8,
+    "hip_flexion": 4,
+    "ankle_flexion": 4,
+    "neck_flexion": 10,
+}
 
 problem = ergoqp.Problem(
     name="polishing",
@@ -34,7 +41,7 @@ class Quadratic:
     minimum = 1.0
 
     def __init__(self, comfort, weight):
-        """Keep the comfortable posture [rad] and the weight of the distance from it [points/rad^2]."""
+        """Keep the comfortable posture [rad] and the weight of distance from it [points/rad^2]."""
         self.comfort, self.weight = comfort, weight
 
     def expression(self, q):
@@ -43,16 +50,22 @@ class Quadratic:
 
     def __call__(self, postures):
         """Return V of each posture."""
-        return self.minimum + self.weight * ((np.atleast_2d(postures) - self.comfort) ** 2).sum(axis=1)
+        return self.minimum + self.weight * ((np.atleast_2d(postures) - self.comfort) ** 2).sum(
+            axis=1
+        )
 
 
 start = problem.response.comfort.copy()
-for name, degrees in {"right_shoulder_flexion": 80, "right_elbow_flexion": 40, "trunk_flexion": 15}.items():
+for name, degrees in {
+    "right_shoulder_flexion": 80,
+    "right_elbow_flexion": 40,
+    "trunk_flexion": 15,
+}.items():
     start[ergoqp.JOINTS.index(name)] = np.radians(degrees)
 
 for variant in (problem, problem.replace(cost=Quadratic(problem.response.comfort, weight=1.0))):
     run = ergoqp.simulate(variant, start, duration=8.0)
     print(
-        f"{variant.cost.name:<12} REBA {run.reba[0]} -> {run.reba[-1]}, standing still {run.reba_standing_still}, "
-        f"limits broken {sum(run.violations.values())} times"
+        f"{variant.cost.name:<12} REBA {run.reba[0]} -> {run.reba[-1]}, standing still"
+        f" {run.reba_standing_still}, limits broken {sum(run.violations.values())} times"
     )

@@ -1,10 +1,11 @@
 # %% [markdown]
 r"""# Support vector regression of the score, and what its gradient leads to.
 
-Figures 17, 18 and 19 of the EPFL report: a support vector machine predicts the score of a posture, and its gradient is
-followed from postures of every score. The report saw the joints run away to values that no person has while the predicted cost
-fell below 1, the lowest score there is, and stopped the descent by hand at that point. Here the same is done, judged by the
-sheet itself as well as by the report's nearest sample, and then with the region of the data as a constraint.
+Figures 17, 18 and 19 of the EPFL report: a support vector machine predicts the score of a posture,
+and its gradient is followed from postures of every score. The report saw the joints run away to
+values that no person has while the predicted cost fell below 1, the lowest score there is, and
+stopped the descent by hand at that point. Here the same is done, judged by the sheet itself as well
+as by the report's nearest sample, and then with the region of the data as a constraint.
 """
 
 # %%
@@ -30,9 +31,9 @@ print(f"{len(seen)} postures to fit, {len(unseen)} to judge; {len(data.coordinat
 # %% [markdown]
 """## Predictions (figure 17)
 
-Left, the machine of the report's kind: standardised angles, radial kernels, scikit-learn's own settings. Right, ours: the same
-machine, but its kernels see soft steps of each joint, found in the data, in a metric that is fitted too. Both are shown on
-postures that they have not seen.
+Left, the machine of the report's kind: standardised angles, radial kernels, scikit-learn's own
+settings. Right, ours: the same machine, but its kernels see soft steps of each joint, found in the
+data, in a metric that is fitted too. Both are shown on postures that they have not seen.
 """
 
 # %%
@@ -63,12 +64,15 @@ studies.save(figure, "fig17_svr_prediction")
 studies.table(("machine", "postures", "mean error", "exact", "within 1", "worst"), rows)
 
 # %% [markdown]
-"""The EPFL report's mean error was 1.24 points on the labels of its simplified rules; these are the sheet's own.
+"""The EPFL report's mean error was 1.24 points on the labels of its simplified rules.
+
+These labels are the sheet's own.
 
 ## One descent (figure 18)
 
-From a posture of score 8, following the gradient of the default machine with a constant rate and without a stop: the
-predicted cost falls below 1 and the joints leave their ranges. The sheet's own score of the same postures is dashed.
+From a posture of score 8, following the gradient of the default machine with a constant rate and
+without a stop: the predicted cost falls below 1 and the joints leave their ranges. The sheet's own
+score of the same postures is dashed.
 """
 
 # %%
@@ -80,20 +84,26 @@ figure, (top, bottom) = plt.subplots(2, 1, figsize=(8.0, 5.2), sharex=True)
 top.plot(predicted, color=studies.ORANGE, label="predicted")
 top.plot(true, color="black", linestyle="--", linewidth=1.2, label="the sheet's score")
 top.axhline(1, color=studies.GREY, linewidth=0.8)
-top.set(ylabel="cost, points", title="Gradient descent of the default machine from a posture of score 8")
+top.set(
+    ylabel="cost, points", title="Gradient descent of the default machine from a posture of score 8"
+)
 top.legend(loc="upper right")
 bottom.plot(np.degrees(path), linewidth=1.0)
 bottom.set(ylabel="joint angles, deg", xlabel="step")
 studies.save(figure, "fig18_svr_descent")
-print(f"predicted {predicted[0]:.2f} -> {predicted[-1]:.2f}, the sheet's score {true[0]} -> {true[-1]}")
+print(
+    f"predicted {predicted[0]:.2f} -> {predicted[-1]:.2f}, the sheet's score {true[0]} ->"
+    f" {true[-1]}"
+)
 
 # %% [markdown]
 r"""## Descents from every score (figure 19)
 
-From the same unseen postures: the report's way, stopped where the prediction is 1; then with the joints' drawn ranges and the
-boundary of a one-class SVM as constraints. A step $d = -\eta\, dV/dq$ that the bound
-$g + \nabla g^\top d - \gamma |d|^2 \ge 0$ refuses is moved along the boundary instead, so no posture on the way leaves it.
-`smooth_reba`, which has not seen any data, goes the same way.
+From the same unseen postures: the report's way, stopped where the prediction is 1; then with the
+joints' drawn ranges and the boundary of a one-class SVM as constraints. A step $d = -\eta\, dV/dq$
+that the bound $g + \nabla g^\top d - \gamma |d|^2 \ge 0$ refuses is moved along the boundary
+instead, so no posture on the way leaves it. `smooth_reba`, which has not seen any data, goes the
+same way.
 """
 
 # %%
@@ -108,7 +118,7 @@ steps = studies.size(60, 800)
 
 
 def kept_inside(slopes, points):
-    """Descend within the ranges and the boundary; return where it ends and the least margin on the way."""
+    """Descend within ranges and boundary; return where it ends and the least margin on the way."""
     margins = model.margin_and_slope.map(len(points))
     least = np.inf
     for _ in range(steps):
@@ -149,9 +159,15 @@ class Smooth(SmoothReba):
 
 
 ends = {}
-report_way = follow(slopes_of(default, len(starts)), starts, rate=0.01, steps=steps, stop_below=1.0)[-1]
+report_way = follow(
+    slopes_of(default, len(starts)), starts, rate=0.01, steps=steps, stop_below=1.0
+)[-1]
 ends["default SVR, stopped at 1"] = report_way, float(model.margin(report_way).min())
-for name, cost in (("default SVR", default), ("SVR on soft steps", ours), ("smooth_reba", Smooth())):
+for name, cost in (
+    ("default SVR", default),
+    ("SVR on soft steps", ours),
+    ("smooth_reba", Smooth()),
+):
     ends[f"{name}, constrained"] = kept_inside(slopes_of(cost, len(starts)), starts)
 
 figure, axes = plt.subplots(2, 2, figsize=(8.8, 6.4), sharex=True, sharey=True)
@@ -160,7 +176,16 @@ for axis, (name, (end, least)) in zip(axes.flat, ends.items(), strict=True):
     reached, nearest = true_scores(end, data.coordinates), nearest_scores(end, data)
     studies.boxes_by_score(axis, scores, reached, colour=studies.GREEN, xlabel="", ylabel="")
     axis.set_title(name)
-    rows.append((name, reached.mean(), nearest.mean(), (reached == 1).mean(), (reached > scores).mean(), least))
+    rows.append(
+        (
+            name,
+            reached.mean(),
+            nearest.mean(),
+            (reached == 1).mean(),
+            (reached > scores).mean(),
+            least,
+        )
+    )
 for axis in axes[1]:
     axis.set_xlabel("score of the start")
 for axis in axes[:, 0]:
@@ -170,8 +195,11 @@ header = ("way", "mean end", "by nearest sample", "share at 1", "above its start
 studies.table(header, rows)
 
 # %% [markdown]
-"""Two things can be read from this. The nearest sample is a poor judge in twenty dimensions: even the nearest of thousands is
-far, and its score is another posture's. And the best predictor is not the best guide: the soft steps predict twice as well, but
-between its steps their cost is flat, and three descents in ten come to rest there, while the smooth default machine, wrong by a
-point on average, points the right way from everywhere. Its descent only has to be kept where its data were.
+"""Two things can be read from this.
+
+The nearest sample is a poor judge in twenty dimensions: even the nearest of thousands is far, and
+its score is another posture's. And the best predictor is not the best guide: the soft steps predict
+twice as well, but between its steps their cost is flat, and three descents in ten come to rest
+there, while the smooth default machine, wrong by a point on average, points the right way from
+everywhere. Its descent only has to be kept where its data were.
 """

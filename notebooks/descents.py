@@ -1,4 +1,4 @@
-"""Descents of learned costs over postures as the EPFL report makes them, and the judges of where they end."""
+"""Descents of learned costs over postures as in the EPFL report, and judges of where they end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ Slopes = Callable[[Array], tuple[Array, Array]]
 def slopes_of(cost: LearnedCost, count: int) -> Slopes:
     """Return a function of `count` inputs (count, d) that gives V (count,) and dV/dx (count, d)."""
     x = ca.MX.sym("x", len(cost.coordinates))
-    function = ca.Function("slopes", [x], ca.cse([cost.value(x), ca.densify(cost.slope(x))])).map(count)
+    function = ca.Function("slopes", [x], ca.cse([cost.value(x), ca.densify(cost.slope(x))])).map(
+        count
+    )
 
     def slopes(points: Array) -> tuple[Array, Array]:
         values, gradients = function(points.T)
@@ -54,7 +56,8 @@ def follow(
         every: keep the points of every so many steps.
 
     Returns:
-        The points on the way, shape (1 + steps // every, n, d): those at the start, and after every so many steps.
+        The points on the way, shape (1 + steps // every, n, d): those at the start, and after every
+        so many steps.
     """
     points, path = starts, [starts]
     for i in range(1, steps + 1):
@@ -69,7 +72,10 @@ def follow(
 
 
 def to_the_bottom(cost: LearnedCost, starts: Array, box: tuple[Array, Array]) -> Array:
-    """Return the local minima (n, d) within a box, by L-BFGS-B: neither step size nor patience plays a part."""
+    """Return the local minima (n, d) within a box, by L-BFGS-B.
+
+    Neither step size nor patience plays a part.
+    """
     slopes = slopes_of(cost, 1)
 
     def one(x: Array) -> tuple[float, Array]:
@@ -77,12 +83,16 @@ def to_the_bottom(cost: LearnedCost, starts: Array, box: tuple[Array, Array]) ->
         return float(value[0]), gradient[0]
 
     bounds = list(zip(*box, strict=True))
-    return np.array([minimize(one, start, jac=True, method="L-BFGS-B", bounds=bounds).x for start in starts])
+    return np.array(
+        [minimize(one, start, jac=True, method="L-BFGS-B", bounds=bounds).x for start in starts]
+    )
 
 
 def balanced_rows(data: DataSet, per_score: int) -> NDArray[np.int64]:
-    """Return the numbers of the first `per_score` rows of each score: the starts that all methods share."""
-    return np.concatenate([np.flatnonzero(data.labels == score)[:per_score] for score in np.unique(data.labels)])
+    """Return the first `per_score` row numbers of each score: the starts all methods share."""
+    return np.concatenate(
+        [np.flatnonzero(data.labels == score)[:per_score] for score in np.unique(data.labels)]
+    )
 
 
 def joint_ranges(coordinates: tuple[str, ...]) -> tuple[Array, Array]:
@@ -101,5 +111,8 @@ def true_scores(points: Array, coordinates: tuple[str, ...]) -> NDArray[np.int64
 
 
 def nearest_scores(points: Array, data: DataSet) -> Array:
-    """Return the label (n,) of the data point nearest to each point (n, d): the EPFL report's judge."""
+    """Return the label (n,) of the data point nearest to each point (n, d).
+
+    This is the EPFL report's judge.
+    """
     return data.labels[KDTree(data.points).query(points)[1]]

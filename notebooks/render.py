@@ -1,7 +1,9 @@
-"""Run the notebooks at full size and write them with their outputs: ``python notebooks/render.py [NAME ...]``.
+"""Run the notebooks at full size and write them with their outputs.
 
-Each ``NAME.py`` (percent format of jupytext) becomes ``NAME.ipynb``, and its figures ``figures/*.png``. Names are beginnings:
-``01`` renders ``01_gmr_cosine``.
+The call is ``python notebooks/render.py [NAME ...]``.
+
+Each ``NAME.py`` (percent format of jupytext) becomes ``NAME.ipynb``, and its figures
+``figures/*.png``. Names are beginnings: ``01`` renders ``01_gmr_cosine``.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ def render(source: Path) -> Path:
         RuntimeError: if the result is too large or tells where it was run.
     """
     notebook = jupytext.read(source, fmt="py:percent")
-    NotebookClient(notebook, timeout=3600, kernel_name="python3", resources={"metadata": {"path": str(FOLDER)}}).execute()
+    NotebookClient(
+        notebook, timeout=3600, kernel_name="python3", resources={"metadata": {"path": str(FOLDER)}}
+    ).execute()
     # What differs from machine to machine and from run to run is left out.
     notebook.metadata = nbformat.from_dict(
         {
@@ -57,7 +61,9 @@ def render(source: Path) -> Path:
         if place != "/" and place in text:
             raise RuntimeError(f"{source.name}: an output names the folder {place}")
     if len(text) > LARGEST:
-        raise RuntimeError(f"{source.name}: {len(text)} bytes, allowed {LARGEST}: fewer or smaller figures")
+        raise RuntimeError(
+            f"{source.name}: {len(text)} bytes, allowed {LARGEST}: fewer or smaller figures"
+        )
     result = source.with_suffix(".ipynb")
     result.write_text(text + "\n", encoding="utf-8")
     return result

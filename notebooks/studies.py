@@ -1,7 +1,7 @@
 """What all notebooks share: how big they are, how they look, and the box plots of the EPFL report.
 
-The environment variable ``ERGOQP_NOTEBOOK_SIZE=small`` makes every notebook a quick trial of itself: same code, fewer points,
-no files written.
+The environment variable ``ERGOQP_NOTEBOOK_SIZE=small`` makes every notebook a quick trial of
+itself: same code, fewer points, no files written.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ def size(small: Size, full: Size) -> Size:
 
 
 def save(figure: Figure, name: str) -> None:
-    """Keep a figure as ``figures/NAME.png`` (at full size only); a notebook also shows it below the cell.
+    """Keep a figure as ``figures/NAME.png`` (at full size only).
+
+    A notebook also shows it below the cell.
 
     Args:
         figure: to keep.
@@ -77,7 +79,7 @@ def save(figure: Figure, name: str) -> None:
 
 
 def few_colours(picture: bytes) -> bytes:
-    """Return a PNG with a palette of 128 colours: plots need no more, and it takes a third of the room."""
+    """Return a PNG with a palette of 128 colours: enough for plots, in a third of the room."""
     kept = io.BytesIO()
     Image.open(io.BytesIO(picture)).convert("RGB").quantize(128).save(kept, "png", optimize=True)
     return kept.getvalue()
@@ -92,7 +94,9 @@ def boxes(
     width: float = 0.6,
     label: str | None = None,
 ) -> None:
-    """Draw one box per group: the middle half, the median, whiskers to 1.5 box lengths, outliers as red dots.
+    """Draw one box per group: the middle half, the median, whiskers and outliers.
+
+    Whiskers reach to 1.5 box lengths, outliers are red dots.
 
     Args:
         axes: to draw in.
@@ -112,7 +116,13 @@ def boxes(
         medianprops={"color": colour, "linewidth": 2.4},
         whiskerprops={"color": colour},
         capprops={"color": colour},
-        flierprops={"marker": ".", "markersize": 4, "markerfacecolor": RED, "markeredgecolor": "none", "alpha": 0.55},
+        flierprops={
+            "marker": ".",
+            "markersize": 4,
+            "markerfacecolor": RED,
+            "markeredgecolor": "none",
+            "alpha": 0.55,
+        },
     )
     if label is not None:
         drawn["boxes"][0].set_label(label)
@@ -128,7 +138,9 @@ def boxes_by_score(
     xlabel: str = "score of the start",
     ylabel: str = "score at the end",
 ) -> None:
-    """Draw the values of the points of each score as one box: predictions, or where descents from there ended.
+    """Draw the values of the points of each score as one box.
+
+    They are predictions, or where descents from there ended.
 
     Args:
         axes: to draw in.
@@ -141,7 +153,9 @@ def boxes_by_score(
     """
     classes = np.unique(scores)
     if line is not None:
-        axes.plot(classes[[0, -1]], classes[[0, -1]], color="black", linewidth=1.1, label=line, zorder=1)
+        axes.plot(
+            classes[[0, -1]], classes[[0, -1]], color="black", linewidth=1.1, label=line, zorder=1
+        )
         axes.legend(loc="upper left")
     boxes(axes, [values[scores == score] for score in classes], classes, colour=colour)
     axes.set_xticks(classes)
@@ -151,11 +165,15 @@ def boxes_by_score(
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """Print a table with aligned columns; numbers with a decimal point get two decimals."""
-    texts = [[f"{cell:.2f}" if isinstance(cell, (float, np.floating)) else str(cell) for cell in row] for row in rows]
+    texts = [
+        [f"{cell:.2f}" if isinstance(cell, (float, np.floating)) else str(cell) for cell in row]
+        for row in rows
+    ]
     widths = [max(len(row[i]) for row in [list(header), *texts]) for i in range(len(header))]
     for row in [list(header), ["-" * width for width in widths], *texts]:
         first, *rest = (
-            cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         )
         print("  ".join([first, *rest]).rstrip())
 

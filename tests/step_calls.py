@@ -1,4 +1,5 @@
-"""Calls of a step as a bad day brings them: a wandering posture, lost frames, late ones, other periods, wrong poses, NaN."""
+"""Calls of a step as a bad day brings them: a wandering posture, lost frames, late ones, other
+periods, wrong poses, NaN."""
 
 from __future__ import annotations
 
@@ -15,15 +16,22 @@ from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Step, Stepper
 
 
-def wandering_steps(problem: Problem, stepper: Stepper, count: int, seed: int) -> Iterator[tuple[dict[str, Any], Step]]:
-    """Yield keyword arguments of `Stepper.step` and the answer to each: a measured pose has to follow from what was sent."""
+def wandering_steps(
+    problem: Problem, stepper: Stepper, count: int, seed: int
+) -> Iterator[tuple[dict[str, Any], Step]]:
+    """Yield keyword arguments of `Stepper.step` and the answer to each: a measured pose has to
+    follow from what was sent."""
     rng = np.random.default_rng(seed)
     posture, twist, dt = start_of(problem), np.zeros(6), 0.01
     of_person = problem.coordinates == JOINTS
     pose = _beside_the_box(problem) if of_person else np.eye(4)
     for number in range(count):
         posture = _wander(problem, posture, rng)
-        call: dict[str, Any] = {"posture": posture.copy(), "dt": rng.choice([0.003, 0.01, 0.01, 0.01, 0.02]), "age": 0.0}
+        call: dict[str, Any] = {
+            "posture": posture.copy(),
+            "dt": rng.choice([0.003, 0.01, 0.01, 0.01, 0.02]),
+            "age": 0.0,
+        }
         if of_person and (number == 0 or rng.random() < 0.5):
             call["pose"] = pose
         chance = rng.random()

@@ -1,4 +1,5 @@
-"""What is installed is all that is needed: the wheel away from the checkout, the source distribution, the public names."""
+"""What is installed is all that is needed: the wheel away from the checkout, the source
+distribution, the public names."""
 
 import os
 import re
@@ -19,9 +20,18 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def call(*command, cwd, **environment):
-    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    clean = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PYTHONPATH", "VIRTUAL_ENV")
+    }
     done = subprocess.run(
-        [str(part) for part in command], cwd=cwd, env={**clean, **environment}, capture_output=True, text=True, timeout=300
+        [str(part) for part in command],
+        cwd=cwd,
+        env={**clean, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     return done.stdout
@@ -32,19 +42,48 @@ def distributions(tmp_path_factory):
     """The wheel and the source distribution, built without a network."""
     pytest.importorskip("hatchling")
     out = tmp_path_factory.mktemp("dist")
-    call(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-t", "wheel", "-d", out, cwd=ROOT)
+    call(
+        sys.executable,
+        "-m",
+        "hatchling",
+        "build",
+        "-t",
+        "sdist",
+        "-t",
+        "wheel",
+        "-d",
+        out,
+        cwd=ROOT,
+    )
     return next(out.glob("*.whl")), next(out.glob("*.tar.gz"))
 
 
 @pytest.fixture(scope="module")
 def installed(distributions, tmp_path_factory):
-    """The Python of an environment that holds the wheel, and sees this one's dependencies but not the checkout."""
+    """The Python of an environment that holds the wheel, and sees this one's dependencies but not
+    the checkout."""
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder, with_pip=False, symlinks=True)
     python = folder / "bin" / "python"
-    packages = Path(call(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip())
-    call(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", distributions[0], cwd=folder)
-    # Later on the path than the wheel, and only the folder itself: its .pth files, the editable install's too, do not count.
+    packages = Path(
+        call(
+            python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder
+        ).strip()
+    )
+    call(
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        python,
+        "install",
+        "--no-deps",
+        "--no-index",
+        distributions[0],
+        cwd=folder,
+    )
+    # Later on the path than the wheel, and only the folder itself: its .pth files, the editable
+    # install's too, do not count.
     for place in {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}:
         with (packages / "dependencies.pth").open("a", encoding="utf-8") as file:
             file.write(f"{place}\n")
@@ -70,14 +109,22 @@ def test_source_distribution_holds_everything(distributions):
         for path in (ROOT / kind).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:
                 assert str(path.relative_to(ROOT)) in names
-    assert {"README.md", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "pyproject.toml"} <= names
+    assert {
+        "README.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "LICENSE",
+        "Makefile",
+        "pyproject.toml",
+    } <= names
 
 
 def test_wheel_works_elsewhere(installed, tmp_path):
     code = (
-        "import ergoqp; from pathlib import Path; from ergoqp.human import Body; from ergoqp.paths import data_folder\n"
-        "assert data_folder('models').parent == Path(ergoqp.__file__).parent\n"
-        "print(ergoqp.__file__, ergoqp.load_problem('screwing').name, Body().model.nq)"
+        "import ergoqp; from pathlib import Path; from ergoqp.human import Body; from ergoqp.paths"
+        " import data_folder\nassert data_folder('models').parent =="
+        " Path(ergoqp.__file__).parent\nprint(ergoqp.__file__,"
+        " ergoqp.load_problem('screwing').name, Body().model.nq)"
     )
     place, name, size = call(installed, "-W", "error", "-c", code, cwd=tmp_path).split()
     assert not Path(place).is_relative_to(ROOT)
@@ -94,9 +141,24 @@ def test_command_of_the_wheel(installed, tmp_path):
 
 def test_public_names():
     assert set(ergoqp.__all__) == {
-        "JOINTS", "Control", "Problem", "Step", "Stepper", "__version__", "compare", "errors", "load_cost", "load_problem",
-        "load_recording", "reba", "replay", "DeclaredRobot", "optimise", "simulate", "step_function",
-    }  # fmt: skip
+        "JOINTS",
+        "Control",
+        "Problem",
+        "Step",
+        "Stepper",
+        "__version__",
+        "compare",
+        "errors",
+        "load_cost",
+        "load_problem",
+        "load_recording",
+        "reba",
+        "replay",
+        "DeclaredRobot",
+        "optimise",
+        "simulate",
+        "step_function",
+    }
     for name in ergoqp.__all__:
         assert getattr(ergoqp, name) is not None
         assert name in dir(ergoqp)

@@ -1,4 +1,5 @@
-"""Arguments of another kind or range: one sentence that says what, got and allowed, and nothing else."""
+"""Arguments of another kind or range: one sentence that says what, got and allowed, and nothing
+else."""
 
 from __future__ import annotations
 
@@ -17,7 +18,14 @@ from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ErgoqpError
 from ergoqp.human import Body
 from ergoqp.learning.one_class import OneClass, load_one_class
-from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
+from ergoqp.limits import (
+    ArmLength,
+    AxisCone,
+    JointLimit,
+    OneClassBoundary,
+    TwistLimit,
+    WorkspaceBox,
+)
 from ergoqp.limits.limit import Rows, Situation, straight_margins
 from ergoqp.placing.find import optimise
 from ergoqp.problem.control import Control
@@ -75,12 +83,23 @@ WRONG: dict[str, Any] = {
 
 def terms(**changed: Any) -> dict[str, Any]:
     given = problem_of("screwing")
-    return {"cost": given.cost, "response": given.response, "limits": given.limits, "task": given.task} | changed
+    return {
+        "cost": given.cost,
+        "response": given.response,
+        "limits": given.limits,
+        "task": given.task,
+    } | changed
 
 
 def screwing(function: Callable[..., Any], **given: Any) -> Callable[..., Any]:
     def call(**changed: Any) -> Any:
-        return function(**({"problem": problem_of("screwing"), "posture": comfort_of("screwing")} | given | changed))
+        return function(
+            **(
+                {"problem": problem_of("screwing"), "posture": comfort_of("screwing")}
+                | given
+                | changed
+            )
+        )
 
     return call
 
@@ -139,29 +158,65 @@ LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
         simulate,
         {"problem": problem_of("screwing"), "posture": comfort_of("screwing"), "duration": 0.02},
         (
-            *("problem", "posture", "duration", "seed", "person", "observed", "recording", "start_time", "assumptions"),
-            *("progress", "guide", "robot", "senses"),
+            "problem",
+            "posture",
+            "duration",
+            "seed",
+            "person",
+            "observed",
+            "recording",
+            "start_time",
+            "assumptions",
+            "progress",
+            "guide",
+            "robot",
+            "senses",
         ),
     ),
     "optimise": (
         optimise,
         {"problem": problem_of("screwing"), "posture": comfort_of("screwing"), "starts": 1},
         (
-            *("problem", "posture", "starts", "seed", "jobs", "mode", "solver", "pose", "person", "tau_deg"),
-            *("scheduler", "out", "assumptions", "progress"),
+            "problem",
+            "posture",
+            "starts",
+            "seed",
+            "jobs",
+            "mode",
+            "solver",
+            "pose",
+            "person",
+            "tau_deg",
+            "scheduler",
+            "out",
+            "assumptions",
+            "progress",
         ),
     ),
     "run_points": (
         run_points,
-        {"problem": problem_of("forearm"), "start": [0.3, -0.2, 1.0, 0.5, -0.2, 1.1], "duration": 0.02},
+        {
+            "problem": problem_of("forearm"),
+            "start": [0.3, -0.2, 1.0, 0.5, -0.2, 1.1],
+            "duration": 0.02,
+        },
         ("problem", "start", "duration", "stop_when_still"),
     ),
     "WholeBody": (
         WholeBody,
         {"problem": problem_of("screwing")},
         (
-            *("problem", "robot", "frame", "tool_frame", "base", "posture", "start", "distance", "reserve"),
-            *("object_size", "dt"),
+            "problem",
+            "robot",
+            "frame",
+            "tool_frame",
+            "base",
+            "posture",
+            "start",
+            "distance",
+            "reserve",
+            "object_size",
+            "dt",
         ),
     ),
 }
@@ -201,7 +256,10 @@ def test_whatever_a_loop_is_given_it_answers_with_one_sentence(name: str) -> Non
         ({"task": {"load_kg": "a"}}, "task.load_kg: got 'a', allowed: a number"),
         ({"task": {"load_kg": [1.0]}}, "task.load_kg: got [1.0], allowed a single value"),
         ({"task": {"coupling": 9}}, "task.coupling: got 9, allowed: a whole number from 0 to 3"),
-        ({"task": {"coupling": 1.5}}, "task.coupling: got 1.5, allowed: a whole number from 0 to 3"),
+        (
+            {"task": {"coupling": 1.5}},
+            "task.coupling: got 1.5, allowed: a whole number from 0 to 3",
+        ),
         ({"method": None}, "method: got None, allowed a Method"),
         ({"name": "../x"}, "name: got '../x', allowed one that a folder can have"),
         ({"name": ".."}, "name: got '..', allowed one that a folder can have"),
@@ -216,7 +274,9 @@ def test_whatever_a_loop_is_given_it_answers_with_one_sentence(name: str) -> Non
         ({"response": None}, "response: got None, allowed a response with coordinates"),
     ],
 )
-def test_terms_that_are_none_are_named_when_the_problem_is_made(changed: dict[str, Any], sentence: str) -> None:
+def test_terms_that_are_none_are_named_when_the_problem_is_made(
+    changed: dict[str, Any], sentence: str
+) -> None:
     said = answer(Problem, terms(**changed))
     assert said is not None
     assert said.startswith(sentence)
@@ -258,7 +318,9 @@ class Shelf:
         matrix = ca.SX(1, 6)
         matrix[0, 0] = 1
         free = ca.SX([ca.inf])
-        return situation.counted(self.names[0], Rows(matrix, free, ca.SX(2.0) - situation.pose[0, 3], free, ca.SX(1, 1)))
+        return situation.counted(
+            self.names[0], Rows(matrix, free, ca.SX(2.0) - situation.pose[0, 3], free, ca.SX(1, 1))
+        )
 
     def margins(self, situation: Situation, displacement: Any) -> Any:
         return straight_margins(self.rows(situation), displacement)
@@ -268,23 +330,40 @@ class Shelf:
     ("changed", "sentence"),
     [
         ({"tolerance": float("nan")}, "limits: tolerance of shelf: got nan, allowed 0 to 1e+06"),
-        ({"tolerance": "x"}, "limits: tolerance of shelf: got 'x', allowed a number from 0 to 1e+06"),
+        (
+            {"tolerance": "x"},
+            "limits: tolerance of shelf: got 'x', allowed a number from 0 to 1e+06",
+        ),
         ({"recovery_time": 0.0}, "limits: recovery_time of shelf: got 0.0, allowed 0.001 to 1000"),
         ({"yield_zone": None}, "limits: yield_zone of shelf: got None, allowed a number from"),
         ({"hard": "no"}, "limits: hard of shelf: got 'no', allowed True or False"),
         ({"names": "shelf"}, "limits: names: got 'shelf', allowed a name for each row"),
         ({"names": ()}, "limits: names: got (), allowed a name for each row"),
         ({"names": (5,)}, "limits: names: got (5,), allowed a name for each row"),
-        ({"names": ("a", "b"), "returns": (True, True)}, "limits: rows of a: got 1 rows and 1 margins, allowed"),
-        ({"returns": True}, "limits: returns of shelf: got True, allowed one True or False for each row"),
+        (
+            {"names": ("a", "b"), "returns": (True, True)},
+            "limits: rows of a: got 1 rows and 1 margins, allowed",
+        ),
+        (
+            {"returns": True},
+            "limits: returns of shelf: got True, allowed one True or False for each row",
+        ),
         ({"returns": (True,) * 3}, "limits: returns of shelf: got (True, True, True), allowed one"),
         ({"measure": None}, "limits: rows of shelf: got TypeError ("),
         ({"rows": lambda situation: None}, "limits: rows of shelf: got AttributeError ("),
-        ({"margins": lambda situation, displacement: None}, "limits: rows of shelf: got AttributeError ("),
-        ({"rows": lambda situation: Rows(ca.SX(1, 6), 1.0, 1.0, 1.0, 1.0)}, "limits: got rows whose below has shape None"),
+        (
+            {"margins": lambda situation, displacement: None},
+            "limits: rows of shelf: got AttributeError (",
+        ),
+        (
+            {"rows": lambda situation: Rows(ca.SX(1, 6), 1.0, 1.0, 1.0, 1.0)},
+            "limits: got rows whose below has shape None",
+        ),
     ],
 )
-def test_a_limit_of_ones_own_is_judged_when_the_problem_is_made(changed: dict[str, Any], sentence: str) -> None:
+def test_a_limit_of_ones_own_is_judged_when_the_problem_is_made(
+    changed: dict[str, Any], sentence: str
+) -> None:
     shelf = Shelf()
     assert answer(Problem, terms(limits=[*problem_of("screwing").limits, shelf])) is None
     for name, value in changed.items():
@@ -314,11 +393,19 @@ class Bowl:
         ({"minimum": float("inf")}, "cost.minimum: got inf, allowed"),
         ({"minimum": "x"}, "cost.minimum: got 'x', allowed a number from"),
         ({"name": 5}, "cost.name: got 5, allowed a text of one line"),
-        ({"expression": lambda q: None}, "cost: got the expression None of bowl, allowed a scalar of CasADi"),
-        ({"expression": lambda q: q}, "cost: got the expression MX(q) of bowl, allowed a scalar of CasADi"),
+        (
+            {"expression": lambda q: None},
+            "cost: got the expression None of bowl, allowed a scalar of CasADi",
+        ),
+        (
+            {"expression": lambda q: q},
+            "cost: got the expression MX(q) of bowl, allowed a scalar of CasADi",
+        ),
     ],
 )
-def test_a_cost_of_ones_own_is_judged_before_the_loop(changed: dict[str, Any], sentence: str) -> None:
+def test_a_cost_of_ones_own_is_judged_before_the_loop(
+    changed: dict[str, Any], sentence: str
+) -> None:
     bowl = Bowl()
     for name, value in changed.items():
         setattr(bowl, name, value)
@@ -330,12 +417,18 @@ def test_a_cost_of_ones_own_is_judged_before_the_loop(changed: dict[str, Any], s
 @pytest.mark.parametrize(
     "call",
     [
-        lambda: problem_of("screwing").replace(limits=(limit for limit in problem_of("screwing").limits)),
-        lambda: problem_of("screwing").replace(name="visser : dix", title="visser\u00a0: dix\nlignes"),
+        lambda: problem_of("screwing").replace(
+            limits=(limit for limit in problem_of("screwing").limits)
+        ),
+        lambda: problem_of("screwing").replace(
+            name="visser : dix", title="visser\u00a0: dix\nlignes"
+        ),
         lambda: IkResponse(free_about_tool=np.bool_(True), hands=np.array(["right"])),
         lambda: TwistLimit(axes={"x"}),
         lambda: Stepper(problem_of("screwing"), compiled=np.bool_(False), dt=np.float32(0.01)),
-        lambda: DataSet(np.eye(30)[:, :3], np.arange(30), ("trunk_flexion", "neck_flexion", "trunk_twist")),
+        lambda: DataSet(
+            np.eye(30)[:, :3], np.arange(30), ("trunk_flexion", "neck_flexion", "trunk_twist")
+        ),
         lambda: Senses(delay=np.float64(0.1), lost=0),
     ],
 )

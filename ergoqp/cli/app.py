@@ -38,26 +38,50 @@ ProblemName = Annotated[
     str,
     typer.Argument(
         metavar="PROBLEM",
-        help="dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML file.",
+        help=(
+            "dentist, desk, low_bin, overhead, screwing, screwing_learned, or the path of a TOML"
+            " file."
+        ),
         show_default=False,
     ),
 ]
 AnyProblem = Annotated[
     str,
-    typer.Argument(metavar="PROBLEM", help="A name, as for run, or forearm, or the path of a TOML file.", show_default=False),
+    typer.Argument(
+        metavar="PROBLEM",
+        help="A name, as for run, or forearm, or the path of a TOML file.",
+        show_default=False,
+    ),
 ]
-At = Annotated[float | None, typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame].")]
+At = Annotated[
+    float | None,
+    typer.Option("--at", metavar="SECONDS", help="When in the recording [its worst-scored frame]."),
+]
 Unit = Annotated[
-    float | None, typer.Option("--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found].")
+    float | None,
+    typer.Option(
+        "--unit-to-m", metavar="M", help="Size of the recording's unit of length in metres [found]."
+    ),
 ]
-UpAxis = Annotated[Up | None, typer.Option("--up", help="The recording's vertical axis [found].", show_default=False)]
+UpAxis = Annotated[
+    Up | None,
+    typer.Option("--up", help="The recording's vertical axis [found].", show_default=False),
+]
 Person = Annotated[
     str | None,
-    typer.Option("--person", metavar="M|FILE", help="Stature in metres, or a person file (TOML) [measured in the recording]."),
+    typer.Option(
+        "--person",
+        metavar="M|FILE",
+        help="Stature in metres, or a person file (TOML) [measured in the recording].",
+    ),
 ]
 Mapping = Annotated[
     Path | None,
-    typer.Option("--mapping", metavar="FILE", help="TOML file that names the recording's joints [known namings]."),
+    typer.Option(
+        "--mapping",
+        metavar="FILE",
+        help="TOML file that names the recording's joints [known namings].",
+    ),
 ]
 
 
@@ -68,7 +92,9 @@ def out_option(*folders: str) -> Any:
         folders: names of the folders in ``ergoqp-out`` that take its place if it is not given.
     """
     default = "ergoqp-out/" + ", ".join(folders)
-    return typer.Option("--out", metavar="DIR", parser=folder_of, help=f"Folder for the results [{default}].")
+    return typer.Option(
+        "--out", metavar="DIR", parser=folder_of, help=f"Folder for the results [{default}]."
+    )
 
 
 def folder_of(text: str) -> Path:

@@ -46,7 +46,10 @@ def _print_version(wanted: bool) -> None:
 def _root(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and end."
+        ),
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
@@ -54,7 +57,10 @@ def _root(
 
 
 def execute(arguments: Sequence[str]) -> int:
-    """Run a command line (without the program's name) and return the exit status; mistakes and faults go to standard error."""
+    """Run a command line (without the program's name) and return the exit status.
+
+    Mistakes and faults go to standard error.
+    """
     try:
         status = app(args=list(arguments), prog_name="ergoqp", standalone_mode=False)
     except ErgoqpError as mistake:
@@ -62,19 +68,26 @@ def execute(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Who reads has gone, for example `| head`: nothing more to say, and nothing to flush at the end.
+        # Who reads has gone, for example `| head`: nothing more to say, and nothing to flush at the
+        # end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAULT
     except Exception as error:
-        # A usage error of the command line's own library, whichever version of it carries the class.
+        # A usage error of the command line's own library, whichever version of it carries the
+        # class.
         if hasattr(error, "format_message"):
-            words = _with_got(" ".join(error.format_message().split()), error, arguments)  # type: ignore[attr-defined]
+            message: str = error.format_message()  # type: ignore[attr-defined]
+            words = _with_got(" ".join(message.split()), error, arguments)
             command = getattr(getattr(error, "ctx", None), "command_path", "ergoqp")
             return _complain(f"{words.rstrip('.')}; see `{command} --help`", MISTAKE)
         if os.environ.get("ERGOQP_DEBUG") == "1":
             traceback.print_exc()
         kind = type(error).__name__
-        return _complain(f"internal fault, {kind}: {error}; set ERGOQP_DEBUG=1 to see where, and please report it", FAULT)
+        return _complain(
+            f"internal fault, {kind}: {error}; set ERGOQP_DEBUG=1 to see where, and please"
+            " report it",
+            FAULT,
+        )
     return status if isinstance(status, int) else DONE
 
 
@@ -86,7 +99,12 @@ def _with_got(words: str, error: Exception, arguments: Sequence[str]) -> str:
         found = [given[i + 1] for i, each in enumerate(given[:-1]) if each == option]
         found += [each.partition("=")[2] for each in arguments if each.startswith(f"{option}=")]
         if found and "got" not in words and repr(found[-1]) not in words:
-            allowed = words.partition(": ")[2].removeprefix("Input should be ").partition(",")[0].rstrip(".")
+            allowed = (
+                words.partition(": ")[2]
+                .removeprefix("Input should be ")
+                .partition(",")[0]
+                .rstrip(".")
+            )
             return f"{option}: got {found[-1]!r}, allowed {allowed}"
     return words
 

@@ -10,9 +10,10 @@ import typer
 
 from ergoqp.cli.app import AnyProblem, app, folder_of, out_option
 
-_ABOUT_FIT = """Learn a cost from labelled postures, test it on postures that it has not seen, and keep it.
+_ABOUT_FIT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.
 
-Prints a table and writes COST.npz (for [cost.learned] in a problem file, or ergoqp.load_cost) and COST.png.
+Prints a table and writes COST.npz (for [cost.learned] in a problem file, or ergoqp.load_cost) and
+COST.png.
 
 \b
 Examples:
@@ -20,13 +21,13 @@ Examples:
   ergoqp fit gmr --set components=30 --folds 3
   ergoqp fit svr --data forearm                      elbow and wrist of the right arm
   ergoqp fit quadratic --data my_postures.csv        columns trunk_flexion_deg ..., score
-  ergoqp fit boundary --joints scored                where there were data, for [limits.one_class_boundary]
+  ergoqp fit boundary --joints scored                for [limits.one_class_boundary]
 """
 
 _ABOUT_COMPARE = """Compare QP solvers on the QPs that a problem's own control steps solve.
 
-Records closed loops, derives harder QPs, judges every answer apart, prints tables, and writes compare.json, compare.png and
-the QPs as a test set for qpbenchmark.
+Records closed loops, derives harder QPs, judges every answer apart, prints tables, and writes
+compare.json, compare.png and the QPs as a test set for qpbenchmark.
 
 \b
 Examples:
@@ -34,7 +35,9 @@ Examples:
   ergoqp compare low_bin --solvers daqp,piqp --steps 1000
 """
 
-_ABOUT_EXPORT = """Write the control step of a problem as C99: sources, header, CMake file, the QP solver's library, examples.
+_ABOUT_EXPORT = """Write the control step of a problem as C99.
+
+The folder holds sources, header, CMake file, the QP solver's library and examples.
 
 \b
 Examples:
@@ -54,21 +57,41 @@ class Joints(StrEnum):
 def _fit(
     cost: Annotated[
         str,
-        typer.Argument(metavar="COST", help="quadratic, gmr, svr, one_class_ladder, neural; or boundary.", show_default=False),
+        typer.Argument(
+            metavar="COST",
+            help="quadratic, gmr, svr, one_class_ladder, neural; or boundary.",
+            show_default=False,
+        ),
     ],
     data: Annotated[
-        str, typer.Option("--data", metavar="NAME|FILE", help="sheet, interval, forearm, or a CSV file of your own.")
+        str,
+        typer.Option(
+            "--data",
+            metavar="NAME|FILE",
+            help="sheet, interval, forearm, or a CSV file of your own.",
+        ),
     ] = "sheet",
     joints: Annotated[
-        Joints, typer.Option("--joints", help="The 20 joints of the EPFL report, or all 22 that the sheet reads.")
+        Joints,
+        typer.Option(
+            "--joints", help="The 20 joints of the EPFL report, or all 22 that the sheet reads."
+        ),
     ] = Joints.report,
     per_score: Annotated[
-        int, typer.Option("--per-score", metavar="N", help="Postures of each score, where data are drawn.")
+        int,
+        typer.Option(
+            "--per-score", metavar="N", help="Postures of each score, where data are drawn."
+        ),
     ] = 1000,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of data, folds and fit.")] = 0,
-    folds: Annotated[int, typer.Option("--folds", metavar="N", help="Of the cross-validation.")] = 5,
+    folds: Annotated[
+        int, typer.Option("--folds", metavar="N", help="Of the cross-validation.")
+    ] = 5,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option of the cost's own fit; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="An option of the cost's own fit; may be repeated."
+        ),
     ] = None,
     out: Annotated[Path | None, out_option("fit-COST")] = None,
 ) -> None:
@@ -82,15 +105,22 @@ def _fit(
     fit(cost, data, joints.value, per_score, seed, folds, settings or [], out)
 
 
-@app.command("compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on a problem's own QPs.")
+@app.command(
+    "compare", help=_ABOUT_COMPARE, short_help="Compare QP solvers on a problem's own QPs."
+)
 def _compare(
     problem: AnyProblem,
     solvers: Annotated[
-        str | None, typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed].")
+        str | None,
+        typer.Option("--solvers", metavar="A,B", help="Solvers by name [all that are installed]."),
     ] = None,
-    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Control steps to record.")] = 300,
+    steps: Annotated[
+        int, typer.Option("--steps", metavar="N", help="Control steps to record.")
+    ] = 300,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the closed loops.")] = 0,
-    accuracy: Annotated[float, typer.Option("--accuracy", metavar="A", help="That the solvers are set to.")] = 1e-6,
+    accuracy: Annotated[
+        float, typer.Option("--accuracy", metavar="A", help="That the solvers are set to.")
+    ] = 1e-6,
     out: Annotated[Path | None, out_option("compare-PROBLEM")] = None,
 ) -> None:
     from ergoqp.cli.commands.compare import run_compare
@@ -102,9 +132,18 @@ def _compare(
 def _export(
     problem: AnyProblem,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", parser=folder_of, help="Folder for the sources.", show_default=False)
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            parser=folder_of,
+            help="Folder for the sources.",
+            show_default=False,
+        ),
     ],
-    dt: Annotated[float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")] = None,
+    dt: Annotated[
+        float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")
+    ] = None,
 ) -> None:
     from ergoqp.cli.commands.export import export
 

@@ -1,4 +1,4 @@
-"""`compare`: record the QPs of a problem's closed loops, give them to every solver, judge what comes back."""
+"""`compare`: record a problem's closed-loop QPs, give them to every solver, judge the answers."""
 
 from __future__ import annotations
 
@@ -58,14 +58,17 @@ class Comparison:
     missing: tuple[str, ...]
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``compare.json``, the picture, and the sequences for qpbenchmark; see ``docs/compare_json.md``.
+        """Write ``compare.json``, the picture, and the sequences for qpbenchmark.
+
+        See ``docs/compare_json.md``.
 
         Returns:
             The path of ``compare.json``.
 
         Raises:
             OSError: if the files cannot be written.
-            MissingExtraError: after all else is written, if matplotlib for the picture is not installed.
+            MissingExtraError: after all else is written, if matplotlib for the picture is not
+                installed.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -76,14 +79,23 @@ class Comparison:
         # An older one would be taken for this comparison's.
         picture.unlink(missing_ok=True)
         names = sorted(self.figures, key=lambda name: self.figures[name]["sgm_us"])
-        title = f"{self.problem}: {sum(map(len, self.sequences))} QPs, solvers set to {tidy(self.accuracy)}"
+        title = (
+            f"{self.problem}: {sum(map(len, self.sequences))} QPs, solvers set to"
+            f" {tidy(self.accuracy)}"
+        )
         comparison_picture(title, names, self.trials, self.accuracy, picture)
         return path
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``compare.json`` holds."""
         sequences = [
-            {"name": one.name, "qps": len(one), "unknowns": one.size[0], "rows": one.size[1], "feasible": one.feasible}
+            {
+                "name": one.name,
+                "qps": len(one),
+                "unknowns": one.size[0],
+                "rows": one.size[1],
+                "feasible": one.feasible,
+            }
             for one in self.sequences
         ]
         return {
@@ -110,10 +122,11 @@ def compare(
 ) -> Comparison:
     """Compare QP solvers on the QPs of a problem's control steps.
 
-    The QPs are those that the steps of closed loops solve (`ergoqp.comparison.record.record`), and near singular, nearly
-    infeasible and infeasible ones made from them (`ergoqp.comparison.derive.derived`). Every solver gets every sequence cold,
-    and those that can start warm get the recorded ones warm as well. Times are of the solver alone, new data included, the
-    lesser of two passes.
+    The QPs are those that the steps of closed loops solve (`ergoqp.comparison.record.record`), and
+    near singular, nearly infeasible and infeasible ones made from them
+    (`ergoqp.comparison.derive.derived`). Every solver gets every sequence cold, and those that can
+    start warm get the recorded ones warm as well. Times are of the solver alone, new data included,
+    the lesser of two passes.
 
     Args:
         problem: the task.
@@ -142,22 +155,32 @@ def compare(
             for warm in (False, True) if sequence.follows and SESSIONS[name].warm else (False,):
                 trials.append(try_solver(name, sequence, warm, accuracy, _PASSES))
         tell(0.2 + 0.8 * (i + 1) / len(names))
-    figures = {name: figures_of([trial for trial in trials if trial.solver == name], accuracy) for name in names}
+    figures = {
+        name: figures_of([trial for trial in trials if trial.solver == name], accuracy)
+        for name in names
+    }
     best = min(one["sgm_us"] for one in figures.values())
     for one in figures.values():
         one["sgm_time"] = one["sgm_us"] / best
-    return Comparison(problem.name, steps, seed, accuracy, tuple(sequences), tuple(trials), figures, missing)
+    return Comparison(
+        problem.name, steps, seed, accuracy, tuple(sequences), tuple(trials), figures, missing
+    )
 
 
 def relatives(recording: Recording, count: int, seed: int) -> list[QpSequence]:
-    """Return what is derived from a recorded sequence; nothing from the larger QPs, which always have an answer."""
+    """Return what is derived from a recorded sequence.
+
+    Nothing is derived from the larger QPs, which always have an answer.
+    """
     sequence = recording.sequence
     if count == 0 or sequence.name.endswith(".relaxed"):
         return []
     return derived(sequence, [answer.x for answer in recording.answers], count, seed)
 
 
-def check(solvers: Sequence[str] | None, steps: int, seed: int, accuracy: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def check(
+    solvers: Sequence[str] | None, steps: int, seed: int, accuracy: float
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the solvers to compare, and those that are not installed; before anything is computed.
 
     Raises:
@@ -174,4 +197,6 @@ def check(solvers: Sequence[str] | None, steps: int, seed: int, accuracy: float)
     for name in found:
         # Says what is wrong with a name or the accuracy, and what is missing.
         open_session(name, 1, 0, accuracy)
-    return found, () if solvers is not None else tuple(name for name in SESSIONS if name not in found)
+    return found, (
+        () if solvers is not None else tuple(name for name in SESSIONS if name not in found)
+    )

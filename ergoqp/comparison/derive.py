@@ -23,16 +23,19 @@ CONTRADICTIONS: Final = (1e-1, 1e-2, 1e-3)
 """Infeasible: by how much three rows contradict each other; taken in turn."""
 
 
-def derived(sequence: QpSequence, answers: list[Array], count: int, seed: int = 0) -> list[QpSequence]:
+def derived(
+    sequence: QpSequence, answers: list[Array], count: int, seed: int = 0
+) -> list[QpSequence]:
     """Return the near singular, nearly infeasible and infeasible relatives of a sequence.
 
-    - ``near_singular``: the smaller half of the eigenvalues of H is set to `CURVATURE` times the largest, and every row gets
-      a copy whose entries are turned by `TURN`. The copy's bounds are wide enough for every point within the row's own: the
-      set of feasible points stays, the multipliers are as good as not unique.
-    - ``nearly_infeasible``: two rows that differ by a thousandth, along a random direction, leave a slab of width `SLAB`
-      around a feasible point: that point stays feasible.
-    - ``infeasible``: rows a and b at most 0 at a feasible point x0, and a + b at least one of `CONTRADICTIONS` there. No x
-      can keep all three, whatever the other rows are.
+    - ``near_singular``: the smaller half of the eigenvalues of H is set to `CURVATURE` times the
+      largest, and every row gets a copy whose entries are turned by `TURN`. The copy's bounds are
+      wide enough for every point within the row's own: the set of feasible points stays, the
+      multipliers are as good as not unique.
+    - ``nearly_infeasible``: two rows that differ by a thousandth, along a random direction, leave a
+      slab of width `SLAB` around a feasible point: that point stays feasible.
+    - ``infeasible``: rows a and b at most 0 at a feasible point x0, and a + b at least one of
+      `CONTRADICTIONS` there. No x can keep all three, whatever the other rows are.
 
     Args:
         sequence: recorded QPs.
@@ -45,7 +48,9 @@ def derived(sequence: QpSequence, answers: list[Array], count: int, seed: int = 
     kinds: dict[str, Callable[[Qp, Array, int], Qp]] = {
         "near_singular": lambda qp, x, i: _near_singular(qp, rng),
         "nearly_infeasible": lambda qp, x, i: _nearly_infeasible(qp, x, rng),
-        "infeasible": lambda qp, x, i: _infeasible(qp, x, CONTRADICTIONS[i % len(CONTRADICTIONS)], rng),
+        "infeasible": lambda qp, x, i: _infeasible(
+            qp, x, CONTRADICTIONS[i % len(CONTRADICTIONS)], rng
+        ),
     }
     return [
         QpSequence(
@@ -84,7 +89,9 @@ def _infeasible(qp: Qp, x: Array, by: float, rng: np.random.Generator) -> Qp:
     a, b = _direction(qp, rng), _direction(qp, rng)
     rows = np.stack([a, b, a + b])
     at = rows @ x
-    return _with_rows(qp, rows, np.array([-np.inf, -np.inf, at[2] + by]), np.array([at[0], at[1], np.inf]))
+    return _with_rows(
+        qp, rows, np.array([-np.inf, -np.inf, at[2] + by]), np.array([at[0], at[1], np.inf])
+    )
 
 
 def _direction(qp: Qp, rng: np.random.Generator) -> Array:

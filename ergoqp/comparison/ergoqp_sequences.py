@@ -1,13 +1,14 @@
-"""QPs of ergonomic control steps as a test set of qpbenchmark; needs qpbenchmark and NumPy, nothing of ergoqp.
+"""QPs of ergonomic control steps as a qpbenchmark test set; needs it and NumPy, nothing of ergoqp.
 
 ``ergoqp compare`` puts this file beside the folder ``sequences``; there
 
     qpbenchmark ergoqp_sequences.py --results-path results.csv run --author you
 
-runs it. Each file in the folder is one sequence of QPs along a trajectory, or what was derived from one, under the names of
-``qpsolvers.Problem`` with one more axis in front: P (k, n, n), q (k, n), G (k, 2m, n), h (k, 2m), lb (k, n), ub (k, n). The
-second half of G is the negative of the first; an infinite entry of h is a row that is not there, and two opposite rows that
-meet are an equality. ``feasible`` says whether the QPs have answers, ``follows`` whether each is close to the one before.
+runs it. Each file in the folder is one sequence of QPs along a trajectory, or what was derived from
+one, under the names of ``qpsolvers.Problem`` with one more axis in front: P (k, n, n), q (k, n), G
+(k, 2m, n), h (k, 2m), lb (k, n), ub (k, n). The second half of G is the negative of the first; an
+infinite entry of h is a row that is not there, and two opposite rows that meet are an equality.
+``feasible`` says whether the QPs have answers, ``follows`` whether each is close to the one before.
 """
 
 from __future__ import annotations
@@ -38,12 +39,18 @@ class ErgoqpSequences(TestSet):
                 parts = {name: arrays[name] for name in arrays.files}
             if parts["feasible"]:
                 for i in range(len(parts["q"])):
-                    yield _problem(*(parts[name][i] for name in ("P", "q", "G", "h", "lb", "ub")), name=f"{file.stem}.{i}")
+                    yield _problem(
+                        *(parts[name][i] for name in ("P", "q", "G", "h", "lb", "ub")),
+                        name=f"{file.stem}.{i}",
+                    )
 
     @property
     def description(self) -> str:
         """What the problems are."""
-        return "QPs of control steps that move an object so that a person's posture gets better, recorded from closed loops."
+        return (
+            "QPs of control steps that move an object so that a person's posture gets better,"
+            " recorded from closed loops."
+        )
 
     @property
     def title(self) -> str:
@@ -56,7 +63,15 @@ class ErgoqpSequences(TestSet):
         return False
 
 
-def _problem(P: np.ndarray, q: np.ndarray, G: np.ndarray, h: np.ndarray, lb: np.ndarray, ub: np.ndarray, name: str) -> Problem:
+def _problem(
+    P: np.ndarray,
+    q: np.ndarray,
+    G: np.ndarray,
+    h: np.ndarray,
+    lb: np.ndarray,
+    ub: np.ndarray,
+    name: str,
+) -> Problem:
     half = len(h) // 2
     meet = np.tile(h[:half] == -h[half:], 2)
     kept = np.isfinite(h) & ~meet

@@ -14,20 +14,23 @@ from ergoqp.solvers.judge import TOLERANCES, shifted_geometric_mean, tidy
 Mask = NDArray[np.bool_]
 
 DEADLINE: Final = 0.01
-"""What a QP that was not solved counts in the mean time, at least [s]: the control period that it cost."""
+"""What an unsolved QP counts in the mean time, at least [s]: the control period that it cost."""
 
 
 def figures_of(trials: Sequence[Trial], accuracy: float) -> dict[str, float]:
     """Return the figures of one solver.
 
-    ``success_1e-3``, ``success_1e-6``, ``success_1e-9``: share of the feasible QPs, cold and warm, that it solved and said so,
-    with primal residual, dual residual, gap and wrong-signed multipliers within that. ``wrong_flags``: how often what it said
-    was not so, at the accuracy; ``wrong_solved`` of them on feasible QPs that it said to have solved, ``wrong_infeasible`` on
-    feasible QPs that it called infeasible, ``solved_infeasible`` on infeasible QPs that it said to have solved.
-    ``infeasible_named``: share of the infeasible QPs that it called so. ``sgm_us``: shifted geometric mean of the times of
-    cold, feasible QPs, where one that was not solved to the accuracy counts as `DEADLINE` at least; ``p50_us`` to ``max_us``:
-    the times as they were. ``warm_us``, ``warm_ratio``: shifted geometric mean of the warm times along trajectories, and that
-    over the same QPs' cold one; ``warm_iterations_ratio``: the same of the mean iterations. ``iterations``: mean, cold.
+    ``success_1e-3``, ``success_1e-6``, ``success_1e-9``: share of the feasible QPs, cold and warm,
+    that it solved and said so, with primal residual, dual residual, gap and wrong-signed
+    multipliers within that. ``wrong_flags``: how often what it said was not so, at the accuracy;
+    ``wrong_solved`` of them on feasible QPs that it said to have solved, ``wrong_infeasible`` on
+    feasible QPs that it called infeasible, ``solved_infeasible`` on infeasible QPs that it said to
+    have solved. ``infeasible_named``: share of the infeasible QPs that it called so. ``sgm_us``:
+    shifted geometric mean of the times of cold, feasible QPs, where one that was not solved to the
+    accuracy counts as `DEADLINE` at least; ``p50_us`` to ``max_us``: the times as they were.
+    ``warm_us``, ``warm_ratio``: shifted geometric mean of the warm times along trajectories, and
+    that over the same QPs' cold one; ``warm_iterations_ratio``: the same of the mean iterations.
+    ``iterations``: mean, cold.
 
     Args:
         trials: of one solver, cold ones among them.
@@ -36,16 +39,23 @@ def figures_of(trials: Sequence[Trial], accuracy: float) -> dict[str, float]:
     good = [trial for trial in trials if trial.sequence.feasible]
     bad = [trial for trial in trials if not trial.sequence.feasible]
     cold = [trial for trial in good if not trial.warm]
-    figures: dict[str, float] = {"qps": sum(len(trial.sequence) for trial in trials if not trial.warm)}
+    figures: dict[str, float] = {
+        "qps": sum(len(trial.sequence) for trial in trials if not trial.warm)
+    }
     for tolerance in TOLERANCES:
         figures[f"success_{tidy(tolerance)}"] = _mean([trial.success(tolerance) for trial in good])
     figures["wrong_solved"] = _count([trial.wrong(accuracy) & trial.found for trial in good])
     figures["wrong_infeasible"] = _count([trial.flags == "infeasible" for trial in good])
     figures["solved_infeasible"] = _count([trial.found for trial in bad])
-    figures["wrong_flags"] = figures["wrong_solved"] + figures["wrong_infeasible"] + figures["solved_infeasible"]
+    figures["wrong_flags"] = (
+        figures["wrong_solved"] + figures["wrong_infeasible"] + figures["solved_infeasible"]
+    )
     if bad:
         figures["infeasible_named"] = _mean([trial.flags == "infeasible" for trial in bad])
-    counted = [np.where(trial.success(accuracy), trial.seconds, np.maximum(trial.seconds, DEADLINE)) for trial in cold]
+    counted = [
+        np.where(trial.success(accuracy), trial.seconds, np.maximum(trial.seconds, DEADLINE))
+        for trial in cold
+    ]
     figures["sgm_us"] = 1e6 * shifted_geometric_mean(np.concatenate(counted))
     seconds = np.concatenate([trial.seconds for trial in cold])
     for name, percent in (("p50_us", 50), ("p95_us", 95), ("p99_us", 99), ("max_us", 100)):
@@ -60,7 +70,10 @@ def _warm(trials: Sequence[Trial]) -> dict[str, float]:
     cold = [trial for trial in trials if not trial.warm and trial.sequence.name in names]
     if not warm or not cold:
         return {}
-    times = [shifted_geometric_mean(np.concatenate([trial.seconds for trial in kind])) for kind in (warm, cold)]
+    times = [
+        shifted_geometric_mean(np.concatenate([trial.seconds for trial in kind]))
+        for kind in (warm, cold)
+    ]
     figures = {"warm_us": 1e6 * times[0], "warm_ratio": times[0] / times[1]}
     counts = [_iterations("i", kind).get("i", np.nan) for kind in (warm, cold)]
     if counts[1] > 0:

@@ -1,4 +1,4 @@
-"""The comparison at a glance: how long each solver takes, cold and warm, and how exact its answers are."""
+"""The comparison at a glance: each solver's time, cold and warm, and how exact its answers are."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ _COLD, _WARM, _LATE = "#2f5d8c", "#dd6b20", "#b9bec6"
 _LEAST = 1e-16
 
 
-def comparison_picture(title: str, names: Sequence[str], trials: Sequence[Trial], accuracy: float, path: Path) -> None:
+def comparison_picture(
+    title: str, names: Sequence[str], trials: Sequence[Trial], accuracy: float, path: Path
+) -> None:
     """Draw the picture of a comparison, and write it (PNG or SVG).
 
-    Left the times of the recorded QPs that were solved to the accuracy: a dot each, the median as a line, cold above warm.
-    Right the share of all QPs with an answer whose largest residual is at most that of the axis.
+    Left the times of the recorded QPs that were solved to the accuracy: a dot each, the median as a
+    line, cold above warm. Right the share of all QPs with an answer whose largest residual is at
+    most that of the axis.
 
     Args:
         title: of the picture.
@@ -57,16 +60,45 @@ def comparison_picture(title: str, names: Sequence[str], trials: Sequence[Trial]
 def _draw_times(axes: Any, names: Sequence[str], trials: Sequence[Trial], accuracy: float) -> None:
     rng = np.random.default_rng(0)
     for place, name in enumerate(names):
-        kinds = ((False, _COLD, 0.18), (True, _WARM, -0.18)) if SESSIONS[name].warm else ((False, _COLD, 0.0),)
+        kinds = (
+            ((False, _COLD, 0.18), (True, _WARM, -0.18))
+            if SESSIONS[name].warm
+            else ((False, _COLD, 0.0),)
+        )
         for warm, colour, above in kinds:
-            its = [one for one in trials if one.solver == name and one.warm == warm and one.sequence.follows]
+            its = [
+                one
+                for one in trials
+                if one.solver == name and one.warm == warm and one.sequence.follows
+            ]
             micros = 1e6 * np.concatenate([one.seconds for one in its])
             good = np.concatenate([one.success(accuracy) for one in its])
             height = -place + above + rng.uniform(-0.11, 0.11, len(micros))
-            axes.scatter(micros[good], height[good], s=4, color=colour, alpha=0.35, linewidths=0, rasterized=True)
-            axes.scatter(micros[~good], height[~good], s=8, color=_LATE, marker="x", linewidths=0.7, rasterized=True)
+            axes.scatter(
+                micros[good],
+                height[good],
+                s=4,
+                color=colour,
+                alpha=0.35,
+                linewidths=0,
+                rasterized=True,
+            )
+            axes.scatter(
+                micros[~good],
+                height[~good],
+                s=8,
+                color=_LATE,
+                marker="x",
+                linewidths=0.7,
+                rasterized=True,
+            )
             median = np.median(micros)
-            axes.plot([median, median], [-place + above - 0.15, -place + above + 0.15], color=colour, linewidth=2.4)
+            axes.plot(
+                [median, median],
+                [-place + above - 0.15, -place + above + 0.15],
+                color=colour,
+                linewidth=2.4,
+            )
     for colour, label in ((_COLD, "cold"), (_WARM, "warm")):
         axes.plot([], [], color=colour, linewidth=2.4, label=label)
     axes.scatter([], [], s=14, color=_LATE, marker="x", label="not solved")
@@ -74,7 +106,14 @@ def _draw_times(axes: Any, names: Sequence[str], trials: Sequence[Trial], accura
     axes.set_yticks([-place for place in range(len(names))], names)
     axes.set_ylim(-len(names) + 0.4, 0.6)
     axes.set_xlabel("time of a recorded QP, µs (lines: medians)")
-    axes.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=9, handletextpad=0.4)
+    axes.legend(
+        frameon=False,
+        ncols=3,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        fontsize=9,
+        handletextpad=0.4,
+    )
 
 
 def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[Trial]) -> None:
@@ -89,7 +128,9 @@ def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[Trial]) ->
         x = np.concatenate([worst[there], [1e3]])
         y = np.concatenate([share[there], [share[there][-1] if there.any() else 0.0]])
         style = ("-", "--")[place % 2]
-        axes.step(x, 100 * y, style, where="post", color=colour(place % 10), linewidth=1.6, label=name)
+        axes.step(
+            x, 100 * y, style, where="post", color=colour(place % 10), linewidth=1.6, label=name
+        )
     for tolerance in TOLERANCES:
         axes.axvline(tolerance, color="#8a8a8a", linewidth=0.8, linestyle=(0, (2, 3)))
     axes.set_xscale("log")

@@ -1,4 +1,7 @@
-"""The QPs of real closed loops: a run is logged, and its steps are computed again with a solver that keeps what it is given."""
+"""The QPs of real closed loops.
+
+A run is logged, and its steps are computed again with a solver that keeps what it is given.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,8 @@ class Recording:
     Attributes:
         sequence: the QPs, in order.
         answers: what the step's solver said, for each.
-        accepted: whether the step went on with that answer: the QP was its last one, and passed its residual test.
+        accepted: whether the step went on with that answer: the QP was its last one, and passed its
+            residual test.
     """
 
     sequence: QpSequence
@@ -120,9 +124,10 @@ def record(
 ) -> list[Recording]:
     """Return the QPs that the first `steps` control steps of closed loops solve.
 
-    Loops with one simulated person after the other, each from an awkward place, until there are enough steps. Every QP of a
-    step is kept: those of its further passes, where joints yield, too. A step whose rows must give way solves a larger QP,
-    with a slack variable per row; these are sequences of their own, ``PROBLEM.LOOP.relaxed``.
+    Loops with one simulated person after the other, each from an awkward place, until there are
+    enough steps. Every QP of a step is kept: those of its further passes, where joints yield, too.
+    A step whose rows must give way solves a larger QP, with a slack variable per row; these are
+    sequences of their own, ``PROBLEM.LOOP.relaxed``.
 
     Args:
         problem: the task.
@@ -131,7 +136,8 @@ def record(
         progress: called now and then with the share that is done.
 
     Raises:
-        InputError: for fewer than one step, or a problem whose state is neither a posture nor a forearm.
+        InputError: for fewer than one step, or a problem whose state is neither a posture nor a
+            forearm.
     """
     if steps < 1:
         raise InputError(f"steps: got {steps}, allowed 1 or more")
@@ -146,10 +152,14 @@ def record(
         for entry in log:
             solver.heard.clear()
             # Logged as the buffers have them, column by column.
-            outputs = function(*(np.reshape(entry[name], size, order="F") for name, size in sizes.items()))
+            outputs = function(
+                *(np.reshape(entry[name], size, order="F") for name, size in sizes.items())
+            )
             passed = float(outputs[OUTPUTS.index("residuals")][0]) < TOLERANCE
             last = len(solver.heard) - 1
-            every += [(qp, answer, passed and i == last) for i, (qp, answer) in enumerate(solver.heard)]
+            every += [
+                (qp, answer, passed and i == last) for i, (qp, answer) in enumerate(solver.heard)
+            ]
         recordings += _sorted(every, f"{problem.name}.{loop}")
         done += len(log)
         if progress is not None:
@@ -163,7 +173,9 @@ def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[Recording
     """The QPs of one loop by size, small ones first."""
     found = []
     for unknowns in sorted({qp.size[0] for qp, _, _ in every}):
-        qps, answers, accepted = zip(*(one for one in every if one[0].size[0] == unknowns), strict=True)
+        qps, answers, accepted = zip(
+            *(one for one in every if one[0].size[0] == unknowns), strict=True
+        )
         ending = "" if unknowns == TWIST else ".relaxed"
         found.append(Recording(QpSequence(name + ending, qps), answers, np.array(accepted)))
     return found
@@ -172,7 +184,10 @@ def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[Recording
 def _points_start(problem: Problem, seed: int) -> np.ndarray:
     """The worst-valued of some points inside what must hold, elbow and wrist of random postures."""
     if problem.coordinates != FOREARM:
-        raise InputError(f"problem {problem.name}: got the state {', '.join(problem.coordinates)}, allowed JOINTS or FOREARM")
+        raise InputError(
+            f"problem {problem.name}: got the state {', '.join(problem.coordinates)}, allowed"
+            " JOINTS or FOREARM"
+        )
     postures, _ = balanced_postures(_PLACES, np.random.default_rng([seed, 6]), scores=range(3, 9))
     points = forearm_points(postures)
     length, boundary = problem.limit_of(ArmLength), problem.limit_of(OneClassBoundary)
@@ -185,8 +200,12 @@ def _points_start(problem: Problem, seed: int) -> np.ndarray:
 def _run(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
     """Close the loop once; what matters is in the stepper's log."""
     if tuple(problem.coordinates) != JOINTS:
-        run_points(problem, _points_start(problem, seed), duration, stepper=stepper, stop_when_still=STILL)
+        run_points(
+            problem, _points_start(problem, seed), duration, stepper=stepper, stop_when_still=STILL
+        )
         return
     person = sample_person(problem, seed)
     start = start_at(person, awkward_start(problem, person, seed, _PLACES))
-    run_loop(problem, person, start, duration=duration, seed=seed, stepper=stepper, stop_when_still=STILL)
+    run_loop(
+        problem, person, start, duration=duration, seed=seed, stepper=stepper, stop_when_still=STILL
+    )

@@ -1,4 +1,7 @@
-"""Sequences of QPs as files that qpbenchmark can use; `ergoqp.comparison.ergoqp_sequences` says what is in them."""
+"""Sequences of QPs as files that qpbenchmark can use.
+
+`ergoqp.comparison.ergoqp_sequences` says what is in them.
+"""
 
 from __future__ import annotations
 
@@ -67,4 +70,9 @@ def load_sequence(path: str | Path) -> QpSequence:
     P, q, G, h, lb, ub, feasible, follows = (arrays[name] for name in _NAMES)
     half = h.shape[1] // 2
     data = zip(P, q, G[:, :half], -h[:, half:], h[:, :half], lb, ub, strict=True)
-    return QpSequence(path.stem, tuple(Qp(*map(np.ascontiguousarray, parts)) for parts in data), bool(feasible), bool(follows))
+    return QpSequence(
+        path.stem,
+        tuple(Qp(*map(np.ascontiguousarray, parts)) for parts in data),
+        bool(feasible),
+        bool(follows),
+    )

@@ -13,7 +13,10 @@ from ergoqp.solvers.sequence import Array, QpSequence
 from ergoqp.solvers.sessions import open_session
 
 _SLOW: Final = 2.0
-"""A first pass that took this long [s] is the only one: then the milliseconds of other programs do not count."""
+"""A first pass that took this long [s] is the only one.
+
+Then the milliseconds of other programs do not count.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +64,13 @@ class Trial:
         return (self.found & ~(self.worst <= tolerance)) | (self.flags == "infeasible")
 
 
-def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float, passes: int = 1) -> Trial:
+def try_solver(
+    solver: str, sequence: QpSequence, warm: bool, accuracy: float, passes: int = 1
+) -> Trial:
     """Solve a sequence in order by one solver that stays in memory, and judge every answer.
 
-    With more than one pass each QP's time is its least: a solver takes the same way every time, other programs do not.
+    With more than one pass each QP's time is its least: a solver takes the same way every time,
+    other programs do not.
 
     Args:
         solver: one of `ergoqp.solvers.sessions.SESSIONS`.
@@ -88,7 +94,17 @@ def try_solver(solver: str, sequence: QpSequence, warm: bool, accuracy: float, p
         points.append(answer.x)
     for _ in range(passes - 1 if sum(seconds) < _SLOW else 0):
         session = open_session(solver, *sequence.size, accuracy)
-        seconds = [min(least, session.solve_qp(qp, warm).seconds) for least, qp in zip(seconds, sequence, strict=True)]
+        seconds = [
+            min(least, session.solve_qp(qp, warm).seconds)
+            for least, qp in zip(seconds, sequence, strict=True)
+        ]
     return Trial(
-        solver, sequence, warm, np.array(residuals), np.array(flags), np.array(seconds), np.array(iterations), np.array(points)
+        solver,
+        sequence,
+        warm,
+        np.array(residuals),
+        np.array(flags),
+        np.array(seconds),
+        np.array(iterations),
+        np.array(points),
     )

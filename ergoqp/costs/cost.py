@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 class Cost(Protocol):
     """V(q): how bad a posture is, in REBA points, as a function that can be differentiated.
 
-    A cost is written once, as a CasADi expression. The controller takes its gradient exactly, by algorithmic
-    differentiation, and the numeric call evaluates the very same expression, so the two cannot drift apart. To add a cost,
-    write one class with these four members; nothing needs to be inherited.
+    A cost is written once, as a CasADi expression. The controller takes its gradient exactly, by
+    algorithmic differentiation, and the numeric call evaluates the very same expression, so the two
+    cannot drift apart. To add a cost, write one class with these four members; nothing needs to be
+    inherited.
 
-    A quadratic cost, for example, around a comfortable posture ``q0`` with weights ``w``, both shape (32,)::
+    A quadratic cost, for example, around a comfortable posture ``q0`` with weights ``w``, both
+    shape (32,)::
 
         class Quadratic:
             name = "quadratic"
@@ -37,7 +39,10 @@ class Cost(Protocol):
 
     @property
     def minimum(self) -> float:
-        """V_min: no posture costs less [points]. The step models V - V_min by Gauss-Newton, which needs it not negative."""
+        """V_min: no posture costs less [points].
+
+        The step models V - V_min by Gauss-Newton, which needs it not negative.
+        """
         ...
 
     def expression(self, q: ca.MX) -> ca.MX:

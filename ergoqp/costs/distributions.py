@@ -1,9 +1,9 @@
 """Scores that are not certain: the algebra of a sheet on probabilities instead of numbers.
 
-A distribution maps each possible score to the symbolic probability of it. The joints' noises are independent and every
-joint is read once, so all of this is exact: adding points shifts probability, a clamp lumps it, "or" is one minus the product
-of the opposites, the worse of two multiplies their cumulative probabilities, a table sends the product of its axes to its
-cells.
+A distribution maps each possible score to the symbolic probability of it. The joints' noises are
+independent and every joint is read once, so all of this is exact: adding points shifts probability,
+a clamp lumps it, "or" is one minus the product of the opposites, the worse of two multiplies their
+cumulative probabilities, a table sends the product of its axes to its cells.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ import numpy as np
 from ergoqp.sheets.description import Step
 
 _WIDEST: Final = 9.0
-"""Up to this angle the exponential form has a gradient [rad]; angles beyond a third of it are refused."""
+"""Up to this angle the exponential form has a gradient [rad].
+
+Angles beyond a third of it are refused.
+"""
 
 _LARGEST_EXPONENT: Final = 700.0
 """Of a number in double precision, of e."""
@@ -32,13 +35,14 @@ Distribution = dict[int, ca.SX]
 def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     """Return P(x + tau eta > edge) for a logistic eta with P(eta < z) = (1 + tanh z) / 2.
 
-    Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the noise (the scale parameter
-    of the same logistic law is tau / 2).
+    Its standard deviation is pi / sqrt(12) = 0.91, so tau is nearly the standard deviation of the
+    noise (the scale parameter of the same logistic law is tau / 2).
     """
     if isinstance(tau, ca.SX) or 2 * max(_WIDEST, abs(edge)) / tau > _LARGEST_EXPONENT:
         # The tanh form cannot overflow, and may be of any scale.
         return 0.5 + 0.5 * ca.tanh(x * (1 / tau) - edge / tau)
-    # All edges of a joint share one exponential, which is found to be the same when the whole expression is simplified.
+    # All edges of a joint share one exponential, which is found to be the same when the whole
+    # expression is simplified.
     scale = math.exp(-2 * edge / tau)
     return scale / (scale + ca.exp(x * (-2 / tau)))
 
@@ -56,7 +60,9 @@ def of_step(step: Step, x: ca.SX, tau: float | ca.SX) -> Distribution:
         # Two scores: the first band's complement spares half the operations ("twisted" or not).
         inner = step.scores[1]
         (outer,) = set(step.scores) - {inner}
-        chance = _sum(beyond[i] - beyond[i + 1] for i, score in enumerate(step.scores) if score == inner)
+        chance = _sum(
+            beyond[i] - beyond[i + 1] for i, score in enumerate(step.scores) if score == inner
+        )
         return dict(sorted({inner: chance, outer: 1 - chance}.items()))
     found: dict[int, list[ca.SX]] = defaultdict(list)
     for i, score in enumerate(step.scores):
@@ -70,7 +76,7 @@ def certain(score: int) -> Distribution:
 
 
 def any_of(conditions: Sequence[Distribution]) -> Distribution:
-    """Return the distribution of one point for any of independent conditions (distributions on 0 and 1)."""
+    """Return the distribution of one point for any of independent conditions (each on 0 and 1)."""
     none = conditions[0][0]
     for condition in conditions[1:]:
         none = none * condition[0]
@@ -78,7 +84,7 @@ def any_of(conditions: Sequence[Distribution]) -> Distribution:
 
 
 def plus(scores: Distribution, point: Distribution) -> Distribution:
-    """Return the distribution of a score with an independent point (a distribution on 0 and 1) added."""
+    """Return the distribution of a score plus an independent point (a distribution on 0 and 1)."""
     moved = {score: chance * point[1] for score, chance in scores.items()}
     total = defaultdict(lambda: ca.SX(0))
     for score, chance in scores.items():
@@ -104,7 +110,14 @@ def worse(one: Distribution, other: Distribution) -> Distribution:
 
 def cumulative(scores: Distribution, at: Sequence[int]) -> list[ca.SX]:
     """Return P(score <= k) for each k in `at`."""
-    return [ca.SX(1) if k >= max(scores) else _sum(chance for score, chance in scores.items() if score <= k) for k in at]
+    return [
+        (
+            ca.SX(1)
+            if k >= max(scores)
+            else _sum(chance for score, chance in scores.items() if score <= k)
+        )
+        for k in at
+    ]
 
 
 def through_table(cells: np.ndarray, axes: Sequence[Distribution]) -> Distribution:
@@ -115,8 +128,10 @@ def through_table(cells: np.ndarray, axes: Sequence[Distribution]) -> Distributi
         axes: independent distributions, one per axis.
     """
     *first, last = axes
-    outer = [(combo, math.prod((axis[k] for axis, k in zip(first, combo, strict=True)), start=ca.SX(1)))
-             for combo in itertools.product(*first)]  # fmt: skip
+    outer = [
+        (combo, math.prod((axis[k] for axis, k in zip(first, combo, strict=True)), start=ca.SX(1)))
+        for combo in itertools.product(*first)
+    ]
     found: dict[int, list[ca.SX]] = defaultdict(list)
     for k, chance in last.items():
         # Collect before multiplying: one product per cell value instead of one per cell.
@@ -141,8 +156,11 @@ def expectation(cells: np.ndarray, rows: Distribution, columns: Distribution) ->
     total = ca.SX(0)
     for row, chance in rows.items():
         along = [int(cells[row - 1, k - 1]) for k in order]
-        # A row of a score table rises by 0 or 1 from cell to cell: sums of few survival probabilities, no products.
-        rises = (float(b - a) * p for a, b, p in zip(along, along[1:], above, strict=False) if b != a)
+        # A row of a score table rises by 0 or 1 from cell to cell: sums of few survival
+        # probabilities, no products.
+        rises = (
+            float(b - a) * p for a, b, p in zip(along, along[1:], above, strict=False) if b != a
+        )
         total += chance * _sum([ca.SX(along[0]), *rises])
     return total
 

@@ -1,9 +1,10 @@
-"""Any fitted regressor of scikit-learn as a cost: its parts are read, and its prediction is written again as an expression.
+"""Any fitted scikit-learn regressor as a cost: parts read, prediction rewritten as an expression.
 
-What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF, Matern or rational quadratic,
-with or without white noise), MLPRegressor, GaussianMixture (as regression: its last column is the score) or OneClassSVM (the
-cost is minus its decision function: lower is further inside); also inside a TransformedTargetRegressor that scales the score.
-The estimator itself is not kept: nothing is ever unpickled.
+What can be read: scalers, then SVR, KernelRidge, GaussianProcessRegressor (constant times RBF,
+Matern or rational quadratic, with or without white noise), MLPRegressor, GaussianMixture (as
+regression: its last column is the score) or OneClassSVM (the cost is minus its decision function:
+lower is further inside); also inside a TransformedTargetRegressor that scales the score. The
+estimator itself is not kept: nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ ACTIVATIONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
 }
 """Of MLPRegressor's hidden layers, in numpy or CasADi."""
 
-_ALLOWED: Final = "SVR, KernelRidge, GaussianProcessRegressor, MLPRegressor, GaussianMixture, OneClassSVM"
+_ALLOWED: Final = (
+    "SVR, KernelRidge, GaussianProcessRegressor, MLPRegressor, GaussianMixture, OneClassSVM"
+)
 
 
 class SklearnCost(LearnedCost):
@@ -46,7 +49,11 @@ class SklearnCost(LearnedCost):
     name = "sklearn"
 
     def __init__(
-        self, model: KernelSum | Layers, coordinates: Sequence[str], minimum: float, reduction: Reduction | None = None
+        self,
+        model: KernelSum | Layers,
+        coordinates: Sequence[str],
+        minimum: float,
+        reduction: Reduction | None = None,
     ) -> None:
         """Keep the model."""
         super().__init__(coordinates, minimum)
@@ -74,7 +81,11 @@ class SklearnCost(LearnedCost):
 
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression."""
-        return self.model.slope(x) if isinstance(self.model, KernelSum) else ca.gradient(self.value(x), x)
+        return (
+            self.model.slope(x)
+            if isinstance(self.model, KernelSum)
+            else ca.gradient(self.value(x), x)
+        )
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
@@ -85,7 +96,11 @@ class SklearnCost(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
         form = KernelSum if settings["form"] == "kernels" else Layers
@@ -106,9 +121,19 @@ class Layers:
         scale: divides then (d,).
     """
 
-    def __init__(self, weights: Sequence[Array], biases: Sequence[Array], activation: str, mean: Array, scale: Array) -> None:
+    def __init__(
+        self,
+        weights: Sequence[Array],
+        biases: Sequence[Array],
+        activation: str,
+        mean: Array,
+        scale: Array,
+    ) -> None:
         """Keep the layers."""
-        self.weights, self.biases = [np.asarray(w, float) for w in weights], [np.asarray(b, float) for b in biases]
+        self.weights, self.biases = (
+            [np.asarray(w, float) for w in weights],
+            [np.asarray(b, float) for b in biases],
+        )
         self.activation, self.mean, self.scale = activation, mean, scale
 
     def values(self, points: Array) -> Array:
@@ -143,7 +168,9 @@ class Layers:
     @classmethod
     def from_parts(cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Layers:
         """Return the network that `parts` came from."""
-        weights, biases = ([arrays[f"{letter}{i}"] for i in range(settings["layers"])] for letter in "Wb")
+        weights, biases = (
+            [arrays[f"{letter}{i}"] for i in range(settings["layers"])] for letter in "Wb"
+        )
         return cls(weights, biases, settings["activation"], arrays["mean"], arrays["scale"])
 
 
@@ -156,7 +183,8 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
         minimum: V_min, no posture is meant to cost less [points].
 
     Raises:
-        ModelError: for an estimator, kernel or step that cannot be read, one that is not fitted, or another number of inputs.
+        ModelError: for an estimator, kernel or step that cannot be read, one that is not fitted, or
+            another number of inputs.
         MissingExtraError: if scikit-learn is not installed.
     """
     width = len(tuple(coordinates))
@@ -169,7 +197,10 @@ def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
     """Return what an estimator predicts from (x - mean) / scale."""
     kind = type(last).__name__
     if kind == "GaussianMixture":
-        raise ModelError("estimator: got a GaussianMixture after other steps, allowed one by itself: it holds the score too")
+        raise ModelError(
+            "estimator: got a GaussianMixture after other steps, allowed one by itself: it holds"
+            " the score too"
+        )
     if kind == "TransformedTargetRegressor":
         offset, factor = _target(last.transformer_)
         more, finer, inner = unpack(last.regressor_, len(mean))
@@ -181,7 +212,11 @@ def _model(mean: Array, scale: Array, last: Any) -> KernelSum | Layers:
 
 def _target(scaler: Any) -> tuple[float, float]:
     """Return (offset, factor) that lead back from the scaled score."""
-    if type(scaler).__name__ == "FunctionTransformer" and scaler.func is None and scaler.inverse_func is None:
+    if (
+        type(scaler).__name__ == "FunctionTransformer"
+        and scaler.func is None
+        and scaler.inverse_func is None
+    ):
         return 0.0, 1.0
     mean, scale = affine(scaler, 1)
     return float(mean[0]), float(scale[0])
@@ -189,11 +224,15 @@ def _target(scaler: Any) -> tuple[float, float]:
 
 def _svr(svr: Any, mean: Array, scale: Array) -> KernelSum:
     weights = dense(svr.dual_coef_).ravel()
-    kernel = _kernel(svr.kernel, svr._gamma, svr.coef0, svr.degree)  # there is no public name for what "scale" came to
+    kernel = _kernel(
+        svr.kernel, svr._gamma, svr.coef0, svr.degree
+    )  # there is no public name for what "scale" came to
     return _sum(kernel, dense(svr.support_vectors_), weights, float(svr.intercept_[0]), mean, scale)
 
 
-def _sum(kernel: Kernel, centres: Array, weights: Array, bias: float, mean: Array, scale: Array) -> KernelSum:
+def _sum(
+    kernel: Kernel, centres: Array, weights: Array, bias: float, mean: Array, scale: Array
+) -> KernelSum:
     if kernel.kind == "linear":
         # However many centres, their weighted sum says it all.
         centres, weights = weights[np.newaxis] @ centres, np.ones(1)
@@ -209,16 +248,25 @@ def _ridge(ridge: Any, mean: Array, scale: Array) -> KernelSum:
 
 def _process(process: Any, mean: Array, scale: Array) -> KernelSum:
     if not hasattr(process, "alpha_"):
-        raise ModelError("estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one")
+        raise ModelError(
+            "estimator: got a GaussianProcessRegressor that is not fitted, allowed a fitted one"
+        )
     factor, kernel, lengths = _covariance(process.kernel_)
-    spread, offset = float(np.ravel(process._y_train_std)[0]), float(np.ravel(process._y_train_mean)[0])
+    spread, offset = (
+        float(np.ravel(process._y_train_std)[0]),
+        float(np.ravel(process._y_train_mean)[0]),
+    )
     weights = factor * spread * _single(process.alpha_)
-    return KernelSum(kernel, dense(process.X_train_) / lengths, weights, offset, mean, scale * lengths)
+    return KernelSum(
+        kernel, dense(process.X_train_) / lengths, weights, offset, mean, scale * lengths
+    )
 
 
 def _network(mlp: Any, mean: Array, scale: Array) -> Layers:
     if mlp.activation not in ACTIVATIONS:
-        raise ModelError(f"MLPRegressor: got the activation {mlp.activation!r}, allowed {', '.join(ACTIVATIONS)}")
+        raise ModelError(
+            f"MLPRegressor: got the activation {mlp.activation!r}, allowed {', '.join(ACTIVATIONS)}"
+        )
     if mlp.out_activation_ != "identity":
         raise ModelError(f"MLPRegressor: got the loss {mlp.loss!r}, allowed 'squared_error'")
     if mlp.n_outputs_ != 1:
@@ -244,7 +292,7 @@ def _kernel(name: Any, gamma: float, offset: float, degree: float) -> Kernel:
 
 
 def _covariance(kernel: Any) -> tuple[float, Kernel, Array]:
-    """Return (constant factor, kernel, length scales (d,) or (1,)) of a Gaussian process's kernel."""
+    """Return (constant factor, kernel, length scales (d,) or (1,)) of a Gaussian process kernel."""
     kind = type(kernel).__name__
     if kind == "Sum":
         # White noise is no covariance between different points, so a prediction does not see it.
@@ -262,10 +310,14 @@ def _covariance(kernel: Any) -> tuple[float, Kernel, Array]:
         name = "matern32" if kernel.nu == 1.5 else "matern52"
         return 1.0, Kernel(name, 1.0), np.atleast_1d(np.asarray(kernel.length_scale, dtype=float))
     elif kind == "RationalQuadratic":
-        return 1.0, Kernel("rational", 0.5, alpha=float(kernel.alpha)), np.atleast_1d(float(kernel.length_scale))
+        return (
+            1.0,
+            Kernel("rational", 0.5, alpha=float(kernel.alpha)),
+            np.atleast_1d(float(kernel.length_scale)),
+        )
     raise ModelError(
-        f"GaussianProcessRegressor: got the kernel {kernel}, allowed a constant times RBF, Matern (nu 1.5 or 2.5) or "
-        "RationalQuadratic, with or without WhiteKernel"
+        f"GaussianProcessRegressor: got the kernel {kernel}, allowed a constant times RBF, Matern"
+        " (nu 1.5 or 2.5) or RationalQuadratic, with or without WhiteKernel"
     )
 
 

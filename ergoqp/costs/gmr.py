@@ -1,4 +1,7 @@
-"""Gaussian mixture regression of the score on the posture: eq. 2.4-2.8 of the EPFL report, and a mixture per score."""
+"""Gaussian mixture regression of the score on the posture.
+
+It follows eq. 2.4-2.8 of the EPFL report, or takes a mixture per score.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import LARGEST_SEED, check_kind, check_number, check_whole, check_word, numbers_of
+from ergoqp.arguments import (
+    LARGEST_SEED,
+    check_kind,
+    check_number,
+    check_whole,
+    check_word,
+    numbers_of,
+)
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import MissingExtraError, ModelError
@@ -36,12 +46,14 @@ MOST_SCORES: Final = 40
 class Gmr(LearnedCost):
     """V(q) = E[score | q] under a Gaussian mixture.
 
-    Two variants. ``joint`` is the EPFL report's: one mixture with full covariances over posture and score, conditioned on the
-    posture. It predicts well but its gradient leads nowhere good (`notebooks/03_gmr_postures` shows why). ``per_score`` fits a
-    mixture to the postures of each score and weighs the scores by Bayes' rule, V = sum_i s_i p(score i | q): a mixture whose
-    Gaussians have no variance of the score, so everything of the regression stays as it is. Its covariances are diagonal, its
-    responsibilities are averaged over two temperatures so that the gradient sees further than the next Gaussian, and the s_i
-    are the scores after a straight line that makes the predictions unbiased on the data.
+    Two variants. ``joint`` is the EPFL report's: one mixture with full covariances over posture and
+    score, conditioned on the posture. It predicts well but its gradient leads nowhere good
+    (`notebooks/03_gmr_postures` shows why). ``per_score`` fits a mixture to the postures of each
+    score and weighs the scores by Bayes' rule, V = sum_i s_i p(score i | q): a mixture whose
+    Gaussians have no variance of the score, so everything of the regression stays as it is. Its
+    covariances are diagonal, its responsibilities are averaged over two temperatures so that the
+    gradient sees further than the next Gaussian, and the s_i are the scores after a straight line
+    that makes the predictions unbiased on the data.
 
     Attributes:
         mixture: the Gaussians over (inputs, score).
@@ -64,12 +76,16 @@ class Gmr(LearnedCost):
         """Take a mixture whose last column is the score.
 
         Raises:
-            ModelError: if the mixture has another number of columns than inputs and one, or cannot be split.
+            ModelError: if the mixture has another number of columns than inputs and one, or cannot
+                be split.
         """
         super().__init__(coordinates, minimum)
         width = len(self.coordinates)
         if mixture.means.shape[1] != width + 1:
-            raise ModelError(f"gmr: got a mixture of {mixture.means.shape[1]} columns, allowed {width + 1}: inputs and score")
+            raise ModelError(
+                f"gmr: got a mixture of {mixture.means.shape[1]} columns, allowed {width + 1}:"
+                " inputs and score"
+            )
         self.mixture, self.variant = mixture, variant
         self.regression = mixture.split(range(width), [width]).tempered(temperatures, shares)
 
@@ -90,13 +106,16 @@ class Gmr(LearnedCost):
 
         Args:
             data: points and their scores.
-            components: Gaussians in all; None: 60 for ``per_score``, where they are shared out by the number of postures of
-                each score, and 24 for ``joint``.
+            components: Gaussians in all; None: 60 for ``per_score``, where they are shared out by
+                the number of postures of each score, and 24 for ``joint``.
             seed: of the start.
             variant: ``"per_score"`` or ``"joint"``, the EPFL report's.
-            covariance: ``"full"`` or ``"diag"``; None: diagonal for ``per_score``, full for ``joint``.
-            regularisation: added to every variance, also to that of the score in ``joint`` [rad^2 or m^2, points^2].
-            temperatures: of the responsibilities; None: (1, 8) for ``per_score`` and (1,) for ``joint``.
+            covariance: ``"full"`` or ``"diag"``; None: diagonal for ``per_score``, full for
+                ``joint``.
+            regularisation: added to every variance, also to that of the score in ``joint`` [rad^2
+                or m^2, points^2].
+            temperatures: of the responsibilities; None: (1, 8) for ``per_score`` and (1,) for
+                ``joint``.
             shares: of the temperatures; None: (0.7, 0.3), or (1,).
 
         Raises:
@@ -112,10 +131,13 @@ class Gmr(LearnedCost):
         check_whole("components", count, 1, error=ModelError)
         check_whole("seed", seed, 0, LARGEST_SEED, ModelError)
         check_number("regularisation", regularisation, 1e-12, 1e6, error=ModelError)
-        # A full covariance needs d + 2 points to be more than its regularisation, a diagonal one a few.
+        # A full covariance needs d + 2 points to be more than its regularisation, a diagonal one a
+        # few.
         least = count * (data.points.shape[1] + 2 if covariance == "full" else 4)
         data.require(least, f"gmr with {count} Gaussians")
-        temperatures = ((1.0, 8.0) if per_score else (1.0,)) if temperatures is None else temperatures
+        temperatures = (
+            ((1.0, 8.0) if per_score else (1.0,)) if temperatures is None else temperatures
+        )
         shares = ((0.7, 0.3) if per_score else (1.0,)) if shares is None else shares
         options = {
             "variant": variant,
@@ -124,7 +146,14 @@ class Gmr(LearnedCost):
         }
         lowest = float(data.labels.min())
         if not per_score:
-            mixture = _em(np.column_stack([data.points, data.labels]), count, seed, covariance, regularisation, "kmeans")
+            mixture = _em(
+                np.column_stack([data.points, data.labels]),
+                count,
+                seed,
+                covariance,
+                regularisation,
+                "kmeans",
+            )
             return cls(mixture, data.coordinates, lowest, **options)
         mixture = _per_score(data, count, seed, covariance, regularisation)
         plain = cls(mixture, data.coordinates, lowest, **options)
@@ -133,11 +162,20 @@ class Gmr(LearnedCost):
         means[:, -1] = offset + slope * means[:, -1]
         # V is a mean of these, so the lowest is a true bound.
         lowest = min(lowest, float(means[:, -1].min()))
-        return cls(MixtureRegression(mixture.weights, means, mixture.covariances), data.coordinates, lowest, **options)
+        return cls(
+            MixtureRegression(mixture.weights, means, mixture.covariances),
+            data.coordinates,
+            lowest,
+            **options,
+        )
 
     @classmethod
-    def from_estimator(cls, estimator: GaussianMixture, coordinates: Sequence[str], minimum: float | None = None) -> Self:
-        """Return the regression of a fitted scikit-learn mixture over (inputs, score), whatever its type of covariance.
+    def from_estimator(
+        cls, estimator: GaussianMixture, coordinates: Sequence[str], minimum: float | None = None
+    ) -> Self:
+        """Return the regression of a fitted scikit-learn mixture over (inputs, score).
+
+        The mixture may have any type of covariance.
 
         Args:
             estimator: fitted; its last column is the score.
@@ -148,7 +186,9 @@ class Gmr(LearnedCost):
             ModelError: if it is not fitted, or has another number of columns.
         """
         mixture = _of_estimator(estimator)
-        return cls(mixture, coordinates, float(mixture.means[:, -1].min()) if minimum is None else minimum)
+        return cls(
+            mixture, coordinates, float(mixture.means[:, -1].min()) if minimum is None else minimum
+        )
 
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d), eq. 2.5."""
@@ -173,12 +213,24 @@ class Gmr(LearnedCost):
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings, arrays)."""
         regression, mixture = self.regression, self.mixture
-        settings = {"variant": self.variant, "temperatures": regression.temperatures, "shares": regression.shares}
-        return settings, {"weights": mixture.weights, "means": mixture.means, "covariances": mixture.covariances}
+        settings = {
+            "variant": self.variant,
+            "temperatures": regression.temperatures,
+            "shares": regression.shares,
+        }
+        return settings, {
+            "weights": mixture.weights,
+            "means": mixture.means,
+            "covariances": mixture.covariances,
+        }
 
     @classmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
         mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
@@ -195,7 +247,9 @@ def bic_curve(
     regularisation: float = 1e-3,
     progress: Callable[[float], None] | None = None,
 ) -> NDArray[np.float64]:
-    """Return the Bayesian information criterion of joint mixtures over (inputs, score): the lower the better.
+    """Return the Bayesian information criterion of joint mixtures over (inputs, score).
+
+    The lower the better.
 
     Args:
         data: points and their scores.
@@ -212,64 +266,86 @@ def bic_curve(
         ModelError: for too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
-    data.require(max(counts) * (data.points.shape[1] + 2), f"a BIC curve up to {max(counts)} Gaussians")
+    data.require(
+        max(counts) * (data.points.shape[1] + 2), f"a BIC curve up to {max(counts)} Gaussians"
+    )
     columns = np.column_stack([data.points, data.labels])
     values, work = [], np.cumsum(counts)
     for count, done in zip(counts, work, strict=True):
-        values.append(_estimator(columns, count, seed, covariance, regularisation, "kmeans").bic(columns))
+        values.append(
+            _estimator(columns, count, seed, covariance, regularisation, "kmeans").bic(columns)
+        )
         if progress is not None:
             progress(float(done / work[-1]))
     return np.array(values)
 
 
-def _per_score(data: DataSet, count: int, seed: int, covariance: str, regularisation: float) -> MixtureRegression:
-    """Return a mixture of mixtures, one for each score, whose Gaussians have no variance of the score."""
+def _per_score(
+    data: DataSet, count: int, seed: int, covariance: str, regularisation: float
+) -> MixtureRegression:
+    """Return a mixture of mixtures, one per score; the Gaussians have no variance of the score."""
     scores, sizes = np.unique(data.labels, return_counts=True)
     if len(scores) > MOST_SCORES:
         raise ModelError(
-            f"gmr: got {len(scores)} different labels, allowed at most {MOST_SCORES} for a mixture per score; "
-            "variant 'joint' takes any"
+            f"gmr: got {len(scores)} different labels, allowed at most {MOST_SCORES} for a mixture"
+            " per score; variant 'joint' takes any"
         )
     weights, means, covariances = [], [], []
     for score, size in zip(scores, sizes, strict=True):
         own = max(1, round(count * size / len(data)))
-        # Seeds without Lloyd's rounds: the Gaussians of one score overlap, and clusters would separate them.
-        part = _em(data.points[data.labels == score], own, seed, covariance, regularisation, "k-means++")
+        # Seeds without Lloyd's rounds: the Gaussians of one score overlap, and clusters would
+        # separate them.
+        part = _em(
+            data.points[data.labels == score], own, seed, covariance, regularisation, "k-means++"
+        )
         weights.append(part.weights * size / len(data))
         means.append(np.column_stack([part.means, np.full(own, score)]))
         covariances.append(np.pad(part.covariances, ((0, 0), (0, 1), (0, 1))))
     return MixtureRegression(*(np.concatenate(arrays) for arrays in (weights, means, covariances)))
 
 
-def _em(columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str) -> MixtureRegression:
+def _em(
+    columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
+) -> MixtureRegression:
     return _of_estimator(_estimator(columns, count, seed, covariance, regularisation, start))
 
 
-def _estimator(columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str) -> GaussianMixture:
+def _estimator(
+    columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
+) -> GaussianMixture:
     try:
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.mixture import GaussianMixture
     except ImportError:
         raise MissingExtraError("fitting a Gaussian mixture", "learn", "sklearn") from None
     estimator = GaussianMixture(
-        count, covariance_type=covariance, reg_covar=regularisation, max_iter=ROUNDS, init_params=start, random_state=seed
+        count,
+        covariance_type=covariance,
+        reg_covar=regularisation,
+        max_iter=ROUNDS,
+        init_params=start,
+        random_state=seed,
     )
     with warnings.catch_warnings():
-        # Rounds beyond the limit no longer change what is predicted; a start with fewer clusters than asked is no fault.
+        # Rounds beyond the limit no longer change what is predicted; a start with fewer clusters
+        # than asked is no fault.
         warnings.simplefilter("ignore", ConvergenceWarning)
         # One point is a Gaussian too: its variance is the regularisation.
         try:
             return estimator.fit(columns if len(columns) > 1 else np.repeat(columns, 2, axis=0))
         except ValueError:
             raise ModelError(
-                f"gmr: one of {count} Gaussians has no width; got regularisation {regularisation:g}, allowed a larger one"
+                f"gmr: one of {count} Gaussians has no width; got regularisation"
+                f" {regularisation:g}, allowed a larger one"
             ) from None
 
 
 def _of_estimator(estimator: GaussianMixture) -> MixtureRegression:
     if not hasattr(estimator, "means_"):
         raise ModelError("gmr: got a Gaussian mixture that is not fitted, allowed a fitted one")
-    weights, means, given = (np.asarray(a, float) for a in (estimator.weights_, estimator.means_, estimator.covariances_))
+    weights, means, given = (
+        np.asarray(a, float) for a in (estimator.weights_, estimator.means_, estimator.covariances_)
+    )
     count, width = means.shape
     if estimator.covariance_type == "full":
         covariances = given

@@ -1,23 +1,29 @@
-"""One one-class SVM per score, made one smooth cost: the EPFL report's last and best idea (its figures 24 and 25).
+"""One one-class SVM per score, made one smooth cost.
 
-The report walks down a ladder: a posture of class i follows the gradient of the one-class SVM of class i - 1, then of the next,
-with a jump of the gradient at every rung. The same ladder as one function counts the rungs that are still below. With g_j the
-margin of class j (`ergoqp.learning.one_class`: positive inside), the set of all classes up to i has the margin
+It is the EPFL report's last and best idea (its figures 24 and 25).
+
+The report walks down a ladder: a posture of class i follows the gradient of the one-class SVM of
+class i - 1, then of the next, with a jump of the gradient at every rung. The same ladder as one
+function counts the rungs that are still below. With g_j the margin of class j
+(`ergoqp.learning.one_class`: positive inside), the set of all classes up to i has the margin
 
     m_i = log sum_{j <= i} exp g_j        (a smooth maximum),
 
 and with the scores s_1 < s_2 < ... the rungs below are
 
-    r = sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),   z_i = -steepness m_i - log 9,
+    r = sum_i (s_{i+1} - s_i) ((1 - pull) sigma(z_i) + pull softplus(z_i) / reach),   z_i =
+    -steepness m_i - log 9,
 
-sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on are positive, and what is
-left are the rungs below, of which the nearest gives the slope. The second term is what leads on where the logistics are
-flat; `reach` makes it count like the first at the far data. The classes of high scores are wide and far from the low ones, so r
-grows faster than the score. The value bends it back,
+sigma the logistic function: a rung counts a tenth where its edge is. Inside class i all m from i on
+are positive, and what is left are the rungs below, of which the nearest gives the slope. The second
+term is what leads on where the logistics are flat; `reach` makes it count like the first at the far
+data. The classes of high scores are wide and far from the low ones, so r grows faster than the
+score. The value bends it back,
 
     V = offset + height log(1 + curve r) / curve,
 
-with offset, height and curve fitted to the labels. That changes how fast the value falls, not where to.
+with offset, height and curve fitted to the labels. That changes how fast the value falls, not where
+to.
 """
 
 from __future__ import annotations
@@ -91,14 +97,29 @@ class OneClassLadder(LearnedCost):
         """
         super().__init__(coordinates, minimum)
         self.rungs, self.scores = tuple(rungs), np.asarray(scores, dtype=float)
-        if len(self.rungs) < 2 or len(self.scores) != len(self.rungs) or not (np.diff(self.scores) > 0).all():
-            raise ModelError(f"ladder: got {len(self.rungs)} rungs and scores {self.scores}, allowed two or more, ascending")
+        if (
+            len(self.rungs) < 2
+            or len(self.scores) != len(self.rungs)
+            or not (np.diff(self.scores) > 0).all()
+        ):
+            raise ModelError(
+                f"ladder: got {len(self.rungs)} rungs and scores {self.scores}, allowed two or"
+                " more, ascending"
+            )
         if not (0 < steepness < np.inf and 0 <= pull < 1):
-            raise ModelError(f"ladder: got steepness {steepness!r} and pull {pull!r}, allowed above 0, and from 0 to below 1")
+            raise ModelError(
+                f"ladder: got steepness {steepness!r} and pull {pull!r}, allowed above 0, and from"
+                " 0 to below 1"
+            )
         self.steepness, self.pull = float(steepness), float(pull)
         if not 0 <= curve < np.inf:
             raise ModelError(f"ladder: got curve {curve!r}, allowed a number of at least 0")
-        self.reach, self.offset, self.height, self.curve = float(reach), float(offset), float(height), float(curve)
+        self.reach, self.offset, self.height, self.curve = (
+            float(reach),
+            float(offset),
+            float(height),
+            float(curve),
+        )
 
     @classmethod
     def fit(
@@ -138,10 +159,12 @@ class OneClassLadder(LearnedCost):
         scores, counts = np.unique(data.labels, return_counts=True)
         if len(scores) > _MOST or counts.min() < _LEAST:
             raise ModelError(
-                f"one_class_ladder: got {len(scores)} labels with at least {counts.min()} points each, "
-                f"allowed at most {_MOST} with at least {_LEAST}"
+                f"one_class_ladder: got {len(scores)} labels with at least {counts.min()} points"
+                f" each, allowed at most {_MOST} with at least {_LEAST}"
             )
-        choices = [3 / len(data.coordinates) / part for part in (1, 2, 4)] if gamma is None else [gamma]
+        choices = (
+            [3 / len(data.coordinates) / part for part in (1, 2, 4)] if gamma is None else [gamma]
+        )
         rungs = []
         for number, score in enumerate(scores):
             rungs.append(_rung(data.part(data.labels == score), nu, choices))
@@ -158,7 +181,9 @@ class OneClassLadder(LearnedCost):
     def predict(self, points: Array) -> Array:
         """Return V (n,) of inputs (n, d)."""
         below = self._below(points)
-        return self.offset + self.height * (np.log1p(self.curve * below) / self.curve if self.curve else below)
+        return self.offset + self.height * (
+            np.log1p(self.curve * below) / self.curve if self.curve else below
+        )
 
     def _below(self, points: Array) -> Array:
         """Return r (n,): the rungs that are still below, in points."""
@@ -167,7 +192,9 @@ class OneClassLadder(LearnedCost):
 
     def _terms(self, points: Array) -> tuple[Array, Array]:
         """Return logistic and softplus of every rung but the last (n, k)."""
-        margins = np.logaddexp.accumulate(np.stack([rung.margin(points) for rung in self.rungs[:-1]], axis=1), axis=1)
+        margins = np.logaddexp.accumulate(
+            np.stack([rung.margin(points) for rung in self.rungs[:-1]], axis=1), axis=1
+        )
         z = -self.steepness * margins - _EDGE
         return np.exp(-np.logaddexp(0, -z)), np.logaddexp(0, z)
 
@@ -186,15 +213,19 @@ class OneClassLadder(LearnedCost):
         return value, ca.horzcat(*(slope for _, slope in found)) @ weights
 
     def _weighed(self) -> ca.Function:
-        """Return ``margins (k,) -> V, dV/dmargins (k,)``: a few scalars, whatever the number of kernels."""
+        """Return ``margins (k,) -> V, dV/dmargins (k,)``: few scalars for any number of kernels."""
         margins = ca.SX.sym("margins", len(self.rungs) - 1)
         below, merged = ca.SX(0), margins[0]
         for i, height in enumerate(np.diff(self.scores)):
             if i:
                 merged = _softplus(margins[i] - merged) + merged
             z = -self.steepness * merged - _EDGE
-            below += height * ((1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.reach * _softplus(z))
-        value = self.offset + self.height * (ca.log1p(self.curve * below) / self.curve if self.curve else below)
+            below += height * (
+                (1 - self.pull) * ca.exp(-_softplus(-z)) + self.pull / self.reach * _softplus(z)
+            )
+        value = self.offset + self.height * (
+            ca.log1p(self.curve * below) / self.curve if self.curve else below
+        )
         return ca.Function("weighed", [margins], ca.cse([value, ca.gradient(value, margins)]))
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -203,7 +234,9 @@ class OneClassLadder(LearnedCost):
             "scores": self.scores.tolist(),
             "steepness": self.steepness,
             "pull": self.pull,
-            "fitted": {name: getattr(self, name) for name in ("reach", "offset", "height", "curve")},
+            "fitted": {
+                name: getattr(self, name) for name in ("reach", "offset", "height", "curve")
+            },
             "gammas": [rung.gamma for rung in self.rungs],
             "log_rhos": [rung.log_rho for rung in self.rungs],
         }
@@ -215,13 +248,23 @@ class OneClassLadder(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
         rungs = []
-        for number, (gamma, log_rho) in enumerate(zip(settings["gammas"], settings["log_rhos"], strict=True)):
-            mean, scale, centres, weights = (arrays[f"{name}{number}"] for name in ("mean", "scale", "centres", "weights"))
-            rungs.append(OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho))))
+        for number, (gamma, log_rho) in enumerate(
+            zip(settings["gammas"], settings["log_rhos"], strict=True)
+        ):
+            mean, scale, centres, weights = (
+                arrays[f"{name}{number}"] for name in ("mean", "scale", "centres", "weights")
+            )
+            rungs.append(
+                OneClass(coordinates, gamma, mean, scale, centres, weights, float(np.exp(log_rho)))
+            )
         terms = settings["scores"], coordinates, minimum, settings["steepness"], settings["pull"]
         return cls(rungs, *terms, **settings["fitted"])
 
@@ -239,7 +282,7 @@ def _calibrated(below: Array, labels: Array) -> dict[str, float]:
 
 
 def _rung(data: DataSet, nu: float, gammas: Sequence[float]) -> OneClass:
-    """Return the boundary of one class with the first of some widths that leaves something inside."""
+    """Return the one-class boundary with the first of some widths that leaves something inside."""
     for gamma in gammas[:-1]:
         with suppress(ModelError):
             return OneClass.fit(data.points, data.coordinates, nu, gamma)

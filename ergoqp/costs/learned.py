@@ -1,4 +1,7 @@
-"""What every learned cost shares: named inputs, numbers and expression from the same parts, and a file without pickle."""
+"""What every learned cost shares.
+
+Each has named inputs, numbers and expression from the same parts, and a file without pickle.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +35,12 @@ CAUTION: Final = 0.1
 
 
 class LearnedCost(ABC):
-    """V(q) learned from data. A kind adds `fit`, `predict`, the expression of the same, and what to save.
+    """V(q) learned from data.
 
-    The lowest score of the data is `minimum`; the value itself may undercut it where there were no data.
+    A kind adds `fit`, `predict`, the expression of the same, and what to save.
+
+    The lowest score of the data is `minimum`; the value itself may undercut it where there were no
+    data.
 
     Attributes:
         name: of the kind, a key of `KINDS`.
@@ -59,14 +65,19 @@ class LearnedCost(ABC):
         """Return V, a scalar expression of the inputs (d,): equal to `predict` to 1e-10."""
 
     def values(self, x: ca.MX) -> ca.MX:
-        """Return V (1, k) of k columns of inputs (d, k), an expression: the control step looks ahead at several places.
+        """Return the expression of V (1, k) at k columns of inputs (d, k).
+
+        The control step looks ahead at several places.
 
         Kinds whose matrices can serve several columns at once write it here.
         """
         return ca.horzcat(*(self.value(column) for column in ca.horzsplit(x)))
 
     def slope(self, x: ca.MX) -> ca.MX:
-        """Return dV/dx (d,), an expression; kinds that know a shorter way than differentiation write it here."""
+        """Return dV/dx (d,), an expression.
+
+        Kinds that know a shorter way than differentiation write it here.
+        """
         return ca.gradient(self.value(x), x)
 
     @abstractmethod
@@ -76,7 +87,11 @@ class LearnedCost(ABC):
     @classmethod
     @abstractmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
 
@@ -97,11 +112,16 @@ class LearnedCost(ABC):
     def function(self) -> ca.Function:
         """``state (N,) -> cost``, a CasADi Function."""
         q = ca.MX.sym("q", len(self.coordinates.state))
-        return ca.Function(self.name, [q], [self.value(self.coordinates.pick(q))], ["posture"], ["cost"])
+        return ca.Function(
+            self.name, [q], [self.value(self.coordinates.pick(q))], ["posture"], ["cost"]
+        )
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:
-        """``state (N,) -> cost, gradient (N,)``, a CasADi Function; the gradient in points per unit of the state."""
+        """``state (N,) -> cost, gradient (N,)``, a CasADi Function.
+
+        The gradient is in points per unit of the state.
+        """
         q = ca.MX.sym("q", len(self.coordinates.state))
         x = ca.MX.sym("x", len(self.coordinates))
         inner = ca.Function("inner", [x], ca.cse([self.value(x), self.slope(x)]))
@@ -121,7 +141,8 @@ class LearnedCost(ABC):
 
         Args:
             path: of the file.
-            notes: what else a reader should know, for example figures of its test; JSON can hold it.
+            notes: what else a reader should know, for example figures of its test; JSON can hold
+                it.
 
         Raises:
             ModelError: if the file cannot be written.
@@ -146,18 +167,31 @@ def load_cost(path: Path | str) -> LearnedCost:
     header, arrays = load_model(path)
     kind = header.get("kind")
     if kind not in KINDS:
-        raise ModelError(f"{Path(path).name}: holds a model of kind {kind!r}, allowed {', '.join(KINDS)}")
+        raise ModelError(
+            f"{Path(path).name}: holds a model of kind {kind!r}, allowed {', '.join(KINDS)}"
+        )
     module, name = KINDS[kind].split(":")
     try:
         make = getattr(import_module(module), name).from_parts
         cost = make(header["settings"], arrays, header["coordinates"], header["minimum"])
         # Arrays that do not fit to each other show when they are used.
-        if not np.isfinite(cost(np.zeros((1, len(cost.coordinates.state))))).all() or not np.isfinite(cost.minimum):
+        if not np.isfinite(
+            cost(np.zeros((1, len(cost.coordinates.state))))
+        ).all() or not np.isfinite(cost.minimum):
             raise ValueError("its value is not a number")
         return cost
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RuntimeError, OverflowError) as error:
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        IndexError,
+        AttributeError,
+        RuntimeError,
+        OverflowError,
+    ) as error:
         raise ModelError(
-            f"{Path(path).name}: does not hold what a model of kind {kind!r} needs ({_last_line(error)})"
+            f"{Path(path).name}: does not hold what a model of kind {kind!r} needs"
+            f" ({_last_line(error)})"
         ) from None
 
 

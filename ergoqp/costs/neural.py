@@ -1,12 +1,16 @@
-"""The sheet learned by a small network from millions of labelled postures, the idea of DULA and DEBA (Yazdani et al., 2022).
+"""The sheet learned by a small network from millions of labelled postures.
 
-A score is constant between band ends, and a band end belongs to one joint. So the first layer looks at each joint alone: a
-few soft steps tanh(a (x - c)), whose places c and sharpness a are learned, mixed to a few curves. Dense layers combine the
-curves of all joints, and the last one gives a probability p_i of each score i. The value is the expected score, sum_i i p_i,
-which is smooth and never beyond the scores seen. Nothing of the sheet is built in: the steps start evenly spread.
+The idea is that of DULA and DEBA (Yazdani et al., 2022).
 
-Trained on exact scores it is as flat between band ends as the sheet is. Trained on the scores of postures as a noisy sensor
-sees them (`taus_deg` of :meth:`Neural.fit_sheet`) it learns the expected score under that noise, which leads from afar.
+A score is constant between band ends, and a band end belongs to one joint. So the first layer looks
+at each joint alone: a few soft steps tanh(a (x - c)), whose places c and sharpness a are learned,
+mixed to a few curves. Dense layers combine the curves of all joints, and the last one gives a
+probability p_i of each score i. The value is the expected score, sum_i i p_i, which is smooth and
+never beyond the scores seen. Nothing of the sheet is built in: the steps start evenly spread.
+
+Trained on exact scores it is as flat between band ends as the sheet is. Trained on the scores of
+postures as a noisy sensor sees them (`taus_deg` of :meth:`Neural.fit_sheet`) it learns the expected
+score under that noise, which leads from afar.
 """
 
 from __future__ import annotations
@@ -25,7 +29,17 @@ from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.stream import posture_stream
 from ergoqp.errors import ModelError
-from ergoqp.learning.network import Batches, Network, depth, layers_of, shares_of, shuffled, start, steps_of, train
+from ergoqp.learning.network import (
+    Batches,
+    Network,
+    depth,
+    layers_of,
+    shares_of,
+    shuffled,
+    start,
+    steps_of,
+    train,
+)
 from ergoqp.sheets.method import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
@@ -53,17 +67,25 @@ class Neural(LearnedCost):
         temperature: divides the last layer; above 1 the steps between scores are softer.
 
     Raises:
-        ModelError: if the network is not of these coordinates and scores, or the temperature is not positive.
+        ModelError: if the network is not of these coordinates and scores, or the temperature is not
+            positive.
     """
 
     name = "neural"
 
     def __init__(
-        self, network: Network, scores: Sequence[float], coordinates: Sequence[str], minimum: float, temperature: float = 1.0
+        self,
+        network: Network,
+        scores: Sequence[float],
+        coordinates: Sequence[str],
+        minimum: float,
+        temperature: float = 1.0,
     ) -> None:
         """Keep the parameters; training is in single precision, everything else in double."""
         super().__init__(coordinates, minimum)
-        self.network = {name: np.asarray(values, dtype=np.float64) for name, values in network.items()}
+        self.network = {
+            name: np.asarray(values, dtype=np.float64) for name, values in network.items()
+        }
         self.scores = np.asarray(scores, dtype=float)
         inputs, outputs = len(self.network["mixing"]), self.network[f"b{depth(self.network)}"].shape
         if inputs != len(self.coordinates) or outputs != self.scores.shape:
@@ -72,7 +94,9 @@ class Neural(LearnedCost):
                 f"allowed {len(self.coordinates)} coordinates and {self.scores.shape} scores"
             )
         if not 0 < temperature < np.inf:
-            raise ModelError(f"neural: got the temperature {temperature!r}, allowed a positive number")
+            raise ModelError(
+                f"neural: got the temperature {temperature!r}, allowed a positive number"
+            )
         self.temperature = float(temperature)
 
     @classmethod
@@ -97,10 +121,12 @@ class Neural(LearnedCost):
             steps: soft steps per input.
             curves: made from the steps of each input.
             hidden: sizes of the dense layers.
-            epochs: passes over the data; None: 4 of them, and for few data as many as make 8000 updates.
+            epochs: passes over the data; None: 4 of them, and for few data as many as make 8000
+                updates.
             batch: points per update; None: the 150th part of the data, 64 to 512.
             rate: largest step of Adam.
-            decay: pull of the weights toward zero, so that few data are not learned by heart; None: 1000 by their number.
+            decay: pull of the weights toward zero, so that few data are not learned by heart; None:
+                1000 by their number.
             temperature: of the result, see the class.
             seed: of start and order.
             progress: told the share that is done.
@@ -120,7 +146,10 @@ class Neural(LearnedCost):
         check_number("neural decay", decay, 0.0, 1e9, error=ModelError)
         scores, classes = np.unique(data.labels, return_inverse=True)
         if len(scores) > _MOST_SCORES or (scores != np.round(scores)).any():
-            raise ModelError(f"neural: got {len(scores)} different labels, allowed at most {_MOST_SCORES} whole numbers")
+            raise ModelError(
+                f"neural: got {len(scores)} different labels, allowed at most {_MOST_SCORES} whole"
+                " numbers"
+            )
         rng = np.random.default_rng(seed)
         begun = start(data.points, len(scores), steps, curves, hidden, rng)
         updates = epochs * per_epoch
@@ -147,13 +176,16 @@ class Neural(LearnedCost):
         method: Method | None = None,
         **task: Unpack[TaskOptions],
     ) -> Self:
-        """Train on fresh postures that the sheet scores, each seen once: no data are kept, and none are learned by heart.
+        """Train on fresh postures that the sheet scores, each seen once.
+
+        No data are kept, and none are learned by heart.
 
         Args:
             count: of postures, rounded down to whole updates.
             joints: the inputs; the others are at zero.
             scores: of the postures, as many of each.
-            taus_deg: scales of the noise under which the expected score is learned [deg]; none: the score itself.
+            taus_deg: scales of the noise under which the expected score is learned [deg]; none: the
+                score itself.
             weights: share of each scale.
             steps: as in :meth:`fit`, like the following.
             curves: made from the steps of each input.
@@ -167,19 +199,30 @@ class Neural(LearnedCost):
 
         Raises:
             ModelError: for sizes that make no network.
-            InputError: for an unknown joint, a score that no posture has, or scales and weights that do not fit together.
+            InputError: for an unknown joint, a score that no posture has, or scales and weights
+                that do not fit together.
         """
         _check(rate, hidden, seed, steps=steps, curves=curves, batch=batch, count=count)
         check_whole("neural count", count, batch, error=ModelError)
         rng = np.random.default_rng(seed)
         per_score = max(2000, -(-batch // max(1, len(scores))))
         noise = {"taus_deg": taus_deg, "weights": weights}
-        blocks = posture_stream(rng, joints=joints, scores=scores, per_score=per_score, **noise, method=method, **task)
+        blocks = posture_stream(
+            rng, joints=joints, scores=scores, per_score=per_score, **noise, method=method, **task
+        )
         first = next(blocks)
         # Noise leads to scores that no posture of the data has.
-        known = np.arange(1, read_method(method).final_max + 1) if len(taus_deg) else np.unique(scores)
+        known = (
+            np.arange(1, read_method(method).final_max + 1) if len(taus_deg) else np.unique(scores)
+        )
         begun = start(first[0], len(known), steps, curves, hidden, rng)
-        network = train(begun, _batches(chain([first], blocks), known, batch), count // batch, rate, progress=progress)
+        network = train(
+            begun,
+            _batches(chain([first], blocks), known, batch),
+            count // batch,
+            rate,
+            progress=progress,
+        )
         return cls(network, known.tolist(), joints, known[0])
 
     def predict(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -201,7 +244,10 @@ class Neural(LearnedCost):
         return ca.horzcat(*(ca.dot(ca.DM(self.scores), self._shares(z)) for z in logarithms))
 
     def slope(self, x: ca.MX) -> ca.MX:
-        """Return dV/dx (d,): back through the layers, without the transposed products that differentiation would form."""
+        """Return dV/dx (d,), back through the layers.
+
+        This does without the transposed products that differentiation would form.
+        """
         net, scores = self.network, ca.DM(self.scores)
         steps = self._steps(x)
         *values, z = self._layers(steps)
@@ -211,12 +257,16 @@ class Neural(LearnedCost):
             back = ca.MX(ca.DM(net[f"W{layer}"])) @ back
             if layer > 1:
                 back *= 1 - values[layer - 1] ** 2
-        return ca.MX(_blocks(net["sharpness"][:, np.newaxis])) @ ((ca.MX(_blocks(net["mixing"])) @ back) * (1 - steps**2))
+        return ca.MX(_blocks(net["sharpness"][:, np.newaxis])) @ (
+            (ca.MX(_blocks(net["mixing"])) @ back) * (1 - steps**2)
+        )
 
     def _steps(self, x: ca.MX) -> ca.MX:
         places, sharpness = self.network["places"], self.network["sharpness"]
         shift = ca.DM((places * sharpness).ravel())
-        return ca.tanh(ca.MX(_blocks(sharpness[..., np.newaxis])) @ x - ca.repmat(shift, 1, x.shape[1]))
+        return ca.tanh(
+            ca.MX(_blocks(sharpness[..., np.newaxis])) @ x - ca.repmat(shift, 1, x.shape[1])
+        )
 
     def _layers(self, steps: ca.MX) -> list[ca.MX]:
         net = self.network
@@ -238,14 +288,18 @@ class Neural(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])
 
 
 def _blocks(blocks: NDArray[np.float64]) -> ca.DM:
-    """Return the matrix (d a, d b) with the blocks (d, a, b) on its diagonal and nothing stored between them."""
+    """Return the matrix (d a, d b) with diagonal blocks (d, a, b) and nothing stored between."""
     count, rows, columns = blocks.shape
     full = np.zeros((count, rows, count, columns))
     full[np.arange(count), :, np.arange(count), :] = blocks
@@ -260,7 +314,9 @@ def _check(rate: float, hidden: Sequence[int], seed: int, **sizes: int) -> None:
     """
     layers = hidden if isinstance(hidden, Sequence) and not isinstance(hidden, str) else ()
     if not 1 <= len(layers) <= _MOST_LAYERS:
-        raise ModelError(f"neural hidden: got {shown(hidden)}, allowed the sizes of 1 to {_MOST_LAYERS} layers")
+        raise ModelError(
+            f"neural hidden: got {shown(hidden)}, allowed the sizes of 1 to {_MOST_LAYERS} layers"
+        )
     for size in layers:
         check_whole("neural hidden", size, 1, _WIDEST, ModelError)
     for name, size in sizes.items():

@@ -1,4 +1,4 @@
-"""The classical baseline: one quadratic per joint, added up; convex, so that it has one best posture."""
+"""The classical baseline: one quadratic per joint, added up; convex, so it has one best posture."""
 
 from __future__ import annotations
 
@@ -26,23 +26,35 @@ class Quadratic(LearnedCost):
         minimum: V_min, the lowest score of the data [points].
 
     Raises:
-        ModelError: if there is not one slope and one curvature per input, or one curvature is negative.
+        ModelError: if there is not one slope and one curvature per input, or one curvature is
+            negative.
     """
 
     name = "quadratic"
 
     def __init__(
-        self, constant: float, slopes: NDArray, curvatures: NDArray, coordinates: Sequence[str], minimum: float
+        self,
+        constant: float,
+        slopes: NDArray,
+        curvatures: NDArray,
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> None:
         """Keep the coefficients."""
         super().__init__(coordinates, minimum)
         self.constant = float(constant)
-        self.slopes, self.curvatures = (np.asarray(values, dtype=float) for values in (slopes, curvatures))
+        self.slopes, self.curvatures = (
+            np.asarray(values, dtype=float) for values in (slopes, curvatures)
+        )
         shapes, width = (self.slopes.shape, self.curvatures.shape), (len(self.coordinates),)
         if shapes != (width, width):
-            raise ModelError(f"quadratic: got slopes and curvatures of shapes {shapes}, allowed {width} each")
+            raise ModelError(
+                f"quadratic: got slopes and curvatures of shapes {shapes}, allowed {width} each"
+            )
         if not (self.curvatures >= 0).all():
-            raise ModelError(f"quadratic: got a curvature of {self.curvatures.min():g}, allowed 0 or more")
+            raise ModelError(
+                f"quadratic: got a curvature of {self.curvatures.min():g}, allowed 0 or more"
+            )
 
     @classmethod
     def fit(cls, data: DataSet) -> Self:
@@ -99,7 +111,13 @@ class Quadratic(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
-        return cls(settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum)
+        return cls(
+            settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum
+        )

@@ -42,11 +42,20 @@ def quality_of(values: NDArray[np.float64], scores: NDArray) -> Quality:
     """Compare predicted values (n,) with true scores (n,)."""
     error, off = np.abs(values - scores), np.abs(np.round(values) - scores)
     rank = spearman(values, scores)
-    return Quality(float(error.mean()), float((off == 0).mean()), float((off <= 1).mean()), rank, float(error.max()))
+    return Quality(
+        float(error.mean()),
+        float((off == 0).mean()),
+        float((off <= 1).mean()),
+        rank,
+        float(error.max()),
+    )
 
 
 def spearman(first: NDArray, second: NDArray) -> float:
-    """Return the rank correlation of two rows of numbers; ties get their mean rank, and a constant row gives 0."""
+    """Return the rank correlation of two rows of numbers.
+
+    Ties get their mean rank, and a constant row gives 0.
+    """
     ranks = []
     for values in (first, second):
         _, group, size = np.unique(values, return_inverse=True, return_counts=True)
@@ -74,7 +83,8 @@ def cross_validate(
         progress: told the share that is done.
 
     Returns:
-        The prediction of each point (n,) by the model that has not seen it, and the quality on each fold.
+        The prediction of each point (n,) by the model that has not seen it, and the quality on each
+        fold.
 
     Raises:
         InputError: for a number of folds that the data do not have.
@@ -96,7 +106,9 @@ def cross_validate(
 
 
 def evaluation_time(cost: LearnedCost, states: NDArray[np.float64], calls: int = 500) -> float:
-    """Return the median time of value and gradient through the function's buffers, as in a control loop [us].
+    """Return the median time of value and gradient through the function's buffers [us].
+
+    A control loop calls the function in the same way.
 
     Args:
         cost: whose function is called.

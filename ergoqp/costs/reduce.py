@@ -1,8 +1,11 @@
-"""Fewer kernels: a sum of thousands replaced by one of hundreds, with the difference measured and kept with the cost.
+"""Fewer kernels: a sum of thousands replaced by one of hundreds.
 
-Each control step touches every centre, so time grows with their number. Nearby centres say nearly the same: some are
-chosen, or put in the middle of groups, and the weights are fitted anew to what the full sum says, by least squares with a
-small ridge (the subset of regressors that belongs to the Nystroem approximation).
+The difference is measured and kept with the cost.
+
+Each control step touches every centre, so time grows with their number. Nearby centres say nearly
+the same: some are chosen, or put in the middle of groups, and the weights are fitted anew to what
+the full sum says, by least squares with a small ridge (the subset of regressors that belongs to the
+Nystroem approximation).
 """
 
 from __future__ import annotations
@@ -21,7 +24,10 @@ from ergoqp.learning.pipelines import sklearn
 Array = NDArray[np.float64]
 
 Method = Literal["clusters", "largest"]
-"""Middles of groups of centres (k-means by absolute weight), or the centres of the largest weights: pruning."""
+"""Middles of groups of centres, or the centres of the largest weights.
+
+The groups are found by k-means by absolute weight; keeping the largest weights is pruning.
+"""
 
 _RIDGE: Final = 1e-7
 """Of the least squares, relative to the mean diagonal."""
@@ -87,7 +93,9 @@ class KernelCost(Protocol):
 Kind = TypeVar("Kind", bound=KernelCost)
 
 
-def reduced(cost: Kind, count: int, data: DataSet, seed: int = 0, method: Method = "clusters") -> tuple[Kind, Reduction]:
+def reduced(
+    cost: Kind, count: int, data: DataSet, seed: int = 0, method: Method = "clusters"
+) -> tuple[Kind, Reduction]:
     """Replace the sum of kernels of a cost by a smaller one.
 
     Args:
@@ -101,26 +109,47 @@ def reduced(cost: Kind, count: int, data: DataSet, seed: int = 0, method: Method
         (smaller cost, its difference from `cost`, which it keeps and saves).
 
     Raises:
-        ModelError: if the cost is no sum of kernels, has no more centres than that, or there are too few points.
+        ModelError: if the cost is no sum of kernels, has no more centres than that, or there are
+            too few points.
         MissingExtraError: if scikit-learn is not installed.
     """
     full = cost.model if isinstance(cost, KernelCost) else None
     if not isinstance(full, KernelSum):
-        raise ModelError(f"reduce: got a {type(cost).__name__}, allowed a cost that is a sum of kernels")
+        raise ModelError(
+            f"reduce: got a {type(cost).__name__}, allowed a cost that is a sum of kernels"
+        )
     if method not in get_args(Method):
-        raise ModelError(f"reduce: got the method {method!r}, allowed {', '.join(get_args(Method))}")
+        raise ModelError(
+            f"reduce: got the method {method!r}, allowed {', '.join(get_args(Method))}"
+        )
     if not 1 <= count < len(full):
-        raise ModelError(f"reduce: got {count} centres, allowed at least 1 and fewer than the {len(full)} that the cost has")
+        raise ModelError(
+            f"reduce: got {count} centres, allowed at least 1 and fewer than the {len(full)} that"
+            " the cost has"
+        )
     if len(data) < count:
-        raise ModelError(f"reduce: got {len(data)} points, allowed at least {count}, one per centre")
+        raise ModelError(
+            f"reduce: got {len(data)} points, allowed at least {count}, one per centre"
+        )
     points = cost.seen(data.points)
     target = full.values(points)
-    centres = _clusters(full, count, seed) if method == "clusters" else full.centres[np.argsort(-np.abs(full.weights))[:count]]
+    centres = (
+        _clusters(full, count, seed)
+        if method == "clusters"
+        else full.centres[np.argsort(-np.abs(full.weights))[:count]]
+    )
     basis = KernelSum(full.kernel, centres, np.ones(count), 0.0, full.mean, full.scale)
     weights, bias = _least_squares(basis, points, target)
     small = KernelSum(full.kernel, centres, weights, bias, full.mean, full.scale)
     error = small.values(points) - target
-    difference = Reduction(method, count, len(full), float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()), len(data))
+    difference = Reduction(
+        method,
+        count,
+        len(full),
+        float(np.sqrt(np.mean(error**2))),
+        float(np.abs(error).max()),
+        len(data),
+    )
     return cost.with_model(small, difference), difference
 
 

@@ -1,9 +1,12 @@
-"""REBA made differentiable: its expected value under noise of known scale. No data, no training, and a meaning.
+"""REBA made differentiable: its expected value under noise of known scale.
 
-V_tau(q) = E[REBA(q + tau eta)] with an independent logistic eta per joint, P(eta < z) = (1 + tanh z) / 2, is infinitely
-often differentiable, has a closed form because every joint is read by one segment only, and is REBA itself as tau goes to 0
-(except exactly on band ends). It is the expected score under sensor noise of standard deviation 0.91 tau. A narrow tau is
-faithful but flat between band ends; a wide one shows the way from afar. The mixture has both.
+It needs no data and no training, and it has a meaning.
+
+V_tau(q) = E[REBA(q + tau eta)] with an independent logistic eta per joint, P(eta < z) = (1 + tanh
+z) / 2, is infinitely often differentiable, has a closed form because every joint is read by one
+segment only, and is REBA itself as tau goes to 0 (except exactly on band ends). It is the expected
+score under sensor noise of standard deviation 0.91 tau. A narrow tau is faithful but flat between
+band ends; a wide one shows the way from afar. The mixture has both.
 """
 
 from __future__ import annotations
@@ -36,7 +39,8 @@ class SmoothReba:
 
     Attributes:
         name: ``"smooth_reba"``.
-        minimum: the lowest exact score under these options, which the value approaches but does not undercut [points].
+        minimum: the lowest exact score under these options, which the value approaches but does not
+            undercut [points].
         taus_deg: scales of the logistic noise [deg].
         weights: of the scales, adding up to 1.
         method: how the sheet is read.
@@ -94,30 +98,41 @@ class SmoothReba:
         q = ca.SX.sym("q", len(JOINTS))
         self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, **self.task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
-        self._q, self._value = q, sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0))
+        self._q, self._value = (
+            q,
+            sum((w * v for w, v in zip(self.weights, values, strict=True)), start=ca.SX(0)),
+        )
         self.minimum = reading.lowest()
         self.function = ca.Function(self.name, [q], ca.cse([self._value]), ["posture"], ["cost"])
 
     def __reduce__(self) -> tuple:
-        """Go to another process as the arguments: expressions cannot be sent, and are built again there."""
+        """Go to another process as arguments: expressions cannot be sent, and are rebuilt there."""
         return partial(SmoothReba, self.taus_deg, self.weights, self.method, **self.task), ()
 
     @cached_property
     def value_and_gradient(self) -> ca.Function:
-        """``posture (32,) -> cost, gradient (32,)``, a CasADi Function; the gradient in points per rad.
+        """``posture (32,) -> cost, gradient (32,)``, a CasADi Function; gradient in points per rad.
 
-        One pass for both: about 0.7 of the time of differentiating :meth:`expression` inside another function.
+        One pass for both: about 0.7 of the time of differentiating :meth:`expression` inside
+        another function.
         """
         outputs = ca.cse([self._value, ca.gradient(self._value, self._q)])
-        return ca.Function(f"{self.name}_gradient", [self._q], outputs, ["posture"], ["cost", "gradient"])
+        return ca.Function(
+            f"{self.name}_gradient", [self._q], outputs, ["posture"], ["cost", "gradient"]
+        )
 
     @cached_property
     def _at_scale(self) -> ca.Function:
         tau = ca.SX.sym("tau")
-        return ca.Function(f"{self.name}_at_scale", [self._q, tau], ca.cse([self._reading.expected(self._q, tau)]))
+        return ca.Function(
+            f"{self.name}_at_scale", [self._q, tau], ca.cse([self._reading.expected(self._q, tau)])
+        )
 
     def at_scale(self, q: Expression, tau: Expression) -> Expression:
-        """Return V_tau(q) for one scale tau [rad] that may be a symbol too: what an optimiser narrows step by step."""
+        """Return V_tau(q) for one scale tau [rad] that may be a symbol too.
+
+        An optimiser narrows it step by step.
+        """
         return cast("Expression", self._at_scale(cast("ca.MX", q), cast("ca.MX", tau)))
 
     def value_at_scale(self, posture: ArrayLike, tau: float) -> float:
@@ -136,7 +151,8 @@ class SmoothReba:
         # A map over buffers reads the rows where they are: half the time of a call with a matrix.
         values = np.empty(len(rows))
         buffer, evaluate = self.function.map(len(rows)).buffer()
-        buffer.set_arg(0, rows.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+        # The stub asks for a length.
+        buffer.set_arg(0, rows.data)  # pyright: ignore[reportCallIssue]
         buffer.set_res(0, values.data)  # pyright: ignore[reportCallIssue]
         evaluate()
         return values
@@ -167,14 +183,20 @@ class _Reading:
         """Return the distributions of scores A and B."""
         sheet = self.sheet
         table_a = d.through_table(
-            sheet.tables["A"].cells, [self._segment(segment, q, tau, "") for segment in sheet.of_table("A")]
+            sheet.tables["A"].cells,
+            [self._segment(segment, q, tau, "") for segment in sheet.of_table("A")],
         )
-        arms = [[self._segment(segment, q, tau, side) for segment in sheet.of_table("B")] for side in SIDES]
+        arms = [
+            [self._segment(segment, q, tau, side) for segment in sheet.of_table("B")]
+            for side in SIDES
+        ]
         cells = sheet.tables["B"].cells
         if self.method.arms == "whole":
             table_b = d.worse(*(d.through_table(cells, arm) for arm in arms))
         else:
-            table_b = d.through_table(cells, [d.worse(right, left) for right, left in zip(*arms, strict=True)])
+            table_b = d.through_table(
+                cells, [d.worse(right, left) for right, left in zip(*arms, strict=True)]
+            )
         return d.shift(table_a, self._points("A")), d.shift(table_b, self._points("B"))
 
     def _points(self, table: str) -> int:
@@ -185,11 +207,15 @@ class _Reading:
         if segment.skipped_by is not None and self.task.flag(segment.skipped_by):
             scores = d.certain(0)
         elif segment.worse_side:
-            scores = d.worse(*(d.of_step(segment.base, q[segment.joint(segment.base, s)], tau) for s in SIDES))
+            scores = d.worse(
+                *(d.of_step(segment.base, q[segment.joint(segment.base, s)], tau) for s in SIDES)
+            )
         else:
             scores = d.of_step(segment.base, q[segment.joint(segment.base, side)], tau)
         for modifier in segment.modifiers:
-            conditions = [d.of_step(step, q[segment.joint(step, side)], tau) for step in modifier.conditions]
+            conditions = [
+                d.of_step(step, q[segment.joint(step, side)], tau) for step in modifier.conditions
+            ]
             for point in conditions if modifier.additive else [d.any_of(conditions)]:
                 scores = d.plus(scores, point)
         for option in segment.options:
@@ -198,10 +224,26 @@ class _Reading:
         return d.shift(scores, points, 1, segment.highest)
 
 
-def _mixture(taus_deg: Sequence[float], weights: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    taus, shares = np.atleast_1d(np.asarray(taus_deg, float)), np.atleast_1d(np.asarray(weights, float))
-    if taus.ndim != 1 or not taus.size or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all():
+def _mixture(
+    taus_deg: Sequence[float], weights: Sequence[float]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    taus, shares = (
+        np.atleast_1d(np.asarray(taus_deg, float)),
+        np.atleast_1d(np.asarray(weights, float)),
+    )
+    if (
+        taus.ndim != 1
+        or not taus.size
+        or not (np.isfinite(taus) & (taus >= 1e-3) & (taus <= 180)).all()
+    ):
         raise InputError(f"taus_deg: got {shown(taus_deg)}, allowed: scales from 0.001 to 180 deg")
-    if shares.shape != taus.shape or not (shares >= 0).all() or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9):
-        raise InputError(f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative, adding up to 1")
+    if (
+        shares.shape != taus.shape
+        or not (shares >= 0).all()
+        or not np.isclose(shares.sum(), 1, rtol=0, atol=1e-9)
+    ):
+        raise InputError(
+            f"weights: got {shown(weights)}, allowed: one per tau ({taus.size}), not negative,"
+            " adding up to 1"
+        )
     return tuple(taus.tolist()), tuple(shares.tolist())

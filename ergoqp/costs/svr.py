@@ -1,8 +1,11 @@
-"""Support vector regression of the score, the EPFL report's second surrogate, with a scaling that is fitted as well.
+"""Support vector regression of the score, with a scaling that is fitted as well.
 
-What counts with radial kernels is the metric. Three things are fitted before the regression itself, all from the data: soft
-steps where each joint's effect on the score changes (`ergoqp.learning.features`), a length scale per feature
-(`ergoqp.learning.relevance`), and which features are left out because they do not matter.
+The regression is the EPFL report's second surrogate.
+
+What counts with radial kernels is the metric. Three things are fitted before the regression itself,
+all from the data: soft steps where each joint's effect on the score changes
+(`ergoqp.learning.features`), a length scale per feature (`ergoqp.learning.relevance`), and which
+features are left out because they do not matter.
 """
 
 from __future__ import annotations
@@ -14,7 +17,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.arguments import LARGEST_SEED, check_kind, check_number, check_whole, check_word, numbers_of
+from ergoqp.arguments import (
+    LARGEST_SEED,
+    check_kind,
+    check_number,
+    check_whole,
+    check_word,
+    numbers_of,
+)
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.reduce import Reduction, reduced
 from ergoqp.datasets.data import DataSet
@@ -25,7 +35,7 @@ from ergoqp.learning.pipelines import dense, sklearn
 from ergoqp.learning.relevance import relevance
 
 Choice = Literal["auto", "steps", "plain"]
-"""What the kernels see: soft steps, the inputs themselves, or whichever makes the data more likely."""
+"""What the kernels see: soft steps, the inputs, or whichever makes the data more likely."""
 
 _LEAST_NUMBER: Final = 1e-9
 _LARGEST_NUMBER: Final = 1e9
@@ -35,7 +45,10 @@ _LEAST: Final = 20
 """Fewest points that can be fitted."""
 
 _SILENT: Final = 0.02
-"""Features are left out if along one standard deviation they move the label less than this share of its own."""
+"""Features that move the label less than this share are left out.
+
+The move is along one standard deviation of the feature, the share that of the label's own.
+"""
 
 _CACHE_MB: Final = 500
 """Memory that the fit may use for kernel values."""
@@ -70,7 +83,10 @@ class Svr(LearnedCost):
         super().__init__(coordinates, minimum)
         self.features, self.model, self.reduction = features, model, reduction
         if len(features) != len(model.scale):
-            raise ModelError(f"svr: got {len(features)} features, allowed {len(model.scale)}, as many as the kernels see")
+            raise ModelError(
+                f"svr: got {len(features)} features, allowed {len(model.scale)}, as many as the"
+                " kernels see"
+            )
 
     @classmethod
     def fit(
@@ -90,23 +106,32 @@ class Svr(LearnedCost):
         Args:
             data: at least 20 points.
             C: price of an error beyond the tube [points].
-            epsilon: half the width of the tube [points]: half of that gives twice the support vectors.
-            gamma: of the kernel, in units of the fitted relevances. A support vector machine wants it narrower than the
-                Gaussian process that the relevances come from.
-            seed: of the random part of the data that the length scales are fitted to, and of the reduced set.
-            max_vectors: most support vectors; more are reduced to so many, see `ergoqp.costs.reduce`.
+            epsilon: half the width of the tube [points]: half of that gives twice the support
+                vectors.
+            gamma: of the kernel, in units of the fitted relevances. A support vector machine wants
+                it narrower than the Gaussian process that the relevances come from.
+            seed: of the random part of the data that the length scales are fitted to, and of the
+                reduced set.
+            max_vectors: most support vectors; more are reduced to so many, see
+                `ergoqp.costs.reduce`.
             features: what the kernels see.
-            widths: of the soft steps, in standard deviations of the input. Narrow ones alone predict best and lead nowhere:
-                between two steps the cost is flat. The default was chosen by where plain descent ends.
+            widths: of the soft steps, in standard deviations of the input. Narrow ones alone
+                predict best and lead nowhere: between two steps the cost is flat. The default was
+                chosen by where plain descent ends.
             shares: of the widths, adding up to 1.
 
         Raises:
-            ModelError: for too little data, labels that are all the same, or a number out of its range.
+            ModelError: for too little data, labels that are all the same, or a number out of its
+                range.
             MissingExtraError: if scikit-learn is not installed.
         """
         check_kind("data", data, DataSet, "a DataSet, see ergoqp.datasets.data", ModelError)
         data.require(_LEAST, "svr")
-        for what, value, low in (("C", C, _LEAST_NUMBER), ("epsilon", epsilon, 0.0), ("gamma", gamma, _LEAST_NUMBER)):
+        for what, value, low in (
+            ("C", C, _LEAST_NUMBER),
+            ("epsilon", epsilon, 0.0),
+            ("gamma", gamma, _LEAST_NUMBER),
+        ):
             check_number(f"svr {what}", value, low, _LARGEST_NUMBER, error=ModelError)
         check_whole("svr seed", seed, 0, LARGEST_SEED, ModelError)
         if max_vectors is not None:
@@ -117,12 +142,19 @@ class Svr(LearnedCost):
         best, scale = _metric(_candidates(data, features, widths, shares), data, seed)
         seen = best.values(data.points)
         mean = seen.mean(axis=0)
-        svr = sklearn("svm", "fitting a kernel cost").SVR(C=C, epsilon=epsilon, gamma=gamma, cache_size=_CACHE_MB)
+        svr = sklearn("svm", "fitting a kernel cost").SVR(
+            C=C, epsilon=epsilon, gamma=gamma, cache_size=_CACHE_MB
+        )
         svr.fit((seen - mean) / scale, data.labels)
         centres, weights = dense(svr.support_vectors_), dense(svr.dual_coef_).ravel()
         if not len(weights):
-            raise ModelError(f"svr: no label is further than epsilon {epsilon:g} from all others, allowed a smaller epsilon")
-        model = KernelSum(Kernel("rbf", gamma), centres, weights, float(svr.intercept_[0]), mean, scale)
+            raise ModelError(
+                f"svr: no label is further than epsilon {epsilon:g} from all others, allowed a"
+                " smaller epsilon"
+            )
+        model = KernelSum(
+            Kernel("rbf", gamma), centres, weights, float(svr.intercept_[0]), mean, scale
+        )
         cost = cls(best, model, data.coordinates, float(data.labels.min()))
         if max_vectors is None or len(model) <= max_vectors:
             return cost
@@ -146,7 +178,9 @@ class Svr(LearnedCost):
 
     def values(self, x: ca.MX) -> ca.MX:
         """Return V (1, k) of k columns of inputs (d, k), an expression."""
-        return self.model.expression(ca.horzcat(*(self.features.expression(column) for column in ca.horzsplit(x))))
+        return self.model.expression(
+            ca.horzcat(*(self.features.expression(column) for column in ca.horzsplit(x)))
+        )
 
     def slope(self, x: ca.MX) -> ca.MX:
         """Return dV/dx (d,), an expression: the kernels' own slope, through the features."""
@@ -163,17 +197,26 @@ class Svr(LearnedCost):
 
     @classmethod
     def from_parts(
-        cls, settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], coordinates: Sequence[str], minimum: float
+        cls,
+        settings: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        coordinates: Sequence[str],
+        minimum: float,
     ) -> Self:
         """Return the cost that `parts` came from."""
         reduction = settings["reduction"]
         if reduction is not None:
             reduction = Reduction(**reduction)
-        features, model = features_from(settings["features"], arrays), KernelSum.from_parts(settings, arrays)
+        features, model = (
+            features_from(settings["features"], arrays),
+            KernelSum.from_parts(settings, arrays),
+        )
         return cls(features, model, coordinates, minimum, reduction)
 
 
-def _candidates(data: DataSet, choice: Choice, widths: Sequence[float], shares: Sequence[float]) -> list[Columns | Steps]:
+def _candidates(
+    data: DataSet, choice: Choice, widths: Sequence[float], shares: Sequence[float]
+) -> list[Columns | Steps]:
     """Return the features to choose from."""
     varied = tuple(np.flatnonzero(np.ptp(data.points, axis=0) > 0).tolist())
     if not varied:
@@ -184,12 +227,19 @@ def _candidates(data: DataSet, choice: Choice, widths: Sequence[float], shares: 
     if choice == "auto" and not len(steps):
         return [Columns(varied)]
     if not len(steps):
-        raise ModelError("svr: no input has a step in its effect on the label, allowed features: plain, auto")
+        raise ModelError(
+            "svr: no input has a step in its effect on the label, allowed features: plain, auto"
+        )
     return [steps] if choice == "steps" else [steps, Columns(varied)]
 
 
-def _metric(candidates: Sequence[Columns | Steps], data: DataSet, seed: int) -> tuple[Columns | Steps, Array]:
-    """Return those features that make the data most likely, without the silent ones, and the scale of each."""
+def _metric(
+    candidates: Sequence[Columns | Steps], data: DataSet, seed: int
+) -> tuple[Columns | Steps, Array]:
+    """Return the features that make the data most likely, without the silent ones.
+
+    Also return the scale of each.
+    """
     best, scale, lowest = candidates[0], np.empty(0), np.inf
     for features in candidates:
         seen = features.values(data.points)

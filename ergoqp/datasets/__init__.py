@@ -1,1 +1,1 @@
-"""Labelled postures: drawn, streamed, kept on disk, read from tables; and how well a cost predicts them."""
+"""Labelled postures: drawn, streamed, on disk, from tables; and how well a cost predicts them."""

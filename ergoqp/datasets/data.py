@@ -42,12 +42,19 @@ class DataSet:
         object.__setattr__(self, "coordinates", names)
         width = len(Coordinates(names))
         if points.ndim != 2 or points.shape[1] != width:
-            raise ModelError(f"data: got points of shape {points.shape}, allowed (n, {width}): {', '.join(self.coordinates)}")
+            raise ModelError(
+                f"data: got points of shape {points.shape}, allowed (n, {width}):"
+                f" {', '.join(self.coordinates)}"
+            )
         if labels.shape != (len(points),):
-            raise ModelError(f"data: got labels of shape {labels.shape}, allowed ({len(points)},), one per point")
+            raise ModelError(
+                f"data: got labels of shape {labels.shape}, allowed ({len(points)},), one per point"
+            )
         bad = np.flatnonzero(~(np.isfinite(points).all(axis=1) & np.isfinite(labels)))
         if bad.size:
-            raise ModelError(f"data: row {bad[0]} is not finite ({bad.size} such rows), allowed numbers only")
+            raise ModelError(
+                f"data: row {bad[0]} is not finite ({bad.size} such rows), allowed numbers only"
+            )
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "labels", labels)
 
@@ -60,7 +67,7 @@ class DataSet:
         return DataSet(self.points[rows], self.labels[rows], self.coordinates, self.source)
 
     def split(self, share: float = 0.8, seed: int = 0) -> tuple[DataSet, DataSet]:
-        """Return two data sets without a common row, the first with a share of the rows, at random."""
+        """Return two disjoint data sets, the first with a share of the rows, at random."""
         order = np.random.default_rng(seed).permutation(len(self))
         cut = round(share * len(self))
         return self.part(order[:cut]), self.part(order[cut:])
@@ -78,4 +85,7 @@ class DataSet:
         if len(self) < least:
             raise ModelError(f"{what}: got {len(self)} points, allowed at least {least}")
         if np.ptp(self.labels) == 0:
-            raise ModelError(f"{what}: got the label {self.labels[0]:g} everywhere, allowed at least two different labels")
+            raise ModelError(
+                f"{what}: got the label {self.labels[0]:g} everywhere, allowed at least two"
+                " different labels"
+            )

@@ -1,4 +1,7 @@
-"""Data sets of random postures: the same number for every score, by the sheet or by the EPFL report's simplified rules."""
+"""Data sets of random postures, the same number for every score.
+
+The scores are by the sheet or by the EPFL report's simplified rules.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ _BLOCK: Final = 20_000
 
 
 MOST_PER_SCORE: Final = 200_000
-"""Most postures of each score that are kept in memory; more are streamed, see `ergoqp.datasets.stream`."""
+"""Most postures per score kept in memory; more are streamed, see `ergoqp.datasets.stream`."""
 
 
 def posture_data(
@@ -47,11 +50,13 @@ def posture_data(
     method: Method | None = None,
     **task: Unpack[TaskOptions],
 ) -> DataSet:
-    """Draw labelled postures, as many of each score, in random order; the same arguments give the same data.
+    """Draw labelled postures, as many of each score, in random order.
 
-    Every joint that scores is drawn by picking one of its bands uniformly, then uniformly inside, and of these postures as many
-    of each score are kept; see :mod:`ergoqp.datasets.sampler`. Joints that are not drawn are at zero, so that the label depends
-    on the drawn ones alone.
+    The same arguments give the same data.
+
+    Every joint that scores is drawn by picking one of its bands uniformly, then uniformly inside,
+    and of these postures as many of each score are kept; see :mod:`ergoqp.datasets.sampler`. Joints
+    that are not drawn are at zero, so that the label depends on the drawn ones alone.
 
     Args:
         per_score: postures of each score, at least 1.
@@ -65,8 +70,8 @@ def posture_data(
         **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
 
     Raises:
-        InputError: for an unknown joint or kind of labels, a score that no posture has, or a method or task options with
-            ``"interval"``, which has none.
+        InputError: for an unknown joint or kind of labels, a score that no posture has, or a method
+            or task options with ``"interval"``, which has none.
     """
     check_whole("per_score", per_score, 1, MOST_PER_SCORE)
     check_whole("seed", seed, 0)
@@ -86,11 +91,19 @@ def posture_data(
         wanted = f"{per_score} postures of each score {', '.join(map(str, scores))}"
         options = "".join(f", {name} {value}" for name, value in task.items())
         source = f"{labels}: {wanted}, {len(coordinates)} joints, seed {seed}{options}"
-        return DataSet(np.concatenate(points), np.concatenate(found).astype(float), coordinates.names, source)
+        return DataSet(
+            np.concatenate(points), np.concatenate(found).astype(float), coordinates.names, source
+        )
 
     if not cache:
         return make()
-    asked = {"version": _VERSION, "rules": rules, "per_score": per_score, "seed": seed, "scores": list(scores)}
+    asked = {
+        "version": _VERSION,
+        "rules": rules,
+        "per_score": per_score,
+        "seed": seed,
+        "scores": list(scores),
+    }
     data = cached_data("postures", {**asked, "joints": coordinates.names, "task": task}, make)
     if progress is not None:
         progress(1.0)
@@ -98,7 +111,9 @@ def posture_data(
 
 
 def interval_labels(points: ArrayLike, joints: Sequence[str] = REPORT_JOINTS) -> NDArray[np.int64]:
-    """Return the scores (n,) of points by the EPFL report's simplified rules, see :mod:`ergoqp.sheets.interval`.
+    """Return the scores (n,) of points by the EPFL report's simplified rules.
+
+    The rules are in :mod:`ergoqp.sheets.interval`.
 
     Args:
         points: angles of the joints (n, d) [rad]; other joints are at zero.
@@ -113,7 +128,10 @@ def interval_labels(points: ArrayLike, joints: Sequence[str] = REPORT_JOINTS) ->
 def _spread(points: ArrayLike, joints: Sequence[str]) -> NDArray[np.float64]:
     coordinates, rows = Coordinates(joints), np.atleast_2d(np.asarray(points, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != len(coordinates):
-        raise InputError(f"points: got shape {rows.shape}, allowed (n, {len(coordinates)}): {', '.join(coordinates.names)}")
+        raise InputError(
+            f"points: got shape {rows.shape}, allowed (n, {len(coordinates)}):"
+            f" {', '.join(coordinates.names)}"
+        )
     return coordinates.spread(rows)
 
 
@@ -123,11 +141,21 @@ def _sampler(
     """Return the sampler, and everything about the rules that its postures depend on."""
     if labels == "sheet":
         method = read_method(method)
-        rules = {"sheet": load_description("reba"), "method": asdict(method), "ranges": [LOWER, UPPER]}
+        rules = {
+            "sheet": load_description("reba"),
+            "method": asdict(method),
+            "ranges": [LOWER, UPPER],
+        }
         return sheet_sampler(method, joints, **task), rules
     if labels != "interval":
         raise InputError(f"labels: got {labels!r}, allowed {', '.join(map(repr, LABELS))}")
     if method is not None or task:
-        raise InputError(f"labels: got 'interval' with {', '.join(task) or 'method'}, allowed without: these rules have none")
-    rules = {"sheet": [load_description("reba"), load_description("interval")], "ranges": [LOWER, UPPER]}
+        raise InputError(
+            f"labels: got 'interval' with {', '.join(task) or 'method'}, allowed without: these"
+            " rules have none"
+        )
+    rules = {
+        "sheet": [load_description("reba"), load_description("interval")],
+        "ranges": [LOWER, UPPER],
+    }
     return interval_sampler(joints), rules

@@ -1,9 +1,9 @@
 """Random postures, the same number for every score: what surrogates are fitted to and judged by.
 
-Low scores are rare: with every joint drawn from a random band, REBA 1 comes up about once in 40 000 draws. Waiting
-for it is not needed. Joints are independent and each is read by one segment, so the law of the drawn bands is a finite
-table; the score splits that table, and drawing from the part with the wanted score gives exactly the postures that rejection
-would keep.
+Low scores are rare: with every joint drawn from a random band, REBA 1 comes up about once in 40 000
+draws. Waiting for it is not needed. Joints are independent and each is read by one segment, so the
+law of the drawn bands is a finite table; the score splits that table, and drawing from the part
+with the wanted score gives exactly the postures that rejection would keep.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def balanced_postures(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Draw postures with equally many of each score of the sheet.
 
-    Every joint that scores is drawn by picking one of its bands uniformly (clipped to the joint's range), then uniformly
-    inside; the others uniformly in their range; kept are the wanted scores.
+    Every joint that scores is drawn by picking one of its bands uniformly (clipped to the joint's
+    range), then uniformly inside; the others uniformly in their range; kept are the wanted scores.
 
     Args:
         per_score: postures of each score, at least 1.
@@ -60,9 +60,14 @@ def balanced_postures(
 
 
 def sheet_sampler(
-    method: Method | None = None, joints: Sequence[str] | None = None, **options: Unpack[TaskOptions]
+    method: Method | None = None,
+    joints: Sequence[str] | None = None,
+    **options: Unpack[TaskOptions],
 ) -> BalancedSampler:
-    """Return the sampler of :func:`balanced_postures`: to draw many times, the tables are worked out once."""
+    """Return the sampler of :func:`balanced_postures`, for drawing many times.
+
+    The tables are worked out once.
+    """
     method = read_method(method)
     sheet = sheet_of(method)
     task = read_task(sheet, None, **options)
@@ -70,9 +75,14 @@ def sheet_sampler(
 
 
 def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
-    """Return a sampler of the simplified sheet in its own ranges, see :mod:`ergoqp.sheets.interval`."""
+    """Return a sampler of the simplified sheet in its own ranges.
+
+    See :mod:`ergoqp.sheets.interval`.
+    """
     sheet = interval_sheet()
-    return BalancedSampler(sheet, read_task(sheet, None), "segments", FINAL_MAX, *interval_ranges(), joints)
+    return BalancedSampler(
+        sheet, read_task(sheet, None), "segments", FINAL_MAX, *interval_ranges(), joints
+    )
 
 
 class BalancedSampler:
@@ -134,7 +144,9 @@ class BalancedSampler:
         if not len(scores):
             raise InputError("scores: got none, allowed: one or more final scores")
         labels = np.repeat(np.asarray(scores, dtype=np.int64), per_score)
-        cells = np.concatenate([self._law.draw_cells(int(score), per_score, rng) for score in scores])
+        cells = np.concatenate(
+            [self._law.draw_cells(int(score), per_score, rng) for score in scores]
+        )
         order = rng.permutation(len(labels))
         postures = rng.uniform(self._lower, self._upper, (len(labels), len(JOINTS)))
         self._law.draw_angles(cells[order], postures, rng)
@@ -181,32 +193,51 @@ class _Law:
         cells = np.flatnonzero((self.final == score) & (self.chance > 0))
         if not len(cells):
             reachable = sorted(set(self.final[self.chance > 0].tolist()))
-            raise InputError(f"scores: got {score}, allowed under these options: {', '.join(map(str, reachable))}")
+            raise InputError(
+                f"scores: got {score}, allowed under these options:"
+                f" {', '.join(map(str, reachable))}"
+            )
         cumulative = np.cumsum(self.chance[cells])
-        return cells[np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")]
+        return cells[
+            np.searchsorted(cumulative[:-1], rng.random(count) * cumulative[-1], side="right")
+        ]
 
-    def draw_angles(self, cells: NDArray[np.int64], postures: NDArray[np.float64], rng: np.random.Generator) -> None:
+    def draw_angles(
+        self, cells: NDArray[np.int64], postures: NDArray[np.float64], rng: np.random.Generator
+    ) -> None:
         """Draw the scoring joints of postures (n, 32), each in its cell [rad]."""
         for bands, score in zip(self.bands, self.scores[cells].T, strict=True):
             pick = bands.first[score] + rng.integers(bands.count[score])
             postures[:, bands.joints] = rng.uniform(bands.low[pick], bands.high[pick])
 
 
-def _law(sheet: Sheet, bands: list[_Bands], task: Task, arms: Literal["whole", "segments"], final_max: int) -> _Law:
+def _law(
+    sheet: Sheet,
+    bands: list[_Bands],
+    task: Task,
+    arms: Literal["whole", "segments"],
+    final_max: int,
+) -> _Law:
     marginals = [b.count / b.count.sum() for b in bands]
     grid = np.meshgrid(*(np.arange(1, len(b.count), dtype=np.int8) for b in bands), indexing="ij")
     scores = [axis.ravel() for axis in grid]
-    chance = np.prod([marginal[score] for marginal, score in zip(marginals, scores, strict=True)], axis=0)
+    chance = np.prod(
+        [marginal[score] for marginal, score in zip(marginals, scores, strict=True)], axis=0
+    )
     a, right, left = scores[:3], scores[3:6], scores[6:]
     if arms == "whole":
         table_b = np.maximum(look_up(sheet, "B", *right), look_up(sheet, "B", *left))
     else:
-        table_b = look_up(sheet, "B", *(np.maximum(r, other) for r, other in zip(right, left, strict=True)))
+        table_b = look_up(
+            sheet, "B", *(np.maximum(r, other) for r, other in zip(right, left, strict=True))
+        )
     final = score_final(sheet, look_up(sheet, "A", *a), table_b, task.points, final_max)
     return _Law(bands, np.stack(scores, axis=1), chance, final)
 
 
-def _bands(segment: Segment, side: str, task: Task, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> _Bands:
+def _bands(
+    segment: Segment, side: str, task: Task, lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> _Bands:
     joints, choices = [], []
     for step in segment.steps:
         for joint_side in SIDES if segment.worse_side and step is segment.base else (side,):
@@ -224,8 +255,12 @@ def _bands(segment: Segment, side: str, task: Task, lower: NDArray[np.float64], 
 
 
 def _choices(edges: Sequence[float], lower: float, upper: float) -> list[tuple[float, float]]:
-    """Return the bands of a joint as (lowest, highest) drawn angle; its one value if it has no range."""
+    """Return a joint's bands as (lowest, highest) drawn angle; its one value if it has no range."""
     if lower == upper:
         return [(lower, upper)]
     ends = np.clip([lower, *edges, upper], lower, upper)
-    return [(low + _CLEAR, high - _CLEAR) for low, high in itertools.pairwise(ends) if high - low > 2 * _CLEAR]
+    return [
+        (low + _CLEAR, high - _CLEAR)
+        for low, high in itertools.pairwise(ends)
+        if high - low > 2 * _CLEAR
+    ]

@@ -1,4 +1,4 @@
-"""Labelled postures without end, block by block: for costs that learn from more than memory should hold."""
+"""Endless labelled postures in blocks: for costs that learn from more than memory should hold."""
 
 from __future__ import annotations
 
@@ -27,11 +27,14 @@ def posture_stream(
     method: Method | None = None,
     **task: Unpack[TaskOptions],
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """Yield blocks of postures as in :func:`ergoqp.datasets.postures.posture_data`, points (n, d) [rad] and labels (n,).
+    """Yield blocks of postures, points (n, d) [rad] and labels (n,).
 
-    With `taus_deg` the label is the sheet's score of the posture as a noisy sensor might have seen it: every joint that is
-    drawn is off by tau times logistic noise, as in :class:`ergoqp.costs.smooth_reba.SmoothReba`. The mean label at a
-    posture is then its expected score, which slopes toward band ends instead of being constant between them.
+    The postures are as in :func:`ergoqp.datasets.postures.posture_data`.
+
+    With `taus_deg` the label is the sheet's score of the posture as a noisy sensor might have seen
+    it: every joint that is drawn is off by tau times logistic noise, as in
+    :class:`ergoqp.costs.smooth_reba.SmoothReba`. The mean label at a posture is then its expected
+    score, which slopes toward band ends instead of being constant between them.
 
     Args:
         rng: source of randomness.
@@ -44,13 +47,21 @@ def posture_stream(
         **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
 
     Raises:
-        InputError: for an unknown joint, a score that no posture has, or scales and weights that do not fit together.
+        InputError: for an unknown joint, a score that no posture has, or scales and weights that do
+            not fit together.
     """
     taus, shares = np.asarray(taus_deg, dtype=float), np.asarray(weights, dtype=float)
     if taus.ndim != 1 or not (np.isfinite(taus) & (taus >= 0)).all():
         raise InputError(f"taus_deg: got {taus_deg!r}, allowed scales of 0 deg or more")
-    if shares.shape != taus.shape or not (shares >= 0).all() or (taus.size and not np.isclose(shares.sum(), 1)):
-        raise InputError(f"weights: got {weights!r}, allowed one per tau ({taus.size}), not negative, adding up to 1")
+    if (
+        shares.shape != taus.shape
+        or not (shares >= 0).all()
+        or (taus.size and not np.isclose(shares.sum(), 1))
+    ):
+        raise InputError(
+            f"weights: got {weights!r}, allowed one per tau ({taus.size}), not negative, adding up"
+            " to 1"
+        )
     coordinates = Coordinates(joints)
     sampler = sheet_sampler(method, coordinates.names, **task)
     while True:
@@ -59,6 +70,9 @@ def posture_stream(
         if taus.size:
             tau = np.radians(rng.choice(taus, size=(len(points), 1), p=shares))
             seen = points + tau * rng.logistic(scale=0.5, size=points.shape)
-            # Noise may leave +-180 deg, where the sheet's outer bands go on but angles are suspected to be degrees.
-            labels = reba.assess(coordinates.spread(np.clip(seen, -np.pi, np.pi)), method, **task).final
+            # Noise may leave +-180 deg, where the sheet's outer bands go on but angles are
+            # suspected to be degrees.
+            labels = reba.assess(
+                coordinates.spread(np.clip(seen, -np.pi, np.pi)), method, **task
+            ).final
         yield points, labels

@@ -1,4 +1,4 @@
-"""Labelled postures from a table of one's own: a CSV file with joint names as columns, and the score."""
+"""Labelled postures from one's own table: a CSV file with joint names as columns, and the score."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ SCORE: Final = "score"
 """Name of the column with the labels."""
 
 MOST_POINTS: Final = 15
-"""Most points that the sheet gives; other scales are brought to it before: all thresholds of a loop are in points."""
+"""Most points that the sheet gives; other scales are brought to it before.
+
+All thresholds of a loop are in points.
+"""
 
 _DEGREES: Final = "_deg"
 
@@ -25,8 +28,9 @@ _DEGREES: Final = "_deg"
 def read_data(path: Path | str) -> DataSet:
     """Read a data set: one row per posture, a header, one column ``score``.
 
-    The other columns are joints by their names in `ergoqp.JOINTS` (radians), the same with ``_deg`` at the end (degrees), or
-    the six coordinates of the forearm (metres), in any order and any number.
+    The other columns are joints by their names in `ergoqp.JOINTS` (radians), the same with ``_deg``
+    at the end (degrees), or the six coordinates of the forearm (metres), in any order and any
+    number.
 
     Raises:
         ModelError: naming the column or the line that cannot be read.
@@ -36,7 +40,9 @@ def read_data(path: Path | str) -> DataSet:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except OSError as error:
-        raise ModelError(f"{path.name}: cannot be read: {error.strerror}, allowed a CSV file") from None
+        raise ModelError(
+            f"{path.name}: cannot be read: {error.strerror}, allowed a CSV file"
+        ) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise ModelError(f"{path.name}: is not a CSV file ({error})") from None
     if len(rows) < 2:
@@ -45,18 +51,30 @@ def read_data(path: Path | str) -> DataSet:
     header = [name.strip() for name in rows[0]]
     columns = [_joint(path, name) for name in header if name != SCORE]
     if header.count(SCORE) != 1:
-        raise ModelError(f"{path.name}: got {header.count(SCORE)} columns named {SCORE!r}, allowed exactly one")
-    numbers = np.array([_numbers(path, i, row, len(header)) for i, row in enumerate(rows[1:], start=2)])
+        raise ModelError(
+            f"{path.name}: got {header.count(SCORE)} columns named {SCORE!r}, allowed exactly one"
+        )
+    numbers = np.array(
+        [_numbers(path, i, row, len(header)) for i, row in enumerate(rows[1:], start=2)]
+    )
     at = header.index(SCORE)
     points = np.delete(numbers, at, axis=1) * np.array([scale for _, scale in columns])
-    beyond = np.flatnonzero((np.abs(points) > np.pi).any(axis=1)) if columns[0][0] in INDEX else np.array([])
+    beyond = (
+        np.flatnonzero((np.abs(points) > np.pi).any(axis=1))
+        if columns[0][0] in INDEX
+        else np.array([])
+    )
     if beyond.size:
         line = beyond[0] + 2
-        raise ModelError(f"{path.name}: line {line} has an angle beyond ±π rad, allowed radians, or columns that end in '_deg'")
+        raise ModelError(
+            f"{path.name}: line {line} has an angle beyond ±π rad, allowed radians,"
+            " or columns that end in '_deg'"
+        )
     if (wrong := np.flatnonzero((numbers[:, at] < 0) | (numbers[:, at] > MOST_POINTS))).size:
         line, got = wrong[0] + 2, numbers[wrong[0], at]
         raise ModelError(
-            f"{path.name}: line {line} has the score {got:g}, allowed 0 to {MOST_POINTS}, points of the REBA sheet"
+            f"{path.name}: line {line} has the score {got:g}, allowed 0 to {MOST_POINTS}, points of"
+            " the REBA sheet"
         )
     return DataSet(points, numbers[:, at], tuple(name for name, _ in columns), path.name)
 
@@ -69,13 +87,16 @@ def _joint(path: Path, column: str) -> tuple[str, float]:
     if column in FOREARM:
         return column, 1.0
     raise ModelError(
-        f"{path.name}: got a column {column!r}, allowed joints such as {JOINTS[0]!r} or '{JOINTS[0]}_deg', and 'score'"
+        f"{path.name}: got a column {column!r}, allowed joints such as {JOINTS[0]!r} or"
+        f" '{JOINTS[0]}_deg', and 'score'"
     )
 
 
 def _numbers(path: Path, line: int, row: list[str], width: int) -> list[float]:
     if len(row) != width:
-        raise ModelError(f"{path.name}: line {line} has {len(row)} entries, allowed {width}, as in the header")
+        raise ModelError(
+            f"{path.name}: line {line} has {len(row)} entries, allowed {width}, as in the header"
+        )
     try:
         return [float(entry) for entry in row]
     except ValueError:

@@ -1,4 +1,4 @@
-"""The whole step as a folder of C99 that builds without ergoqp, without Python and without allocating memory."""
+"""The whole step as a C99 folder that builds without ergoqp or Python and allocates no memory."""
 
 from __future__ import annotations
 
@@ -13,12 +13,26 @@ import numpy as np
 from ergoqp._version import __version__
 from ergoqp.arguments import path_of
 from ergoqp.errors import InputError
-from ergoqp.export.layout import header, input_fields, memory_header, names_source, output_fields, python_fields
+from ergoqp.export.layout import (
+    header,
+    input_fields,
+    memory_header,
+    names_source,
+    output_fields,
+    python_fields,
+)
 from ergoqp.files.whole import whole_folder
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import compiler
-from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, daqp_licence, sizes_source
+from ergoqp.native.daqp import (
+    NativeDaqp,
+    c_text,
+    daqp_archive,
+    daqp_include,
+    daqp_licence,
+    sizes_source,
+)
 from ergoqp.problem.problem import Problem
 from ergoqp.step.function import build_step
 from ergoqp.step.inputs import stand_in
@@ -31,7 +45,9 @@ _RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
 
 
 def export_step(problem: Problem, folder: Path) -> list[Path]:
-    """Write the step of a problem as C99 with a header, a CMake file, the solver's library and licence, and examples.
+    """Write the step of a problem as C99 with a header.
+
+    A CMake file, the solver's library and licence, and examples are written too.
 
     Args:
         problem: the task; its control period becomes the default one.
@@ -42,14 +58,19 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
 
     Raises:
         InputError: if the folder holds something else.
-        CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP library.
+        CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP
+            library.
     """
     compiler()
     folder = path_of("folder", folder)
     if folder.exists() and (
-        not folder.is_dir() or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
+        not folder.is_dir()
+        or (any(folder.iterdir()) and not (folder / "include/ergoqp_step.h").is_file())
     ):
-        raise InputError(f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier export")
+        raise InputError(
+            f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier"
+            " export"
+        )
     solver = NativeDaqp()
     core = generated(build_step(problem, solver, name=CORE, unrolled=True), CORE)
     memory = memory_header(problem, core[f"{CORE}.h"])
@@ -113,18 +134,29 @@ def _filled(name: str, problem: Problem, memory: str) -> str:
 
 
 def stepper_bytes(problem: Problem, memory: str) -> int:
-    """Return at least the size of an ``ergoqp_stepper`` [bytes], from the text of its memory header."""
-    found = {words[1]: int(words[2]) for words in map(str.split, memory.splitlines()) if len(words) == 3 and words[2].isdigit()}
+    """Return at least the size of an ``ergoqp_stepper`` [bytes], from its memory header's text."""
+    found = {
+        words[1]: int(words[2])
+        for words in map(str.split, memory.splitlines())
+        if len(words) == 3 and words[2].isdigit()
+    }
     kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
     return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2)
 
 
 def _awkward(problem: Problem) -> str:
-    """Return a start for the example: the working arms raised, the rest comfortable; points where the response has them."""
+    """Return a start for the example: the working arms raised, the rest comfortable.
+
+    Where the response has points, the start is made of points.
+    """
     start = dict(zip(problem.coordinates, stand_in(problem).tolist(), strict=True))
     if problem.coordinates == JOINTS:
         sides = getattr(problem.response, "hands", SIDES)
-        start |= {f"{side}_{joint}": np.radians(value) for side in sides for joint, value in _RAISED.items()}
+        start |= {
+            f"{side}_{joint}": np.radians(value)
+            for side in sides
+            for joint, value in _RAISED.items()
+        }
     return " ".join(f"{name}={value:.3f}" for name, value in start.items() if value)
 
 

@@ -1,4 +1,7 @@
-"""Small linear algebra as scalar expressions, for matrices whose structure CasADi's general routines would not use."""
+"""Small linear algebra as scalar expressions.
+
+It is for matrices whose structure CasADi's general routines would not use.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +23,32 @@ def vectors(function: ca.Function) -> ca.Function:
 
 
 def scalars(function: ca.Function) -> ca.Function:
-    """Return the same function with every operation on its own, what is equal computed once: best for a compiler."""
-    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    names = [function.name_in(i) for i in range(function.n_in())], [function.name_out(i) for i in range(function.n_out())]
+    """Return the same function with every operation on its own: best for a compiler.
+
+    What is equal is computed once.
+    """
+    inputs = [
+        ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())
+    ]
+    names = (
+        [function.name_in(i) for i in range(function.n_in())],
+        [function.name_out(i) for i in range(function.n_out())],
+    )
     outputs = function.expand().call(inputs, True, False)
-    return ca.Function(function.name(), inputs, ca.cse([ca.densify(part) for part in outputs]), *names)
+    return ca.Function(
+        function.name(), inputs, ca.cse([ca.densify(part) for part in outputs]), *names
+    )
 
 
 def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]:
-    """Return what a function gives, its operations written out instead of a call where they are of matrices.
+    """Return what a function gives; one of matrices is written out instead of called.
 
-    An interpreter copies what goes into a call and what comes out of it; a function of scalars stays a call.
+    An interpreter copies what goes into a call and what comes out of it; a function of scalars
+    stays a call.
     """
-    return function.call([ca.MX(argument) for argument in arguments], function.is_a("MXFunction"), False)
+    return function.call(
+        [ca.MX(argument) for argument in arguments], function.is_a("MXFunction"), False
+    )
 
 
 def once(expressions: list[ca.MX]) -> list[ca.MX]:
@@ -41,12 +57,15 @@ def once(expressions: list[ca.MX]) -> list[ca.MX]:
 
 
 def dense(parts: Sequence[ca.SX]) -> list[ca.SX]:
-    """Return expressions with their structural zeros written out, as functions that exchange plain arrays need them."""
+    """Return expressions with their structural zeros written out.
+
+    Functions that exchange plain arrays need them so.
+    """
     return [ca.densify(ca.SX(part)) for part in parts]
 
 
 def is_set(flag: Any) -> Any:
-    """Return whether a flag is set: it is 0 or 1, and whatever it came through, nearer to one of them."""
+    """Return whether a flag is set: 0 or 1, or nearer to one of them whatever it came through."""
     return flag > 0.5
 
 
@@ -68,7 +87,10 @@ def solve3(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def spd_inverse(matrix: ca.SX) -> ca.SX:
-    """Return the inverse of a symmetric positive definite matrix by Cholesky; only its lower triangle is read."""
+    """Return the inverse of a symmetric positive definite matrix by Cholesky.
+
+    Only the lower triangle of the matrix is read.
+    """
     n = matrix.shape[0]
     root, inverse = ca.SX(n, n), ca.SX(n, n)
     for j in range(n):

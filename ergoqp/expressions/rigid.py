@@ -1,4 +1,4 @@
-"""Rigid motion as expressions: turning by a rotation vector, and the one reader of poses that come from outside."""
+"""Rigid motion as expressions: turns by a rotation vector, and the one reader of outside poses."""
 
 from __future__ import annotations
 
@@ -13,31 +13,45 @@ from ergoqp.errors import InputError
 
 
 def exp_rotation(pose: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return `pose` (4, 4) moved by a world-aligned displacement (6,), for any number of times: it stays orthonormal."""
+    """Return `pose` (4, 4) moved by a world-aligned displacement (6,).
+
+    It stays orthonormal for any number of moves.
+    """
     moved = shifted(pose, displacement)
     moved[:3, :3] = _straightened(moved[:3, :3])
     return moved
 
 
 def shifted(pose: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return `pose` (4, 4) shifted by the first three of a world-aligned displacement (6,) and turned by its last three.
+    """Return `pose` (4, 4) shifted and turned by a world-aligned displacement (6,).
+
+    The first three of the displacement shift, its last three turn.
 
     The rotation is the exact exponential.
     """
     bottom = ca.SX([[0, 0, 0, 1]])
-    return ca.vertcat(ca.horzcat(turned(displacement[3:], pose[:3, :3]), pose[:3, 3] + displacement[:3]), bottom)
+    return ca.vertcat(
+        ca.horzcat(turned(displacement[3:], pose[:3, :3]), pose[:3, 3] + displacement[:3]), bottom
+    )
 
 
 def turned(turn: ca.SX, vectors: ca.SX) -> ca.SX:
     """Return vectors (3, n) turned by a rotation vector (3,) [rad]."""
     angle = ca.sqrt(ca.sumsqr(turn) + 1e-30)
     cross = ca.skew(turn)
-    rotation = ca.SX.eye(3) + ca.sin(angle) / angle * cross + (2 * ca.sin(angle / 2) ** 2) / angle**2 * (cross @ cross)
+    rotation = (
+        ca.SX.eye(3)
+        + ca.sin(angle) / angle * cross
+        + (2 * ca.sin(angle / 2) ** 2) / angle**2 * (cross @ cross)
+    )
     return rotation @ vectors
 
 
 def rotation_error(rotation: ca.SX) -> ca.SX:
-    """Return how far a 3 x 3 matrix is from a rotation: the largest entry of R'R - I, or 2 for a mirror and for NaN."""
+    """Return how far a 3 x 3 matrix is from a rotation: the largest entry of R'R - I.
+
+    It is 2 for a mirror and for NaN.
+    """
     apart = ca.mmax(ca.fabs(ca.reshape(rotation.T @ rotation - ca.SX.eye(3), 9, 1)))
     # mmax drops NaN; a determinant keeps it, and NaN is not above zero either.
     return ca.if_else(ca.det(rotation) > 0, apart, 2.0)
@@ -46,7 +60,9 @@ def rotation_error(rotation: ca.SX) -> ca.SX:
 def is_rigid(pose: ca.SX) -> ca.SX:
     """Return whether a matrix (4, 4) is a rigid motion, finite and within 100 m."""
     bottom = ca.sumsqr(pose[3, :] - ca.DM([[0, 0, 0, 1]])) < 1e-6
-    return ca.logic_and(ca.logic_and(rotation_error(pose[:3, :3]) < 1e-3, bottom), ca.sumsqr(pose[:3, 3]) < 1e4)
+    return ca.logic_and(
+        ca.logic_and(rotation_error(pose[:3, :3]) < 1e-3, bottom), ca.sumsqr(pose[:3, 3]) < 1e4
+    )
 
 
 def normalised(pose: ca.SX) -> ca.SX:
@@ -57,7 +73,7 @@ def normalised(pose: ca.SX) -> ca.SX:
 
 
 def read_pose(what: str, value: Any) -> np.ndarray:
-    """Return a pose (4, 4) that a user gives, as the control step reads it: see `is_rigid`, `normalised`.
+    """Return a user's pose (4, 4) as the control step reads it: see `is_rigid`, `normalised`.
 
     Args:
         what: it is, for the message.
@@ -74,7 +90,10 @@ def read_pose(what: str, value: Any) -> np.ndarray:
         raise InputError(f"{what}: got shape {pose.shape}, allowed a pose (4, 4)")
     read, rigid = _read_pose()(pose)
     if not rigid:
-        raise InputError(f"{what}: got a pose that is {_what_is_wrong(pose)}, allowed a rotation and a position within 100 m")
+        raise InputError(
+            f"{what}: got a pose that is {_what_is_wrong(pose)}, allowed a rotation and a position"
+            " within 100 m"
+        )
     return np.array(read)
 
 

@@ -1,4 +1,7 @@
-"""Arrays from npz files that anybody may have made: what they claim to hold is looked at before anything is allocated."""
+"""Arrays from npz files that anybody may have made.
+
+What they claim to hold is looked at before anything is allocated.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,18 @@ LARGEST: Final = 300_000_000
 """All arrays of a file together, unpacked, are at most so large [bytes]."""
 
 _UNREADABLE: Final = (
-    *(ValueError, KeyError, EOFError, AttributeError, TypeError, NotImplementedError, zipfile.BadZipFile, zlib.error),
-    *(MemoryError, OverflowError, SyntaxError, RecursionError),  # of a header that is no header
+    ValueError,
+    KeyError,
+    EOFError,
+    AttributeError,
+    TypeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    RecursionError,  # of a header that is no header
     RuntimeError,  # a zip that says it is encrypted, or packed in a way that Python does not know
 )
 
@@ -43,16 +56,26 @@ def read_npz(path: Path, names: Collection[str] | None = None) -> dict[str, NDAr
             claimed = sum(entry.file_size for entry in packed.infolist())
             if claimed > LARGEST:
                 raise ModelError(f"{path.name}: got {claimed} bytes of arrays, allowed {LARGEST}")
-            arrays = {entry.filename.removesuffix(".npy"): _read(packed, entry) for entry in packed.infolist()}
+            arrays = {
+                entry.filename.removesuffix(".npy"): _read(packed, entry)
+                for entry in packed.infolist()
+            }
     except FileNotFoundError:
         raise ModelError(f"{path.name}: is not there, allowed a .npz file") from None
     except OSError as error:
-        raise ModelError(f"{path.name}: cannot be read: {error.strerror or error}, allowed a .npz file") from None
+        raise ModelError(
+            f"{path.name}: cannot be read: {error.strerror or error}, allowed a .npz file"
+        ) from None
     except _UNREADABLE as error:
         why = type(error).__name__
-        raise ModelError(f"{path.name}: got no .npz file of numbers, or a part of one ({why}), allowed a whole one") from None
+        raise ModelError(
+            f"{path.name}: got no .npz file of numbers, or a part of one ({why}), allowed a"
+            " whole one"
+        ) from None
     if missing := sorted(set(names or ()) - set(arrays)):
-        raise ModelError(f"{path.name}: got {', '.join(sorted(arrays))}, allowed only with {', '.join(missing)}")
+        raise ModelError(
+            f"{path.name}: got {', '.join(sorted(arrays))}, allowed only with {', '.join(missing)}"
+        )
     return arrays
 
 
@@ -60,7 +83,9 @@ def _read(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray:
     """Return one array, if its header and its size are of one mind."""
     with packed.open(entry) as file:
         version = npy.read_magic(file)
-        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[
+            version
+        ]
         shape, fortran, kind = read_header(file, max_header_size=10_000)
         if kind.hasobject or kind.kind not in "biufU" or min(shape, default=0) < 0:
             raise ValueError("an array of something else than numbers and words")
@@ -70,4 +95,8 @@ def _read(packed: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray:
         data = file.read(count * kind.itemsize)
         if file.read(1):
             raise ValueError("an array that is smaller than its file")
-    return np.frombuffer(data, dtype=kind, count=count).reshape(shape, order="F" if fortran else "C").copy()
+    return (
+        np.frombuffer(data, dtype=kind, count=count)
+        .reshape(shape, order="F" if fortran else "C")
+        .copy()
+    )

@@ -1,4 +1,7 @@
-"""Text files that anybody may have written: TOML and JSON, read with every way of being none in one sentence."""
+"""Text files that anybody may have written: TOML and JSON.
+
+Every way of being none is told in one sentence.
+"""
 
 from __future__ import annotations
 
@@ -76,15 +79,21 @@ def _text(path: Path, what: str, largest: int) -> str:
         found = path.stat()
         # Opening a pipe or a device would wait for someone to write.
         if not stat.S_ISREG(found.st_mode):
-            raise InputError(f"{what}: {path.name}: is {'a directory' if path.is_dir() else 'no file'}, allowed a file")
+            raise InputError(
+                f"{what}: {path.name}: is {'a directory' if path.is_dir() else 'no file'}, allowed"
+                " a file"
+            )
         if found.st_size > largest:
             raise InputError(f"{what}: {path.name}: got {found.st_size} bytes, allowed {largest}")
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{what}: {path.name}: not text: byte {error.start} is not UTF-8, allowed text") from None
+        raise InputError(
+            f"{what}: {path.name}: not text: byte {error.start} is not UTF-8, allowed text"
+        ) from None
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            f"{what}: {path.name} cannot be read: {getattr(error, 'strerror', None) or error}, allowed a file"
+            f"{what}: {path.name} cannot be read: {getattr(error, 'strerror', None) or error},"
+            " allowed a file"
         ) from None

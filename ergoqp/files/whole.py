@@ -1,4 +1,7 @@
-"""Files that are there whole or not at all: whoever reads one never finds half of it, whatever ended the writing."""
+"""Files that are there whole or not at all.
+
+Whoever reads one never finds half of it, whatever ended the writing.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,15 @@ _COUNT = itertools.count()
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a file to write to instead of `path`, in the same folder; it takes its place in one move.
+    """Give a file to write to instead of `path`, in the same folder.
+
+    It takes the place of `path` in one move.
 
     If the writing fails the new file is gone, and what was there before is still there.
 
     Args:
-        path: of the file that is to be there afterwards; what a link leads to is written, not the link.
+        path: of the file that is to be there afterwards; what a link leads to is written, not the
+            link.
 
     Raises:
         OSError: naming `path`, if it cannot be written.
@@ -41,10 +47,12 @@ def whole(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """Give a folder to fill instead of `folder`, beside it; what is in it takes its place when all of it is there.
+    """Give a folder to fill instead of `folder`, beside it.
 
-    A folder that is there already keeps what else it holds. If the filling fails, or what is there stands in the way, nothing
-    has changed.
+    What is in it takes its place when all of it is there.
+
+    A folder that is there already keeps what else it holds. If the filling fails, or what is there
+    stands in the way, nothing has changed.
 
     Args:
         folder: that is to hold the files afterwards.
@@ -53,7 +61,8 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         OSError: naming `folder`, if they cannot be written.
     """
     target = folder.resolve()
-    # Within what is there already: it may be another disk than the folder around it, or the only one that can be written.
+    # Within what is there already: it may be another disk than the folder around it, or the only
+    # one that can be written.
     scratch = (target if target.exists() else target.parent) / _own_name()
     try:
         scratch.mkdir(parents=True)
@@ -64,7 +73,9 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         made = [(each, target / each.relative_to(scratch)) for each in sorted(scratch.rglob("*"))]
         for each, place in made:
             if place.exists() and place.is_dir() != each.is_dir():
-                raise OSError(errno.EEXIST, os.strerror(errno.EEXIST), str(folder / place.relative_to(target)))
+                raise OSError(
+                    errno.EEXIST, os.strerror(errno.EEXIST), str(folder / place.relative_to(target))
+                )
         for each, place in made:
             if each.is_dir():
                 place.mkdir(exist_ok=True)
@@ -86,7 +97,8 @@ def _own_name() -> str:
 def write_whole(path: Path, text: str) -> None:
     """Write a text file, see `whole`.
 
-    A file name that is part of the text may hold what no encoding can write: a question mark stands for it.
+    A file name that is part of the text may hold what no encoding can write: a question mark stands
+    for it.
 
     Raises:
         OSError: if it cannot be written.

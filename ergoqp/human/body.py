@@ -31,8 +31,9 @@ FRACTIONS: Final[dict[str, float]] = {
 }
 """Segment lengths as fractions of the stature (Drillis and Contini 1966, in Winter's figure 4.1).
 
-``trunk`` runs from the middle of the hip centres to the base of the neck, ``shoulder_height`` to the height of the shoulder
-centres; the two widths are between joint centres, narrower than Winter's outer widths."""
+``trunk`` runs from the middle of the hip centres to the base of the neck, ``shoulder_height`` to
+the height of the shoulder centres; the two widths are between joint centres, narrower than Winter's
+outer widths."""
 
 NOMINAL_STATURE: Final = 1.75
 """Stature of ``models/human.xml`` as written [m]."""
@@ -76,7 +77,12 @@ class Body:
         """Check the numbers and fill in what was not measured from the stature."""
         low, high = STATURE_RANGE
         check_number("stature", self.stature, low, high, "m")
-        check_kind("segment lengths", self.lengths, Mapping, "a table of segments, each with its length [m]")
+        check_kind(
+            "segment lengths",
+            self.lengths,
+            Mapping,
+            "a table of segments, each with its length [m]",
+        )
         if unknown := [name for name in self.lengths if name not in FRACTIONS]:
             raise InputError(f"segment lengths: got {shown(unknown)}, allowed {sorted(FRACTIONS)}")
         filled = {name: fraction * self.stature for name, fraction in FRACTIONS.items()}
@@ -84,8 +90,8 @@ class Body:
             check_number(f"length of {name}", length, 0.0, 1e6, "m")
             if not 0.4 <= length / filled[name] <= 2.0:
                 raise InputError(
-                    f"length of {name}: got {length:.3f} m, allowed {0.4 * filled[name]:.3f} to {2 * filled[name]:.3f} m "
-                    f"for a stature of {self.stature:.2f} m"
+                    f"length of {name}: got {length:.3f} m, allowed {0.4 * filled[name]:.3f} to"
+                    f" {2 * filled[name]:.3f} m for a stature of {self.stature:.2f} m"
                 )
             filled[name] = float(length)
         object.__setattr__(self, "lengths", filled)
@@ -97,7 +103,9 @@ class Body:
 
     @classmethod
     def of_stature(cls, stature: float, mass: float = 0.0) -> Body:
-        """Return the body of average proportions at a stature [m]; a mass of 0 means the one of a normal build [kg].
+        """Return the body of average proportions at a stature [m].
+
+        A mass of 0 means the one of a normal build [kg].
 
         Raises:
             InputError: if the stature or the mass is out of range.
@@ -106,25 +114,33 @@ class Body:
 
     @classmethod
     def of_lengths(cls, lengths: Mapping[str, float], mass: float = 0.0) -> Body:
-        """Return the body with measured segment lengths [m]; the others follow from the stature that the measured suggest.
+        """Return the body with measured segment lengths [m].
+
+        The others follow from the stature that the measured ones suggest.
 
         Args:
-            lengths: any non-empty part of `FRACTIONS`, in metres. The stature is the weighted median of what each suggests.
+            lengths: any non-empty part of `FRACTIONS`, in metres. The stature is the weighted
+                median of what each suggests.
             mass: body mass [kg], 0 for a normal build.
 
         Raises:
             InputError: if a name is unknown or a length is not that of a person.
         """
-        check_kind("segment lengths", lengths, Mapping, "a table of segments, each with its length [m]")
+        check_kind(
+            "segment lengths", lengths, Mapping, "a table of segments, each with its length [m]"
+        )
         if not lengths or (set(lengths) - set(FRACTIONS)):
-            raise InputError(f"segment lengths: got {shown(list(lengths))}, allowed a non-empty part of {sorted(FRACTIONS)}")
+            raise InputError(
+                f"segment lengths: got {shown(list(lengths))}, allowed a non-empty part of"
+                f" {sorted(FRACTIONS)}"
+            )
         for name, length in lengths.items():
             check_number(f"length of {name}", length, 0.01, 10.0, "m")
         return cls(stature=stature_of(lengths), lengths=lengths, mass=mass)
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The scaled MuJoCo model: base x, y, z, yaw, then the 32 hinges in the order of `JOINTS`."""
+        """Scaled MuJoCo model: base x, y, z, yaw, then the 32 hinges in the order of `JOINTS`."""
         return _scaled_spec(self).compile()
 
     def spec(self) -> mujoco.MjSpec:
@@ -133,7 +149,10 @@ class Body:
 
 
 def stature_of(lengths: Mapping[str, float]) -> float:
-    """Return the stature [m] that measured lengths suggest: the median over segments, each weighted by its length."""
+    """Return the stature [m] that measured lengths suggest.
+
+    It is the median over segments, each weighted by its length.
+    """
     names = list(lengths)
     suggestions = np.array([lengths[name] / FRACTIONS[name] for name in names])
     weights = np.array([FRACTIONS[name] for name in names])
@@ -149,7 +168,9 @@ def _nominal_xml() -> str:
 
 def _scaled_spec(body: Body) -> mujoco.MjSpec:
     girth = body.stature / NOMINAL_STATURE
-    factor = {name: length / (FRACTIONS[name] * NOMINAL_STATURE) for name, length in body.lengths.items()}
+    factor = {
+        name: length / (FRACTIONS[name] * NOMINAL_STATURE) for name, length in body.lengths.items()
+    }
     factor["girth"] = girth
 
     def scale_of(owner: str) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""The right arm on the trunk in closed form: elbow and wrist of a posture, and the postures of an elbow and a wrist."""
+"""The right arm on the trunk in closed form.
+
+It gives elbow and wrist of a posture, and the postures of an elbow and a wrist.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,12 @@ from ergoqp.sheets.postures import read_postures
 Array = NDArray[np.float64]
 
 ARM_JOINTS: Final[tuple[str, ...]] = (
-    *("trunk_flexion", "trunk_side_bend", "trunk_twist"),
-    *("right_shoulder_flexion", "right_shoulder_abduction", "right_shoulder_rotation"),
+    "trunk_flexion",
+    "trunk_side_bend",
+    "trunk_twist",
+    "right_shoulder_flexion",
+    "right_shoulder_abduction",
+    "right_shoulder_rotation",
     "right_elbow_flexion",
 )
 """The joints that elbow and wrist depend on, in the order of the solutions of `Arm.solve`."""
@@ -48,9 +55,10 @@ class Arm:
     def solve_by_bend(self, points: Array, bend: Array, twist: Array) -> tuple[Array, Array]:
         """Return all postures of trunk and right arm that have given points, side bends and twists.
 
-        The shoulder has to be one upper arm away from the elbow: with side bend and twist given, that is
-        a cos f + b sin f = c for the flexion f of the trunk, with two roots. Then shoulder and elbow follow from the two
-        directions; the shoulder's intrinsic angles have two solutions too.
+        The shoulder has to be one upper arm away from the elbow: with side bend and twist given,
+        that is a cos f + b sin f = c for the flexion f of the trunk, with two roots. Then shoulder
+        and elbow follow from the two directions; the shoulder's intrinsic angles have two solutions
+        too.
 
         Args:
             points: elbow and wrist in the pelvis frame (n, 6) [m].
@@ -58,25 +66,36 @@ class Arm:
             twist: twists of the trunk (n, m) [rad].
 
         Returns:
-            Angles in the order of `ARM_JOINTS` (7, n, 4 m) [rad], and by how much there is no root (n, 4 m), without a
-            unit; 0 where there is one.
+            Angles in the order of `ARM_JOINTS` (7, n, 4 m) [rad], and by how much there is no root
+            (n, 4 m), without a unit; 0 where there is one.
         """
         (x, y, z), wrist = self._elbow_and_forearm(points)
         sx, sy, sz = _bend(bend, *_twist(twist, *self.shoulder))
         c = (self.shoulder @ self.shoulder + x * x + y * y + z * z - self.upper**2) / 2 - y * sy
         flexion, missing = _roots(x * sx + z * sz, x * sz - z * sx, c)
         flexion, bend, twist = _wrap(flexion), _twice(bend), _twice(twist)
-        dx, dy, dz = (e - s for e, s in zip(_into_trunk(flexion, bend, twist, x, y, z), self.shoulder, strict=True))
+        dx, dy, dz = (
+            e - s
+            for e, s in zip(_into_trunk(flexion, bend, twist, x, y, z), self.shoulder, strict=True)
+        )
         abduction, shoulder = np.arctan2(-dy, np.hypot(dx, dz)), np.arctan2(dx, -dz)
         trunk = _twice(flexion), _twice(bend), _twice(twist)
-        shoulder, abduction = np.hstack([shoulder, _wrap(shoulder + np.pi)]), np.hstack([abduction, np.pi - abduction])
-        return np.stack([*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]), _twice(missing)
+        shoulder, abduction = (
+            np.hstack([shoulder, _wrap(shoulder + np.pi)]),
+            np.hstack([abduction, np.pi - abduction]),
+        )
+        return np.stack(
+            [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
+        ), _twice(missing)
 
-    def solve_by_shoulder(self, points: Array, shoulder: Array, twist: Array) -> tuple[Array, Array]:
-        """Return all postures of trunk and right arm that have given points, shoulder flexions and twists.
+    def solve_by_shoulder(
+        self, points: Array, shoulder: Array, twist: Array
+    ) -> tuple[Array, Array]:
+        """Return all postures of trunk and right arm at given points, shoulder flexions and twists.
 
-        Near 90 deg of abduction the shoulder's flexion turns fast with the trunk; here it is given. The distance of the
-        elbow from the pelvis gives the abduction (two roots), the elbow's y the side bend (two roots), and the rest follows.
+        Near 90 deg of abduction the shoulder's flexion turns fast with the trunk; here it is given.
+        The distance of the elbow from the pelvis gives the abduction (two roots), the elbow's y the
+        side bend (two roots), and the rest follows.
 
         Args:
             points: elbow and wrist in the pelvis frame (n, 6) [m].
@@ -87,22 +106,31 @@ class Arm:
             As `solve_by_bend`.
         """
         (x, y, z), wrist = self._elbow_and_forearm(points)
-        c = (x * x + y * y + z * z - self.shoulder @ self.shoulder - self.upper**2) / (2 * self.upper)
+        c = (x * x + y * y + z * z - self.shoulder @ self.shoulder - self.upper**2) / (
+            2 * self.upper
+        )
         forward = self.shoulder[0] * np.sin(shoulder) - self.shoulder[2] * np.cos(shoulder)
         abduction, no_abduction = _roots(forward, np.full_like(forward, -self.shoulder[1]), c)
         shoulder, twist = _twice(shoulder), _twice(twist)
         cos_a = np.cos(abduction)
         arm = np.sin(shoulder) * cos_a, -np.sin(abduction), -np.cos(shoulder) * cos_a
-        vx, vy, vz = _twist(twist, *(s + self.upper * d for s, d in zip(self.shoulder, arm, strict=True)))
+        vx, vy, vz = _twist(
+            twist, *(s + self.upper * d for s, d in zip(self.shoulder, arm, strict=True))
+        )
         bend, no_bend = _roots(vy, vz, y)
         vx, vy, vz = _bend(bend, _twice(vx), _twice(vy), _twice(vz))
         trunk = np.arctan2(x * vz - z * vx, x * vx + z * vz), _wrap(bend), _twice(twist)
         shoulder, abduction = _twice(shoulder), _wrap(_twice(abduction))
         missing = _twice(no_abduction) + no_bend
-        return np.stack([*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]), missing
+        return (
+            np.stack(
+                [*trunk, shoulder, abduction, *self._elbow(wrist, trunk, shoulder, abduction)]
+            ),
+            missing,
+        )
 
     def _elbow_and_forearm(self, points: Array) -> tuple[Array, Array]:
-        """Return the elbow from the root of the trunk and the wrist from the elbow, (3, n, 1) each."""
+        """Return the elbow from the trunk's root and the wrist from the elbow, (3, n, 1) each."""
         return np.moveaxis(points[:, None, :3] - self.root, -1, 0), np.moveaxis(
             points[:, None, 3:] - points[:, None, :3], -1, 0
         )
@@ -110,10 +138,16 @@ class Arm:
     def _elbow(
         self, forearm: Array, trunk: tuple[Array, Array, Array], shoulder: Array, abduction: Array
     ) -> tuple[Array, Array]:
-        """Return rotation of the upper arm and flexion of the elbow for a direction of the forearm."""
+        """Return upper arm rotation and elbow flexion for a direction of the forearm."""
         gx, gy, gz = _into_trunk(*trunk, *forearm)
-        # Into the upper arm before it rotates about itself: back by the flexion (about -y), then by the abduction (about -x).
-        sin_f, cos_f, sin_a, cos_a = np.sin(shoulder), np.cos(shoulder), np.sin(abduction), np.cos(abduction)
+        # Into the upper arm before it rotates about itself: back by the flexion (about -y), then by
+        # the abduction (about -x).
+        sin_f, cos_f, sin_a, cos_a = (
+            np.sin(shoulder),
+            np.cos(shoulder),
+            np.sin(abduction),
+            np.cos(abduction),
+        )
         gx, gz = cos_f * gx + sin_f * gz, cos_f * gz - sin_f * gx
         gy, gz = cos_a * gy - sin_a * gz, sin_a * gy + cos_a * gz
         away = np.hypot(gx, gy)
@@ -124,8 +158,14 @@ class Arm:
 def arm_of(body: Body) -> Arm:
     """Return the lengths of a body's right arm, read off its loaded model."""
     model = body.model
-    offset = {name: np.asarray(model.body(name).pos) for name in ("trunk_flexion", "right_shoulder_flexion")}
-    upper, fore = (float(np.linalg.norm(model.body(f"right_{name}").pos)) for name in ("elbow_flexion", "wrist_flexion"))
+    offset = {
+        name: np.asarray(model.body(name).pos)
+        for name in ("trunk_flexion", "right_shoulder_flexion")
+    }
+    upper, fore = (
+        float(np.linalg.norm(model.body(f"right_{name}").pos))
+        for name in ("elbow_flexion", "wrist_flexion")
+    )
     return Arm(offset["trunk_flexion"], offset["right_shoulder_flexion"], upper, fore)
 
 
@@ -160,17 +200,29 @@ def read_points(points: ArrayLike) -> Array:
     """
     rows = np.atleast_2d(np.asarray(points, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != len(FOREARM):
-        raise InputError(f"points: got shape {np.shape(points)}, allowed (n, {len(FOREARM)}): {', '.join(FOREARM)}")
+        raise InputError(
+            f"points: got shape {np.shape(points)}, allowed (n, {len(FOREARM)}):"
+            f" {', '.join(FOREARM)}"
+        )
     return rows
 
 
 @lru_cache(maxsize=8)
 def _forward(stature: float, lengths: tuple[tuple[str, float], ...]) -> ca.Function:
-    """``posture (32,) -> points (6,)`` of a body; only what places the points tells bodies apart, not their mass."""
+    """Return ``posture (32,) -> points (6,)`` of a body.
+
+    Only what places the points tells bodies apart, not their mass.
+    """
     kinematics = Kinematics(Body(stature, dict(lengths)))
     q = ca.SX.sym("q", len(JOINTS))
     return ca.Function(
-        "forearm", [q], [ca.cse(ca.vertcat(*(kinematics.at(f"right_{name}", q)[0] for name in ("elbow", "wrist"))))]
+        "forearm",
+        [q],
+        [
+            ca.cse(
+                ca.vertcat(*(kinematics.at(f"right_{name}", q)[0] for name in ("elbow", "wrist")))
+            )
+        ],
     )
 
 
@@ -183,10 +235,15 @@ def _twice(values: Array) -> Array:
 
 
 def _roots(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Return both roots (n, 2 m) of a cos t + b sin t = c, and by how much there is none; then the nearest is returned."""
+    """Return both roots (n, 2 m) of a cos t + b sin t = c, and by how much there is none.
+
+    Where there is none, the nearest is returned.
+    """
     ratio = c / np.maximum(np.hypot(a, b), 1e-12)
     middle, half = np.arctan2(b, a), np.arccos(np.clip(ratio, -1, 1))
-    return np.concatenate([middle + half, middle - half], axis=1), _twice(np.maximum(np.abs(ratio) - 1, 0))
+    return np.concatenate([middle + half, middle - half], axis=1), _twice(
+        np.maximum(np.abs(ratio) - 1, 0)
+    )
 
 
 def _twist(angle: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -199,7 +256,9 @@ def _bend(angle: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Arr
     return x, np.cos(angle) * y + np.sin(angle) * z, np.cos(angle) * z - np.sin(angle) * y
 
 
-def _into_trunk(flexion: Array, bend: Array, twist: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+def _into_trunk(
+    flexion: Array, bend: Array, twist: Array, x: Array, y: Array, z: Array
+) -> tuple[Array, Array, Array]:
     """Return a vector of the pelvis frame along the axes of the trunk."""
     x, z = np.cos(flexion) * x - np.sin(flexion) * z, np.sin(flexion) * x + np.cos(flexion) * z
     return _twist(-twist, *_bend(-bend, x, y, z))

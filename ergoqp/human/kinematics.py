@@ -1,4 +1,7 @@
-"""Where every frame of the body is, and how it moves with the joints, as CasADi functions read off the loaded model."""
+"""Where every frame of the body is, and how it moves with the joints.
+
+Both are CasADi functions read off the loaded model.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +19,35 @@ from ergoqp.joints import INDEX, JOINTS
 Expression = TypeVar("Expression", ca.SX, ca.MX, ca.DM)
 
 FRAMES: Final[tuple[str, ...]] = (
-    *("pelvis", "trunk", "neck", "head", "head_top", "nose"),
+    "pelvis",
+    "trunk",
+    "neck",
+    "head",
+    "head_top",
+    "nose",
     *(
         f"{side}_{name}"
         for side in ("right", "left")
         for name in ("shoulder", "elbow", "wrist", "grip", "knuckles", "fingertips", "thumb")
     ),
-    *(f"{side}_{name}" for side in ("right", "left") for name in ("hip", "knee", "ankle", "toe", "heel", "sole")),
+    *(
+        f"{side}_{name}"
+        for side in ("right", "left")
+        for name in ("hip", "knee", "ankle", "toe", "heel", "sole")
+    ),
 )
 """Names of the frames (sites of ``models/human.xml``).
 
-``grip`` is where a tool is held: x out of the fist along the hand, z to the thumb; with the elbow at 90 degrees and the rest
-at zero it has the axes of the world. All other frames have the axes of their segment."""
+``grip`` is where a tool is held: x out of the fist along the hand, z to the thumb; with the elbow
+at 90 degrees and the rest at zero it has the axes of the world. All other frames have the axes of
+their segment."""
 
 
 class Kinematics:
     """Frames of a body in its pelvis frame, as functions of the posture.
 
-    The pelvis frame is upright: x forward, y left, z up. `at` gives a frame's pose and geometric Jacobian; `base_jacobian`
-    gives how a frame moves with the pelvis itself.
+    The pelvis frame is upright: x forward, y left, z up. `at` gives a frame's pose and geometric
+    Jacobian; `base_jacobian` gives how a frame moves with the pelvis itself.
 
     Args:
         body: the person; its loaded MuJoCo model is the one source of every number.
@@ -48,7 +61,7 @@ class Kinematics:
         self._functions: dict[str, ca.Function] = {}
 
     def function(self, frame: str) -> ca.Function:
-        """Return the function ``q (32,) -> (p (3,), R (3, 3), J (6, 32))`` of a frame, in the pelvis frame.
+        """Return ``q (32,) -> (p (3,), R (3, 3), J (6, 32))`` of a frame, in the pelvis frame.
 
         ``J`` is linear first, about the frame's own origin, along the axes of the pelvis.
 
@@ -62,8 +75,13 @@ class Kinematics:
         return self._functions[frame]
 
     def at(self, frame: str, q: Expression) -> tuple[Expression, Expression, Expression]:
-        """Return position (3,) [m], rotation (3, 3) and Jacobian (6, 32) of a frame at the posture `q` (32,) [rad]."""
-        position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", self.function(frame)(q))
+        """Return position (3,) [m], rotation (3, 3) and Jacobian (6, 32) of a frame.
+
+        They are those at the posture `q` (32,) [rad].
+        """
+        position, rotation, jacobian = cast(
+            "tuple[Expression, Expression, Expression]", self.function(frame)(q)
+        )
         return position, rotation, jacobian
 
     def _build(self, frame: str) -> ca.Function:
@@ -82,7 +100,10 @@ class Kinematics:
 
 
 def base_jacobian(position: Expression) -> Expression:
-    """Return how a point of the pelvis frame moves with the pelvis rates x, y, z [m/s] and yaw [rad/s]: shape (6, 4)."""
+    """Return how a point of the pelvis frame moves with the pelvis rates: shape (6, 4).
+
+    The rates are x, y, z [m/s] and yaw [rad/s].
+    """
     kind = type(position)
     jacobian = kind(6, 4) if kind is not ca.MX else ca.MX(6, 4)
     jacobian[:3, :3] = ca.DM.eye(3)
@@ -102,14 +123,16 @@ _Axis = tuple[int, ca.SX, ca.SX]
 
 
 def _forward(model: mujoco.MjModel, q: ca.SX) -> dict[int, tuple[ca.SX, ca.SX, list[_Axis]]]:
-    """Walk the tree from the pelvis: pose of each body and, for each hinge above it, (joint, axis, anchor)."""
+    """Walk the tree from the pelvis: each body's pose, (joint, axis, anchor) per hinge above it."""
     pelvis = model.body("pelvis").id
     bodies: dict[int, tuple[ca.SX, ca.SX, list[_Axis]]] = {pelvis: (ca.SX(3, 1), ca.SX.eye(3), [])}
     for body in range(pelvis + 1, model.nbody):
         position, rotation, axes = bodies[int(model.body_parentid[body])]
         position = position + rotation @ ca.DM(model.body_pos[body])
         rotation = rotation @ ca.DM(_matrix(model.body_quat[body]))
-        for number in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+        for number in range(
+            model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]
+        ):
             joint = INDEX[model.joint(number).name]
             axis = ca.DM(model.jnt_axis[number])
             axes = [*axes, (joint, _clean(rotation @ axis), position)]
@@ -125,13 +148,14 @@ def _about(axis: ca.DM, angle: ca.SX) -> ca.SX:
 
 
 def _clean(expression: ca.SX) -> ca.SX:
-    """Drop the entries that are zero by structure, so that later products do not carry them along."""
+    """Drop entries that are zero by structure, so that later products do not carry them along."""
     return ca.sparsify(ca.simplify(expression))
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:
     flat = np.zeros(9)
     mujoco.mju_quat2Mat(flat, np.asarray(quaternion, dtype=float))
-    # Quarter turns come out as 2e-16 instead of 0; left in, they would fill the expressions with nothing.
+    # Quarter turns come out as 2e-16 instead of 0; left in, they would fill the expressions with
+    # nothing.
     flat[np.abs(flat) < 1e-14] = 0.0
     return flat.reshape(3, 3)

@@ -1,15 +1,16 @@
 """What the kernels of a cost see: some of the inputs, or soft steps of them.
 
-A score that comes from a sheet is piecewise constant, and each joint counts by the band that it is in. A kernel of plain angles
-cannot see that 19 and 21 deg differ more than 1 and 19. So the bands are looked for in the data: an additive model of
-one small regression tree per input is fitted by backfitting, and each tree is a row of steps, at c_k of height h_k. The
-feature of the input is that row made smooth,
+A score that comes from a sheet is piecewise constant, and each joint counts by the band that it is
+in. A kernel of plain angles cannot see that 19 and 21 deg differ more than 1 and 19. So the bands
+are looked for in the data: an additive model of one small regression tree per input is fitted by
+backfitting, and each tree is a row of steps, at c_k of height h_k. The feature of the input is that
+row made smooth,
 
     u_j = sum_k h_jk sum_w share_w S((x_j - c_jk) / (width_w s_j)),   S(z) = (1 + tanh z) / 2,
 
-s_j the standard deviation of the input. Narrow steps are faithful, wide ones give a slope from afar: there are both, as in
-`ergoqp.costs.smooth_reba`. Beyond the outermost step a feature is flat, so a cost of features does not run away where there
-were no data.
+s_j the standard deviation of the input. Narrow steps are faithful, wide ones give a slope from
+afar: there are both, as in `ergoqp.costs.smooth_reba`. Beyond the outermost step a feature is flat,
+so a cost of features does not run away where there were no data.
 """
 
 from __future__ import annotations
@@ -35,7 +36,10 @@ _LEAST_SHARE: Final = 0.01
 """Least share of the data in a band."""
 
 _PRICE: Final = 2.0
-"""What a step must earn, in units of noise variance times log n: one for its place, one for its height, as by Schwarz."""
+"""What a step must earn, in units of noise variance times log n.
+
+It is one unit for the step's place and one for its height, as by Schwarz.
+"""
 
 _ROUNDS: Final = 4
 """Of backfitting."""
@@ -99,7 +103,13 @@ class Steps:
             ModelError: if one is not positive, or the shares do not add up to 1.
         """
         widths, shares = tuple(map(float, self.widths)), tuple(map(float, self.shares))
-        if not widths or len(widths) != len(shares) or min(widths) <= 0 or min(shares) < 0 or abs(sum(shares) - 1) > 1e-9:
+        if (
+            not widths
+            or len(widths) != len(shares)
+            or min(widths) <= 0
+            or min(shares) < 0
+            or abs(sum(shares) - 1) > 1e-9
+        ):
             raise ModelError(
                 f"steps: got widths {widths} with shares {shares}, "
                 "allowed positive widths and as many shares, not negative, adding up to 1"
@@ -108,7 +118,9 @@ class Steps:
         object.__setattr__(self, "shares", shares)
 
     @classmethod
-    def fit(cls, points: Array, labels: Array, widths: Sequence[float], shares: Sequence[float]) -> Steps:
+    def fit(
+        cls, points: Array, labels: Array, widths: Sequence[float], shares: Sequence[float]
+    ) -> Steps:
         """Find the steps in points (n, d) with labels (n,); there may be none.
 
         Raises:
@@ -128,7 +140,9 @@ class Steps:
                 ).fit(points[:, [j]], rest)
                 places = np.sort(fitted.tree_.threshold[fitted.tree_.feature >= 0])
                 band = np.searchsorted(places, points[:, j])
-                levels = np.bincount(band, rest, len(places) + 1) / np.bincount(band, minlength=len(places) + 1)
+                levels = np.bincount(band, rest, len(places) + 1) / np.bincount(
+                    band, minlength=len(places) + 1
+                )
                 effects[:, j] = levels[band]
                 found[j] = places, np.diff(levels)
         column = np.repeat(np.arange(d), [len(places) for places, _ in found])
@@ -147,7 +161,11 @@ class Steps:
     def part(self, features: Sequence[int]) -> Steps:
         """Return some of the features, by number."""
         kept = np.isin(self.column, [self.used[i] for i in features])
-        arrays = {"place": self.place[kept], "height": self.height[kept], "spread": self.spread[kept]}
+        arrays = {
+            "place": self.place[kept],
+            "height": self.height[kept],
+            "spread": self.spread[kept],
+        }
         return Steps(self.column[kept], **arrays, widths=self.widths, shares=self.shares)
 
     @cached_property
@@ -158,7 +176,10 @@ class Steps:
     def values(self, points: Array) -> Array:
         """Return the features (n, features) of inputs (n, d)."""
         away = (points[:, self.column] - self.place) / self.spread
-        soft = sum(share * np.tanh(away / width) for width, share in zip(self.widths, self.shares, strict=True))
+        soft = sum(
+            share * np.tanh(away / width)
+            for width, share in zip(self.widths, self.shares, strict=True)
+        )
         return (1 + soft) @ self._heights.T
 
     def expression(self, x: ca.MX) -> ca.MX:
@@ -171,13 +192,24 @@ class Steps:
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return (settings that JSON can hold, arrays): all that `features_from` needs."""
-        arrays = {"column": self.column, "place": self.place, "height": self.height, "spread": self.spread}
+        arrays = {
+            "column": self.column,
+            "place": self.place,
+            "height": self.height,
+            "spread": self.spread,
+        }
         return {"widths": list(self.widths), "shares": list(self.shares)}, arrays
 
 
-def features_from(settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Columns | Steps:
+def features_from(
+    settings: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> Columns | Steps:
     """Return the features that `parts` came from."""
     if "used" in settings:
         return Columns(tuple(settings["used"]))
-    column, place, height, spread = (arrays[name] for name in ("column", "place", "height", "spread"))
-    return Steps(column, place, height, spread, tuple(settings["widths"]), tuple(settings["shares"]))
+    column, place, height, spread = (
+        arrays[name] for name in ("column", "place", "height", "spread")
+    )
+    return Steps(
+        column, place, height, spread, tuple(settings["widths"]), tuple(settings["shares"])
+    )

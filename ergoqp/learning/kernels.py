@@ -1,8 +1,11 @@
-"""Sums of kernels, f(x) = sum_j w_j k(u, s_j) + bias with u = (x - mean) / scale: in numpy, and as dense CasADi matrices.
+"""Sums of kernels, f(x) = sum_j w_j k(u, s_j) + bias with u = (x - mean) / scale.
 
-Support vector regression, kernel ridge regression and Gaussian processes all predict such a sum. With thousands of centres
-s_j it is evaluated at every control step, so the expression is a few operations on whole matrices: one product with the
-matrix of centres gives all distances, one more gives the slope.
+They are written in numpy, and as dense CasADi matrices.
+
+Support vector regression, kernel ridge regression and Gaussian processes all predict such a sum.
+With thousands of centres s_j it is evaluated at every control step, so the expression is a few
+operations on whole matrices: one product with the matrix of centres gives all distances, one more
+gives the slope.
 
 The kernels, with t = |u - s|^2 for the radial ones and p = u . s for the others:
 
@@ -67,14 +70,18 @@ class Kernel:
         """Check the kind and the numbers.
 
         Raises:
-            ModelError: for another kind, or a number that is not finite or not positive where it must be.
+            ModelError: for another kind, or a number that is not finite or not positive where it
+                must be.
         """
         if self.kind not in RADIAL + PRODUCT:
             raise ModelError(f"kernel: got {self.kind!r}, allowed {', '.join(RADIAL + PRODUCT)}")
         if not np.isfinite([self.gamma, self.offset, self.degree, self.alpha]).all():
             raise ModelError(f"kernel: got {self}, allowed finite numbers")
         if self.radial and not (self.gamma > 0 and self.alpha > 0):
-            raise ModelError(f"kernel: got gamma {self.gamma!r} and alpha {self.alpha!r}, allowed positive numbers")
+            raise ModelError(
+                f"kernel: got gamma {self.gamma!r} and alpha {self.alpha!r}, allowed positive"
+                " numbers"
+            )
 
     @property
     def radial(self) -> bool:
@@ -149,12 +156,15 @@ class KernelSum:
         shapes = (self.weights.shape, self.mean.shape, self.scale.shape)
         if not n or not d or shapes != ((n,), (d,), (d,)):
             raise ModelError(
-                f"kernels: got centres, weights, mean, scale of shapes {(self.centres.shape, *shapes)}, "
-                "allowed (n, d), (n,), (d,), (d,), n at least 1"
+                "kernels: got centres, weights, mean, scale of shapes"
+                f" {(self.centres.shape, *shapes)}, allowed (n, d), (n,), (d,), (d,), n at least 1"
             )
         numbers = (self.centres, self.weights, self.mean, self.scale, np.array([self.bias]))
         if not all(np.isfinite(part).all() for part in numbers) or not (self.scale > 0).all():
-            raise ModelError("kernels: got numbers that are not finite or a scale that is not positive, allowed finite ones")
+            raise ModelError(
+                "kernels: got numbers that are not finite or a scale that is not positive, allowed"
+                " finite ones"
+            )
 
     def __len__(self) -> int:
         """Count the centres."""
@@ -164,9 +174,12 @@ class KernelSum:
     def origin(self) -> Array:
         """What is subtracted from x before scaling (d,).
 
-        Distances do not change when the centres are moved to lie around zero, and rounding is least there.
+        Distances do not change when the centres are moved to lie around zero, and rounding is least
+        there.
         """
-        return self.mean + self.scale * self.centres.mean(axis=0) if self.kernel.radial else self.mean
+        return (
+            self.mean + self.scale * self.centres.mean(axis=0) if self.kernel.radial else self.mean
+        )
 
     @cached_property
     def points(self) -> Array:
@@ -177,23 +190,33 @@ class KernelSum:
         """Return f (n,) of inputs (n, d)."""
         rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
         size = max(1, _CHUNK // len(self))
-        parts = [self._features(rows[i : i + size]) @ self.weights for i in range(0, len(rows), size)]
+        parts = [
+            self._features(rows[i : i + size]) @ self.weights for i in range(0, len(rows), size)
+        ]
         return np.concatenate([*parts, np.empty(0)]) + self.bias
 
     def _features(self, rows: Array) -> Array:
         """Return the kernel of scaled rows (n, d) with each centre (n, centres)."""
         t = rows @ self.points.T
         if self.kernel.radial:
-            t = np.maximum((rows**2).sum(axis=1)[:, np.newaxis] + (self.points**2).sum(axis=1) - 2 * t, 0)
+            t = np.maximum(
+                (rows**2).sum(axis=1)[:, np.newaxis] + (self.points**2).sum(axis=1) - 2 * t, 0
+            )
         return self.kernel.profile(t, np)[0]
 
     def features(self, points: ArrayLike) -> Array:
-        """Return the kernel of inputs (n, d) with each centre (n, centres): f is this times the weights, plus the bias."""
-        return self._features((np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale)
+        """Return the kernel of inputs (n, d) with each centre (n, centres).
+
+        f is this times the weights, plus the bias.
+        """
+        return self._features(
+            (np.atleast_2d(np.asarray(points, dtype=float)) - self.origin) / self.scale
+        )
 
     @cached_property
     def _matrix(self) -> ca.MX:
-        # One constant for value and slope: CasADi copies it once per evaluation, which costs a tenth of the time.
+        # One constant for value and slope: CasADi copies it once per evaluation, which costs a
+        # tenth of the time.
         return ca.MX(ca.DM(-2 * self.points if self.kernel.radial else self.points))
 
     @cached_property
@@ -206,8 +229,12 @@ class KernelSum:
 
     def _scaled(self, x: ca.MX) -> ca.MX:
         if x.shape[0] != len(self.scale):
-            raise ModelError(f"kernels: got an expression of shape {x.shape}, allowed ({len(self.scale)}, k)")
-        origin, scale = (ca.repmat(ca.DM(part), 1, x.shape[1]) for part in (self.origin, self.scale))
+            raise ModelError(
+                f"kernels: got an expression of shape {x.shape}, allowed ({len(self.scale)}, k)"
+            )
+        origin, scale = (
+            ca.repmat(ca.DM(part), 1, x.shape[1]) for part in (self.origin, self.scale)
+        )
         return (x - origin) / scale
 
     def _arguments(self, u: ca.MX) -> list[ca.MX]:
@@ -215,28 +242,38 @@ class KernelSum:
         columns = ca.horzsplit(self._matrix @ u)
         if not self.kernel.radial:
             return columns
-        return [t + (self._lengths + ca.sumsqr(one)) for t, one in zip(columns, ca.horzsplit(u), strict=True)]
+        return [
+            t + (self._lengths + ca.sumsqr(one))
+            for t, one in zip(columns, ca.horzsplit(u), strict=True)
+        ]
 
     def expression(self, x: ca.MX) -> ca.MX:
-        """Return f (1, k) at k points, the columns of (d, k): a tenth to a seventh faster than k expressions of one.
+        """Return f (1, k) at k points, the columns of (d, k).
+
+        This is a tenth to a seventh faster than k expressions of one point.
 
         Raises:
             ModelError: for an expression with another number of rows.
         """
-        values = [ca.dot(self._weights, self.kernel.profile(t, ca)[0]) for t in self._arguments(self._scaled(x))]
+        values = [
+            ca.dot(self._weights, self.kernel.profile(t, ca)[0])
+            for t in self._arguments(self._scaled(x))
+        ]
         return ca.horzcat(*values) + self.bias
 
     def value_and_slope(self, x: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return f and its gradient (d,) at one point (d,).
 
-        With t_j = |u - s_j|^2 and the kernel phi(t), the gradient by u is 2 u sum_j w_j phi'(t_j) - 2 S' (w phi'(t)): the
-        matrix of centres serves twice and every exponential once.
+        With t_j = |u - s_j|^2 and the kernel phi(t), the gradient by u is 2 u sum_j w_j phi'(t_j) -
+        2 S' (w phi'(t)): the matrix of centres serves twice and every exponential once.
 
         Raises:
             ModelError: for an expression of another shape.
         """
         if x.shape[1] != 1:
-            raise ModelError(f"kernels: got an expression of shape {x.shape}, allowed ({len(self.scale)}, 1)")
+            raise ModelError(
+                f"kernels: got an expression of shape {x.shape}, allowed ({len(self.scale)}, 1)"
+            )
         u = self._scaled(x)
         value, rate = self.kernel.profile(self._arguments(u)[0], ca)
         pull = self._weights * rate

@@ -1,8 +1,9 @@
 """Gaussian mixtures as regression: any columns from any others, with covariance and derivative.
 
-Equations 2.1 to 2.8 of the EPFL report. Its formula for the covariance of one component's prediction prints Sigma^IO where
-Sigma^O must stand: conditioned on the input, the output of component k has covariance
-Sigma_k^O - Sigma_k^OI (Sigma_k^I)^-1 Sigma_k^IO. That is what is computed here.
+Equations 2.1 to 2.8 of the EPFL report. Its formula for the covariance of one component's
+prediction prints Sigma^IO where Sigma^O must stand: conditioned on the input, the output of
+component k has covariance Sigma_k^O - Sigma_k^OI (Sigma_k^I)^-1 Sigma_k^IO. That is what is
+computed here.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MixtureRegression:
-    """A mixture of K Gaussians over D columns, that can be split into inputs and outputs in any way.
+    """A mixture of K Gaussians over D columns that splits into inputs and outputs in any way.
 
     Attributes:
         weights: prior of each Gaussian (K,), positive, adding up to 1.
         means: (K, D).
-        covariances: (K, D, D), symmetric. A column that is only ever an output may have no variance.
+        covariances: (K, D, D), symmetric. A column that is only ever an output may have no
+            variance.
     """
 
     weights: Array
@@ -41,17 +43,29 @@ class MixtureRegression:
         Raises:
             ModelError: naming what does not fit.
         """
-        weights, means, covariances = (np.asarray(a, dtype=float) for a in (self.weights, self.means, self.covariances))
-        if weights.ndim != 1 or not weights.size or not (weights > 0).all() or abs(weights.sum() - 1) > 1e-9:
+        weights, means, covariances = (
+            np.asarray(a, dtype=float) for a in (self.weights, self.means, self.covariances)
+        )
+        if (
+            weights.ndim != 1
+            or not weights.size
+            or not (weights > 0).all()
+            or abs(weights.sum() - 1) > 1e-9
+        ):
             raise ModelError(
-                f"weights: got {weights.shape} adding up to {weights.sum():g}, allowed positive ones adding up to 1"
+                f"weights: got {weights.shape} adding up to {weights.sum():g}, allowed positive"
+                " ones adding up to 1"
             )
         count, width = len(weights), means.shape[-1] if means.ndim else 0
         if means.shape != (count, width) or covariances.shape != (count, width, width):
             got = f"means {means.shape} and covariances {covariances.shape}"
-            raise ModelError(f"mixture: got {got}, allowed ({count}, D) and ({count}, D, D) for {count} weights")
+            raise ModelError(
+                f"mixture: got {got}, allowed ({count}, D) and ({count}, D, D) for {count} weights"
+            )
         if not (np.isfinite(means).all() and np.isfinite(covariances).all()):
-            raise ModelError("mixture: got a mean or covariance that is not finite, allowed numbers only")
+            raise ModelError(
+                "mixture: got a mean or covariance that is not finite, allowed numbers only"
+            )
         for name, values in (("weights", weights), ("means", means), ("covariances", covariances)):
             object.__setattr__(self, name, values)
 
@@ -63,29 +77,43 @@ class MixtureRegression:
             outputs: numbers of the predicted columns; those in neither are marginalised.
 
         Raises:
-            ModelError: if a column is named twice or is not there, or a Gaussian has no density over the inputs.
+            ModelError: if a column is named twice or is not there, or a Gaussian has no density
+                over the inputs.
         """
         inputs, outputs = [int(i) for i in inputs], [int(i) for i in outputs]
         width = self.means.shape[1]
         both = inputs + outputs
-        if not inputs or not outputs or len(set(both)) < len(both) or not set(both) <= set(range(width)):
-            raise ModelError(f"split: got inputs {inputs} and outputs {outputs}, allowed columns 0 to {width - 1}, each once")
+        if (
+            not inputs
+            or not outputs
+            or len(set(both)) < len(both)
+            or not set(both) <= set(range(width))
+        ):
+            raise ModelError(
+                f"split: got inputs {inputs} and outputs {outputs}, allowed columns 0 to"
+                f" {width - 1}, each once"
+            )
         blocks = self.covariances[:, inputs][:, :, inputs]
         try:
             factors = np.linalg.cholesky(blocks)
         except np.linalg.LinAlgError:
-            raise ModelError(f"split: a Gaussian has no variance in some direction of the inputs {inputs}") from None
+            raise ModelError(
+                f"split: a Gaussian has no variance in some direction of the inputs {inputs}"
+            ) from None
         whitening = np.linalg.inv(factors)
         cross = self.covariances[:, outputs][:, :, inputs]  # Sigma_k^OI
         slopes = cross @ np.swapaxes(whitening, 1, 2) @ whitening
-        log_volumes = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1) + 0.5 * len(inputs) * np.log(2 * np.pi)
+        log_volumes = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1) + 0.5 * len(
+            inputs
+        ) * np.log(2 * np.pi)
         return Conditional(
             log_scales=np.log(self.weights) - log_volumes,
             whitening=np.asarray(np.tril(whitening), dtype=float),
             inputs=self.means[:, inputs],
             outputs=self.means[:, outputs],
             slopes=slopes,
-            covariances=self.covariances[:, outputs][:, :, outputs] - slopes @ np.swapaxes(cross, 1, 2),
+            covariances=self.covariances[:, outputs][:, :, outputs]
+            - slopes @ np.swapaxes(cross, 1, 2),
         )
 
 
@@ -107,9 +135,10 @@ class Prediction(NamedTuple):
 class Conditional:
     """One split of a mixture: d inputs, o outputs, K Gaussians. Made by `MixtureRegression.split`.
 
-    Far from where two Gaussians are equally likely, one of them has all the responsibility and the derivative says nothing
-    about the other. A temperature T > 1 takes responsibilities proportional to (prior times density)^(1/T), which reach
-    further; several temperatures are averaged. One temperature of 1 is the plain regression.
+    Far from where two Gaussians are equally likely, one of them has all the responsibility and the
+    derivative says nothing about the other. A temperature T > 1 takes responsibilities proportional
+    to (prior times density)^(1/T), which reach further; several temperatures are averaged. One
+    temperature of 1 is the plain regression.
 
     Attributes:
         log_scales: log of prior over volume of each Gaussian of the inputs (K,).
@@ -140,15 +169,25 @@ class Conditional:
         temperatures, shares = tuple(map(float, temperatures)), tuple(map(float, shares))
         if not temperatures or not all(0 < t < np.inf for t in temperatures):
             raise ModelError(f"temperatures: got {temperatures}, allowed positive numbers")
-        if len(shares) != len(temperatures) or not all(s >= 0 for s in shares) or abs(sum(shares) - 1) > 1e-9:
-            raise ModelError(f"shares: got {shares}, allowed one per temperature ({len(temperatures)}), adding up to 1")
+        if (
+            len(shares) != len(temperatures)
+            or not all(s >= 0 for s in shares)
+            or abs(sum(shares) - 1) > 1e-9
+        ):
+            raise ModelError(
+                f"shares: got {shares}, allowed one per temperature ({len(temperatures)}), adding"
+                " up to 1"
+            )
         return replace(self, temperatures=temperatures, shares=shares)
 
     def log_densities(self, points: ArrayLike) -> Array:
         """Return the log of prior times density (n, K) of each Gaussian at inputs (n, d)."""
         rows = self._rows(points)
         # One Gaussian at a time: all at once would need K times the memory of the points.
-        distances = [np.square((rows - mean) @ w.T).sum(axis=1) for w, mean in zip(self.whitening, self.inputs, strict=True)]
+        distances = [
+            np.square((rows - mean) @ w.T).sum(axis=1)
+            for w, mean in zip(self.whitening, self.inputs, strict=True)
+        ]
         return self.log_scales - 0.5 * np.stack(distances, axis=1)
 
     def log_density(self, points: ArrayLike) -> Array:
@@ -156,9 +195,15 @@ class Conditional:
         return np.logaddexp.reduce(self.log_densities(points), axis=1)
 
     def responsibilities(self, points: ArrayLike) -> Array:
-        """Return h_k (n, K), the share of each Gaussian at inputs (n, d), averaged over the temperatures."""
+        """Return h_k (n, K), each Gaussian's share at inputs (n, d), averaged over temperatures."""
         logs = self.log_densities(points)
-        return np.sum([share * _softmax(logs / t) for t, share in zip(self.temperatures, self.shares, strict=True)], axis=0)
+        return np.sum(
+            [
+                share * _softmax(logs / t)
+                for t, share in zip(self.temperatures, self.shares, strict=True)
+            ],
+            axis=0,
+        )
 
     def means(self, points: ArrayLike) -> Array:
         """Return what each Gaussian predicts (n, K, o) at inputs (n, d)."""
@@ -174,23 +219,29 @@ class Conditional:
         shares, means = self.responsibilities(points), self.means(points)
         # About the mean instead of about zero: the same sum, without cancellation.
         spread = means - np.einsum("nk,nko->no", shares, means)[:, np.newaxis]
-        return np.einsum("nk,kop->nop", shares, self.covariances) + np.einsum("nk,nko,nkp->nop", shares, spread, spread)
+        return np.einsum("nk,kop->nop", shares, self.covariances) + np.einsum(
+            "nk,nko,nkp->nop", shares, spread, spread
+        )
 
     def derivative(self, points: ArrayLike) -> Array:
-        """Return the derivatives of the predictions (n, o, d) at inputs (n, d), eq. 2.8: the sum of both `terms`."""
+        """Return the derivatives of the predictions (n, o, d) at inputs (n, d), eq. 2.8.
+
+        They are the sum of both `terms`.
+        """
         local, switching = self.terms(points)
         return local + switching
 
     def terms(self, points: ArrayLike) -> tuple[Array, Array]:
         """Return the two terms of eq. 2.8, each (n, o, d), at inputs (n, d).
 
-        The first is sum_k h_k Sigma_k^OI (Sigma_k^I)^-1, the local linear fits; the second sum_k mu_k dh_k/dx, how the
-        Gaussians take over from each other.
+        The first is sum_k h_k Sigma_k^OI (Sigma_k^I)^-1, the local linear fits; the second sum_k
+        mu_k dh_k/dx, how the Gaussians take over from each other.
         """
         rows = self._rows(points)
         logs, means = self.log_densities(rows), self.means(rows)
         local = np.einsum("nk,kod->nod", self.responsibilities(rows), self.slopes)
-        # sum_k dh_k = 0, so the mean may be taken off every mu_k, and the part that all dh_k have in common then drops out.
+        # sum_k dh_k = 0, so the mean may be taken off every mu_k, and the part that all dh_k have
+        # in common then drops out.
         weights = np.zeros_like(means)
         for temperature, share in zip(self.temperatures, self.shares, strict=True):
             h = _softmax(logs / temperature)[:, :, np.newaxis]
@@ -202,7 +253,10 @@ class Conditional:
         return local, switching
 
     def expression(self, x: ca.MX) -> Prediction:
-        """Return mean, covariance and derivative as expressions of the inputs (d,); what is not used is not evaluated."""
+        """Return mean, covariance and derivative as expressions of the inputs (d,).
+
+        What is not used is not evaluated.
+        """
         count, width, size = len(self.log_scales), self.inputs.shape[1], self.outputs.shape[1]
         # Sparse where it is: Gaussians with a diagonal covariance cost d operations, not d^2.
         stacked = ca.sparsify(ca.DM(self.whitening.reshape(count * width, width)))
@@ -216,7 +270,12 @@ class Conditional:
         for temperature, share in zip(self.temperatures, self.shares, strict=True):
             h = ca.exp(logs / temperature - ca.logsumexp(logs / temperature))
             total += share * h
-            weights += share / temperature * ca.repmat(h, 1, size) * (means - ca.repmat(h.T @ means, count, 1))
+            weights += (
+                share
+                / temperature
+                * ca.repmat(h, 1, size)
+                * (means - ca.repmat(h.T @ means, count, 1))
+            )
         mean = (total.T @ means).T
         spread = means - ca.repmat(mean.T, count, 1)
         inner = ca.reshape(ca.DM(self.covariances.reshape(count, -1)).T @ total, size, size)
@@ -235,7 +294,9 @@ class Conditional:
     def _rows(self, points: ArrayLike) -> Array:
         rows = np.atleast_2d(np.asarray(points, dtype=float))
         if rows.ndim != 2 or rows.shape[1] != self.inputs.shape[1]:
-            raise ModelError(f"points: got shape {np.shape(points)}, allowed (n, {self.inputs.shape[1]})")
+            raise ModelError(
+                f"points: got shape {np.shape(points)}, allowed (n, {self.inputs.shape[1]})"
+            )
         return rows
 
 

@@ -1,4 +1,7 @@
-"""Files of learned models: numbers and a JSON header in one npz, with a checksum. No pickle, so a file cannot run code."""
+"""Files of learned models: numbers and a JSON header in one npz, with a checksum.
+
+There is no pickle, so a file cannot run code.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +25,10 @@ FORMAT: Final = "ergoqp-model-1"
 _HEADER: Final = "header"
 
 
-def save_model(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write a model. An existing file is replaced in one move, so that nobody ever sees half of one.
+def save_model(
+    path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> None:
+    """Write a model; an existing file is replaced in one move, so nobody ever sees half of one.
 
     Args:
         path: of the file; the folder must be there.
@@ -48,7 +53,8 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
     """Read a model and return its header and its arrays.
 
     Raises:
-        ModelError: if the file is not there, not a model, cut, changed, or holds what is not a number.
+        ModelError: if the file is not there, not a model, cut, changed, or holds what is not a
+            number.
     """
     path = path_of("model", path, ModelError)
     arrays = read_npz(path, [_HEADER])
@@ -58,7 +64,9 @@ def load_model(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         if header.pop("format") != FORMAT:
             raise ModelError(f"{path.name}: is a model of another format, allowed {FORMAT}")
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
-        raise ModelError(f"{path.name}: is not a model file ({type(error).__name__}), allowed one of {FORMAT}") from None
+        raise ModelError(
+            f"{path.name}: is not a model file ({type(error).__name__}), allowed one of {FORMAT}"
+        ) from None
     if claimed != _checksum(header, arrays):
         raise ModelError(f"{path.name}: was changed after it was saved: the checksum does not fit")
     for name, values in arrays.items():

@@ -1,4 +1,4 @@
-"""The network of `ergoqp.costs.neural.Neural`: its layers, and their training by Adam in single precision."""
+"""The network of `ergoqp.costs.neural.Neural`: layers, and single-precision training by Adam."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Network = dict[str, NDArray]
-"""Parameters: ``places`` and ``sharpness`` (d, k) of the soft steps of each input; ``mixing`` (d, k, m), which makes m
-curves of each input from its steps; ``W1``, ``b1``, ... of the dense layers, inputs first, the last one to the classes."""
+"""Parameters of a network by name.
+
+``places`` and ``sharpness`` (d, k) of the soft steps of each input; ``mixing`` (d, k, m), which
+makes m curves of each input from its steps; ``W1``, ``b1``, ... of the dense layers, inputs first,
+the last one to the classes.
+"""
 
 Batches = Iterator[tuple[NDArray, NDArray]]
 """Points (n, d) and the numbers of their classes (n,), counted from 0: what one update sees."""
@@ -19,7 +23,10 @@ _WARM_UP = 300
 """Updates over which the rate grows to its full size."""
 
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8
-"""Adam's memory of the gradient and of its square, and what keeps the division defined (Kingma and Ba, 2015)."""
+"""Adam's memory of the gradient and of its square, and what keeps the division defined.
+
+The values are those of Kingma and Ba, 2015.
+"""
 
 
 def depth(net: Network) -> int:
@@ -27,8 +34,17 @@ def depth(net: Network) -> int:
     return sum(name.startswith("W") for name in net)
 
 
-def start(points: NDArray, count: int, steps: int, curves: int, hidden: Sequence[int], rng: np.random.Generator) -> Network:
-    """Return a network to be trained: steps evenly spread over each input's range, all weights small and random.
+def start(
+    points: NDArray,
+    count: int,
+    steps: int,
+    curves: int,
+    hidden: Sequence[int],
+    rng: np.random.Generator,
+) -> Network:
+    """Return a network to be trained.
+
+    Its steps are evenly spread over each input's range, and all weights are small and random.
 
     Args:
         points: inputs (n, d), for their ranges.
@@ -45,7 +61,9 @@ def start(points: NDArray, count: int, steps: int, curves: int, hidden: Sequence
         "sharpness": np.repeat(2 * (steps + 1) / wide, steps, axis=1),
         "mixing": rng.normal(size=(len(wide), steps, curves)) / np.sqrt(steps),
     }
-    for layer, (rows, columns) in enumerate(pairwise([len(wide) * curves, *hidden, count]), start=1):
+    for layer, (rows, columns) in enumerate(
+        pairwise([len(wide) * curves, *hidden, count]), start=1
+    ):
         net[f"W{layer}"] = rng.normal(size=(rows, columns)) / np.sqrt(rows)
         net[f"b{layer}"] = np.zeros(columns)
     return net
@@ -75,15 +93,18 @@ def train(
         batches: at least as many as updates.
         updates: how many.
         rate: largest step of Adam; it grows from zero and falls to zero along half a cosine.
-        decay: pull of all weights toward zero, as a share of the rate (Loshchilov and Hutter, 2019); steps are not pulled.
+        decay: pull of all weights toward zero, as a share of the rate (Loshchilov and Hutter,
+            2019); steps are not pulled.
         progress: told the share that is done.
     """
-    # All parameters are one row of numbers, so that an update is a few operations; the names are views of it. What is
-    # trained is the logarithm of the sharpness, which so stays positive.
+    # All parameters are one row of numbers, so that an update is a few operations; the names are
+    # views of it. What is trained is the logarithm of the sharpness, which so stays positive.
     begun = {**net, "sharpness": np.log(net["sharpness"])}
     row = np.concatenate([values.ravel() for values in begun.values()]).astype(np.float32)
     ends = np.cumsum([values.size for values in begun.values()])
-    views = {n: v.reshape(begun[n].shape) for n, v in zip(begun, np.split(row, ends[:-1]), strict=True)}
+    views = {
+        n: v.reshape(begun[n].shape) for n, v in zip(begun, np.split(row, ends[:-1]), strict=True)
+    }
     mean, square = np.zeros_like(row), np.zeros_like(row)
     weights = row[begun["places"].size + begun["sharpness"].size :]
     for done, (points, classes) in enumerate(islice(batches, updates), start=1):
@@ -103,11 +124,14 @@ def train(
 
 def steps_of(net: Network, points: NDArray) -> NDArray:
     """Return the soft steps (d, n, k) of points (n, d)."""
-    return np.tanh((points.T[:, :, np.newaxis] - net["places"][:, np.newaxis]) * net["sharpness"][:, np.newaxis])
+    return np.tanh(
+        (points.T[:, :, np.newaxis] - net["places"][:, np.newaxis])
+        * net["sharpness"][:, np.newaxis]
+    )
 
 
 def layers_of(net: Network, steps: NDArray) -> list[NDArray]:
-    """Return what goes into each dense layer, and last the logarithms of the class weights (n, classes)."""
+    """Return the input of each dense layer, and last the log class weights (n, classes)."""
     curves = np.matmul(steps, net["mixing"])
     values = [np.ascontiguousarray(curves.transpose(1, 0, 2)).reshape(steps.shape[1], -1)]
     for layer in range(1, depth(net) + 1):
@@ -123,7 +147,10 @@ def shares_of(z: NDArray) -> NDArray:
 
 
 def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
-    """Return the derivative of the mean cross-entropy by every parameter; by the logarithm of the sharpness."""
+    """Return the derivative of the mean cross-entropy by every parameter.
+
+    For the sharpness it is by the logarithm.
+    """
     steps = steps_of(net, points)
     values = layers_of(net, steps)
     back = shares_of(values.pop())
@@ -141,7 +168,8 @@ def _slopes(net: Network, points: NDArray, classes: NDArray) -> Network:
     slopes["mixing"] = np.matmul(steps.transpose(0, 2, 1), back)
     back = np.matmul(back, net["mixing"].transpose(0, 2, 1))
     back *= 1 - steps * steps
-    # The argument of a step is a (x - c): its derivatives by c and log a are -a and a (x - c), summed over the points.
+    # The argument of a step is a (x - c): its derivatives by c and log a are -a and a (x - c),
+    # summed over the points.
     by_place = back.sum(axis=1) * net["sharpness"]
     by_input = np.matmul(points.T[:, np.newaxis], back)[:, 0] * net["sharpness"]
     slopes["places"], slopes["sharpness"] = -by_place, by_input - net["places"] * by_place

@@ -1,12 +1,16 @@
-"""The region where there were data: a one-class SVM with radial kernels, and a margin whose slope never vanishes.
+"""The region where there were data: a one-class SVM with radial kernels, and its margin.
 
-The SVM decides by f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u - s|^2) and the scaled point
-u = (x - mean) / scale: inside where f >= 0. Far from the data f is flat, so the margin is
+The slope of the margin never vanishes.
+
+The SVM decides by f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u - s|^2)
+and the scaled point u = (x - mean) / scale: inside where f >= 0. Far from the data f is flat, so
+the margin is
 
     g(x) = log sum_i a_i k(u, s_i) - log rho:
 
-the same zero set, and it falls like -gamma times the squared distance. As a log-sum-exp of concave quadratics that share one
-curvature it has a bound from below for every displacement D of the scaled point,
+the same zero set, and it falls like -gamma times the squared distance. As a log-sum-exp of concave
+quadratics that share one curvature it has a bound from below for every displacement D of the scaled
+point,
 
     g(u + D) >= g(u) + grad g . D - gamma |D|^2,
 
@@ -35,7 +39,10 @@ KIND: Final = "one_class"
 """Kind of its files."""
 
 _TOLERANCE: Final = 1e-6
-"""Accuracy of the fit. A thousandth, the default of scikit-learn, would leave twice the share of points outside."""
+"""Accuracy of the fit.
+
+A thousandth, the default of scikit-learn, would leave twice the share of points outside.
+"""
 
 _CHUNK: Final = 4_000_000
 """Entries of a kernel matrix that are held at once."""
@@ -75,7 +82,8 @@ class OneClass:
         """Check and keep the parts.
 
         Raises:
-            ModelError: if they do not fit together, rho is not positive, or no support vector is left.
+            ModelError: if they do not fit together, rho is not positive, or no support vector is
+                left.
         """
         self.coordinates = _coordinates(coordinates)
         weights, centres = (
@@ -85,18 +93,30 @@ class OneClass:
         check_number("one-class SVM gamma", gamma, 1e-300, 1e300, error=ModelError)
         check_real("one-class SVM rho", rho, "the kernels' sum", ModelError)
         if not rho > 0:
-            raise ModelError(f"one-class SVM: got rho {rho!r}, allowed a positive number: without it nothing is outside")
+            raise ModelError(
+                f"one-class SVM: got rho {rho!r}, allowed a positive number: without it nothing is"
+                " outside"
+            )
         if weights.shape != (len(centres),):
-            raise ModelError(f"one-class SVM: got weights of shape {weights.shape}, allowed ({len(centres)},), one per centre")
+            raise ModelError(
+                f"one-class SVM: got weights of shape {weights.shape}, allowed ({len(centres)},),"
+                " one per centre"
+            )
         if (weights < 0).any():
             raise ModelError("one-class SVM: got negative weights, allowed weights of at least 0")
         kept = weights > 0
         self._sum = KernelSum(
-            Kernel("rbf", float(gamma)), centres[kept], weights[kept], -float(rho), _vector(mean), _vector(scale)
+            Kernel("rbf", float(gamma)),
+            centres[kept],
+            weights[kept],
+            -float(rho),
+            _vector(mean),
+            _vector(scale),
         )
         if len(self.scale) != len(self.coordinates):
             raise ModelError(
-                f"one-class SVM: got {len(self.scale)} inputs, allowed {len(self.coordinates)}, one per coordinate"
+                f"one-class SVM: got {len(self.scale)} inputs, allowed {len(self.coordinates)}, one"
+                " per coordinate"
             )
         self.log_rho = float(np.log(rho))
 
@@ -159,22 +179,30 @@ class OneClass:
         try:
             estimator.fit(rows)
         except ValueError as error:
-            raise ModelError(f"one-class SVM: cannot be fitted to {len(rows)} points with nu {nu:g}: {error}") from None
+            raise ModelError(
+                f"one-class SVM: cannot be fitted to {len(rows)} points with nu {nu:g}: {error}"
+            ) from None
         model = cls.from_estimator(estimator, names)
         if model.decision(rows).max() <= 10 * _TOLERANCE:
-            raise ModelError(f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}, allowed a smaller gamma")
+            raise ModelError(
+                f"one-class SVM: nothing is inside with nu {nu:g} and gamma {gamma:g}, allowed a"
+                " smaller gamma"
+            )
         return model
 
     @classmethod
     def from_estimator(cls, estimator: Any, coordinates: Coordinates | Sequence[str]) -> OneClass:
-        """Return the boundary of a fitted `sklearn.svm.OneClassSVM`, or of a pipeline of scalers and one.
+        """Return the boundary of a fitted `sklearn.svm.OneClassSVM`.
+
+        A pipeline of scalers and one such machine is taken too.
 
         Args:
             estimator: fitted, with radial kernels.
             coordinates: names of its inputs.
 
         Raises:
-            ModelError: for another estimator or kernel, or one that is not fitted or leaves nothing inside.
+            ModelError: for another estimator or kernel, or one that is not fitted or leaves nothing
+                inside.
             MissingExtraError: if scikit-learn is not installed.
         """
         names = coordinates if isinstance(coordinates, Coordinates) else Coordinates(coordinates)
@@ -188,7 +216,8 @@ class OneClass:
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
         if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
             raise ModelError(
-                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed another nu or gamma"
+                f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed"
+                " another nu or gamma"
             )
         return model
 
@@ -201,7 +230,11 @@ class OneClass:
         rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self._sum.origin) / self.scale
         size = max(1, _CHUNK // len(self.weights))
         values = [self._log_sum(rows[i : i + size]) for i in range(0, len(rows), size)]
-        return np.concatenate([*values, np.empty(0)]) - self.gamma * (rows**2).sum(axis=1) - self.log_rho
+        return (
+            np.concatenate([*values, np.empty(0)])
+            - self.gamma * (rows**2).sum(axis=1)
+            - self.log_rho
+        )
 
     def _log_sum(self, rows: Array) -> Array:
         exponents = self._exponents(rows)
@@ -211,10 +244,12 @@ class OneClass:
     def _summit(self) -> float:
         """Return the largest margin found uphill from the most inner support vectors.
 
-        All support vectors can be outside and points inside. Moving each point to the mean of the centres, weighted by
-        their shares in the sum, never goes down (mean shift).
+        All support vectors can be outside and points inside. Moving each point to the mean of the
+        centres, weighted by their shares in the sum, never goes down (mean shift).
         """
-        rows = self._sum.points[np.argsort(-self.margin(self.centres * self.scale + self.mean))[:_STARTS]]
+        rows = self._sum.points[
+            np.argsort(-self.margin(self.centres * self.scale + self.mean))[:_STARTS]
+        ]
         for _ in range(_CLIMB):
             exponents = self._exponents(rows)
             shares = np.exp(exponents - exponents.max(axis=1)[:, np.newaxis])
@@ -222,20 +257,26 @@ class OneClass:
         return float(self.margin(rows * self.scale + self._sum.origin).max())
 
     def _exponents(self, rows: Array) -> Array:
-        """Return the exponents (n, centres) of points as seen from the origin, scaled (n, d), without -gamma |u|^2."""
+        """Return the exponents (n, centres) of points, without -gamma |u|^2.
+
+        The points are as seen from the origin, scaled (n, d).
+        """
         return self._offsets + 2 * self.gamma * rows @ self._sum.points.T
 
     @cached_property
     def _offsets(self) -> Array:
-        """Exponents at the origin (n,): log a_i - gamma |s_i|^2. What all share, -gamma |u|^2, is left out of the sum."""
+        """Exponents at the origin (n,): log a_i - gamma |s_i|^2.
+
+        What all share, -gamma |u|^2, is left out of the sum.
+        """
         return np.log(self.weights) - self.gamma * (self._sum.points**2).sum(axis=1)
 
     @cached_property
     def margin_and_slope(self) -> ca.Function:
         """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
 
-        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma (sum_i p_i s_i - u). The largest
-        exponent is taken out first, so that far away nothing underflows.
+        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma (sum_i
+        p_i s_i - u). The largest exponent is taken out first, so that far away nothing underflows.
         """
         x = ca.MX.sym("x", len(self.coordinates))
         u = (x - ca.DM(self._sum.origin)) / ca.DM(self.scale)
@@ -254,7 +295,12 @@ class OneClass:
         Raises:
             ModelError: if the file cannot be written.
         """
-        header = {"kind": KIND, "coordinates": list(self.coordinates.names), "gamma": self.gamma, "rho": -self._sum.bias}
+        header = {
+            "kind": KIND,
+            "coordinates": list(self.coordinates.names),
+            "gamma": self.gamma,
+            "rho": -self._sum.bias,
+        }
         arrays = {name: getattr(self, name) for name in ("mean", "scale", "centres", "weights")}
         save_model(path, header, arrays)
 
@@ -267,16 +313,22 @@ def load_one_class(path: Path | str) -> OneClass:
     """
     header, arrays = load_model(path)
     if header.get("kind") != KIND:
-        raise ModelError(f"{Path(path).name}: holds a model of kind {header.get('kind')!r}, allowed {KIND!r}")
+        raise ModelError(
+            f"{Path(path).name}: holds a model of kind {header.get('kind')!r}, allowed {KIND!r}"
+        )
     try:
         return OneClass(header["coordinates"], header["gamma"], rho=header["rho"], **arrays)
     except (KeyError, TypeError, ValueError) as error:
-        raise ModelError(f"{Path(path).name}: does not hold what a one-class SVM needs ({error})") from None
+        raise ModelError(
+            f"{Path(path).name}: does not hold what a one-class SVM needs ({error})"
+        ) from None
 
 
 def _coordinates(names: Coordinates | Sequence[str]) -> Coordinates:
     return (
-        names if isinstance(names, Coordinates) else Coordinates(names_of("coordinates", names, "a list of names", ModelError))
+        names
+        if isinstance(names, Coordinates)
+        else Coordinates(names_of("coordinates", names, "a list of names", ModelError))
     )
 
 
@@ -287,8 +339,14 @@ def _vector(values: ArrayLike) -> Array:
 def _points(points: ArrayLike, width: int) -> Array:
     rows = table_of_numbers("points", points, ModelError)
     if rows.ndim != 2 or rows.shape[1] != width or len(rows) < 2:
-        raise ModelError(f"one-class SVM: got points of shape {rows.shape}, allowed (n, {width}) with n at least 2")
+        raise ModelError(
+            f"one-class SVM: got points of shape {rows.shape}, allowed (n, {width}) with n at"
+            " least 2"
+        )
     if not np.isfinite(rows).all():
         bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-        raise ModelError(f"one-class SVM: row {bad[0]} is not finite ({bad.size} such rows), allowed numbers only")
+        raise ModelError(
+            f"one-class SVM: row {bad[0]} is not finite ({bad.size} such rows), allowed numbers"
+            " only"
+        )
     return rows

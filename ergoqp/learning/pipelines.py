@@ -1,4 +1,4 @@
-"""Fitted scikit-learn pipelines, read: which affine scaling comes before the last estimator, and which estimator that is."""
+"""Read fitted scikit-learn pipelines: the last estimator, and the affine scaling before it."""
 
 from __future__ import annotations
 
@@ -45,9 +45,13 @@ def require_fitted(estimator: Any) -> None:
     try:
         check(estimator)
     except unfitted:
-        raise ModelError(f"estimator: got a {type(estimator).__name__} that is not fitted, allowed a fitted one") from None
+        raise ModelError(
+            f"estimator: got a {type(estimator).__name__} that is not fitted, allowed a fitted one"
+        ) from None
     except TypeError:
-        raise ModelError(f"estimator: got a {type(estimator).__name__}, allowed an estimator of scikit-learn") from None
+        raise ModelError(
+            f"estimator: got a {type(estimator).__name__}, allowed an estimator of scikit-learn"
+        ) from None
 
 
 def unpack(estimator: Any, width: int) -> tuple[Array, Array, Any]:
@@ -86,7 +90,9 @@ def affine(scaler: Any, width: int) -> tuple[Array, Array]:
     """
     kind = type(scaler).__name__
     if kind not in SCALERS:
-        raise ModelError(f"estimator: got the step {kind}, allowed before the last one: {', '.join(SCALERS)}")
+        raise ModelError(
+            f"estimator: got the step {kind}, allowed before the last one: {', '.join(SCALERS)}"
+        )
     if getattr(scaler, "clip", False):
         raise ModelError(f"estimator: got a {kind} that clips, allowed scalers without clip")
     scale = np.ones(width) if scaler.scale_ is None else np.array(scaler.scale_, dtype=float)

@@ -1,4 +1,7 @@
-"""The forearm keeps its length: elbow and wrist move as one rigid segment. Exact at every step, by projection."""
+"""The forearm keeps its length: elbow and wrist move as one rigid segment.
+
+This is exact at every step, by projection.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +29,14 @@ _LONGEST: Final = 100.0
 class ArmLength:
     """|wrist - elbow| = length, where the state is elbow and wrist and the twist their velocities.
 
-    The row is the tangent of this surface, an equality. A straight way leaves the surface by the square of its length, so
-    whatever twist is considered is first projected: the two points are moved along their line, each by half of what is
-    missing, and what is judged and sent is the twist that leads there. Turning costs acceleration, v^2 / length of the
-    relative motion; `aside` is kept free for that.
+    The row is the tangent of this surface, an equality. A straight way leaves the surface by the
+    square of its length, so whatever twist is considered is first projected: the two points are
+    moved along their line, each by half of what is missing, and what is judged and sent is the
+    twist that leads there. Turning costs acceleration, v^2 / length of the relative motion; `aside`
+    is kept free for that.
 
-    A measured length that is off is mended slowly, at `RETURN` of what the acceleration gives in one period.
+    A measured length that is off is mended slowly, at `RETURN` of what the acceleration gives in
+    one period.
 
     Attributes:
         length: distance of elbow and wrist [m].
@@ -64,7 +69,10 @@ class ArmLength:
         """Need nothing measured beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the tangent: the rate at which the two points part. It has no ends to stop before; the step keeps it."""
+        """Return the tangent: the rate at which the two points part.
+
+        It has no ends to stop before; the step keeps it.
+        """
         along = _direction(situation.posture)
         matrix = ca.horzcat(-along.T, along.T)
         free = ca.SX([ca.inf])
@@ -75,7 +83,9 @@ class ArmLength:
         return -ca.fabs(_distance(situation.posture) - self.length)
 
     def aside(self, limit: TwistLimit) -> float:
-        """Return the acceleration of any entry of the twist that keeping and mending the length can take [m/s^2].
+        """Return the acceleration that keeping and mending the length can take [m/s^2].
+
+        It is that of any entry of the twist.
 
         Raises:
             InputError: if that leaves too little for anything else.
@@ -85,30 +95,40 @@ class ArmLength:
         needed = apart**2 / (2 * self.length) + RETURN * least
         if needed > 0.8 * least:
             raise InputError(
-                f"{self.name}: got speeds at which turning a forearm of {self.length:g} m takes {needed:.2g} m/s^2, "
-                f"allowed 0.8 of the acceleration, {0.8 * least:.2g} m/s^2; lower the speed or raise the acceleration"
+                f"{self.name}: got speeds at which turning a forearm of {self.length:g} m takes"
+                f" {needed:.2g} m/s^2, allowed 0.8 of the acceleration, {0.8 * least:.2g} m/s^2;"
+                " lower the speed or raise the acceleration"
             )
         return needed
 
     def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """Return the twist (6,) without its part across the surface, but for the pace at which a wrong length is mended."""
+        """Return the twist (6,) without its part across the surface.
+
+        Only the pace at which a wrong length is mended is left of it.
+        """
         along = _direction(posture)
         normal = ca.vertcat(-along, along)
-        return twist + normal * (self._mended(posture, dt, acceleration) / dt - ca.dot(normal, twist)) / 2
+        return (
+            twist
+            + normal * (self._mended(posture, dt, acceleration) / dt - ca.dot(normal, twist)) / 2
+        )
 
     def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """Return the twist (6,) that leads from the state to the projection of ``state + twist dt``."""
+        """Return the twist (6,) from the state to the projection of ``state + twist dt``."""
         target = posture + twist * dt
         wanted = _distance(posture) + self._mended(posture, dt, acceleration)
         along = _direction(target)
         return twist + ca.vertcat(-along, along) * (wanted - _distance(target)) / (2 * dt)
 
     def bow(self, posture: ca.SX, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return how far a projected way strays from a straight one when the points move by `apart` to each other [m].
+        """Return how far a projected way strays from a straight one [m].
+
+        Meanwhile the points move by `apart` to each other.
 
         Returns:
-            The inward pull (6,), largest at the end of the way; and what it can differ from the truth, as a length: an arc
-            of angle f = apart / length bends by length (1 - cos f) and is short by length (f - sin f), shared by two points.
+            The inward pull (6,), largest at the end of the way; and what it can differ from the
+            truth, as a length: an arc of angle f = apart / length bends by length (1 - cos f) and
+            is short by length (f - sin f), shared by two points.
         """
         along = _direction(posture)
         pull = ca.vertcat(along, -along) * apart**2 / (4 * self.length)
@@ -120,7 +140,7 @@ class ArmLength:
         return ca.fmax(-most, ca.fmin(most, self.length - _distance(posture)))
 
     def project(self, points: ArrayLike) -> np.ndarray:
-        """Return states (n, 6) moved to the length: each point by half of what is missing, along their line."""
+        """Return states (n, 6) moved to the length: each point by half the gap along their line."""
         points = np.array(points, dtype=float, ndmin=2)
         apart = points[:, 3:] - points[:, :3]
         distance = np.linalg.norm(apart, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The person's joints stay within their ranges, and do not have to move too fast. Soft rows, through S."""
+"""The person's joints keep to their ranges and need not move too fast: soft rows, through S."""
 
 from __future__ import annotations
 
@@ -23,17 +23,20 @@ _SLOWEST: Final = 1e-3
 class JointLimit:
     """Range and rate of every joint of the person.
 
-    A joint within `yield_zone_deg` of its end yields: the response holds it there and the others follow, so that one joint at
-    its end does not stop the object. An unobserved joint has no row: nobody knows where it is.
+    A joint within `yield_zone_deg` of its end yields: the response holds it there and the others
+    follow, so that one joint at its end does not stop the object. An unobserved joint has no row:
+    nobody knows where it is.
 
     Attributes:
-        ranges_deg: narrower ranges, by joint name: (least, greatest) [deg]; the rest as in `ergoqp.joints`.
+        ranges_deg: narrower ranges, by joint name: (least, greatest) [deg]; the rest as in
+            `ergoqp.joints`.
         rate_deg: largest rate that the object may ask of a joint [deg/s].
         yield_zone_deg: see above [deg].
         tolerance_deg: measured this far outside still counts as at the end, not outside [deg].
-        recover: whether a joint outside a range that was narrowed here moves the object until it is back, for twice the time
-            that this should take. Else, and always at the end of what a body can do, it is only kept from going further: an
-            angle measured out there says that the range or the sensor is off.
+        recover: whether a joint outside a range that was narrowed here moves the object until it is
+            back, for twice the time that this should take. Else, and always at the end of what a
+            body can do, it is only kept from going further: an angle measured out there says that
+            the range or the sensor is off.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
     """
 
@@ -51,15 +54,25 @@ class JointLimit:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        check_kind("ranges_deg", self.ranges_deg, Mapping, "a table of joints, each with its (least, greatest) [deg]")
+        check_kind(
+            "ranges_deg",
+            self.ranges_deg,
+            Mapping,
+            "a table of joints, each with its (least, greatest) [deg]",
+        )
         for name, ends in self.ranges_deg.items():
             if name not in INDEX:
-                raise InputError(f"ranges_deg: got {shown(name)}, allowed a joint such as 'trunk_flexion'")
-            low, high = read_array(f"ranges_deg of {name}", ends, (2,), "two numbers, (least, greatest) [deg]")
+                raise InputError(
+                    f"ranges_deg: got {shown(name)}, allowed a joint such as 'trunk_flexion'"
+                )
+            low, high = read_array(
+                f"ranges_deg of {name}", ends, (2,), "two numbers, (least, greatest) [deg]"
+            )
             least, greatest = np.degrees([LOWER[INDEX[name]], UPPER[INDEX[name]]])
             if not least - 1e-9 <= low < high <= greatest + 1e-9:
                 raise InputError(
-                    f"ranges_deg of {name}: got {low:g} to {high:g}, allowed within {least:.0f} to {greatest:.0f} deg"
+                    f"ranges_deg of {name}: got {low:g} to {high:g}, allowed within {least:.0f} to"
+                    f" {greatest:.0f} deg"
                 )
         object.__setattr__(self, "recover", flag("recover", self.recover))
         check_number("rate_deg", self.rate_deg, _SLOWEST, 1e4)

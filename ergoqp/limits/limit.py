@@ -1,4 +1,4 @@
-"""What a limit gives to the control step: named rows over the twist, and how its margins change along a stop."""
+"""What a limit gives the step: named rows over the twist, how its margins change along a stop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import casadi as ca
 from ergoqp.errors import ProblemError
 
 Expression = Any
-"""`casadi.SX` or `casadi.MX`: the same lines write scalars for a compiler and vectors for an interpreter."""
+"""`casadi.SX` or `casadi.MX`: the same lines write scalars to compile or vectors to interpret."""
 
 
 @dataclass(frozen=True)
@@ -23,19 +23,25 @@ class Situation:
         observed: 1 for joints that are seen (32,).
         pose: contact frame in the world (4, 4), where it lands when what is under way is done.
         sensitivity: S (32, 6) with the locks of this pass.
-        swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must look ahead.
+        swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must
+            look ahead.
         change: by how much each entry of the swing can differ at the next twist (6,) [m, rad].
         readings: what each limit's `measure` says at this posture, by the name of its first row.
         surface: the limit that the state has to stay on exactly, or None.
-        ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not yet in `posture`.
+        ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not
+            yet in `posture`.
         shift: what the posture will change by that (32,) [rad], S ahead.
-        lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot be counted on, by the
-            name of its first row; without an entry all of it can.
+        lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot
+            be counted on, by the name of its first row; without an entry all of it can.
         turn: largest angle under way that a robot may have done already [rad]; None: there is none.
-        stray: largest angle by which what is under way leaves a straight line [rad]; None: it matters to no row.
-        raised: what a mean that rises adds to it at most, as an angle [rad]; None: it matters to no row.
-        lead: what it adds at most to a displacement of `Limit.margins`, at any acceleration (6,) [m, rad]; None: nothing.
-        most: and at any twist (6,): that much of it is in the displacement, along each axis by itself; None: nothing.
+        stray: largest angle by which what is under way leaves a straight line [rad]; None: it
+            matters to no row.
+        raised: what a mean that rises adds to it at most, as an angle [rad]; None: it matters to no
+            row.
+        lead: what it adds at most to a displacement of `Limit.margins`, at any acceleration (6,)
+            [m, rad]; None: nothing.
+        most: and at any twist (6,): that much of it is in the displacement, along each axis by
+            itself; None: nothing.
     """
 
     posture: Expression
@@ -56,15 +62,21 @@ class Situation:
     most: Expression | None = None
 
     def straight(self, displacement: Expression) -> Expression:
-        """Return a displacement of `Limit.margins` (6,) without what a mean that rises adds: that leads along the twist."""
+        """Return a displacement of `Limit.margins` (6,) without what a rising mean adds.
+
+        What is left leads along the twist.
+        """
         if self.lead is None or self.most is None:
             return displacement
         return displacement - ca.fmax(-self.most, ca.fmin(self.most, self.lead))
 
     def counted(self, name: str, rows: Rows) -> Rows:
-        """Return rows on the object side with only the distances that can be counted on: every hard limit returns these.
+        """Return rows on the object side with only the distances that can be counted on.
 
-        Where the object is measured with an error, or what it was sent may be done already or not, that much is not there.
+        Every hard limit returns these.
+
+        Where the object is measured with an error, or what it was sent may be done already or not,
+        that much is not there.
 
         Args:
             name: of the limit's first row.
@@ -77,10 +89,16 @@ class Situation:
 
 
 class Surface(Protocol):
-    """A limit that is an equality: the state stays on it by projection, whatever the twist. See `ergoqp.limits.ArmLength`."""
+    """A limit that is an equality: the state stays on it by projection, whatever the twist.
+
+    See `ergoqp.limits.ArmLength`.
+    """
 
     def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """Return a twist (6,) without its part across the surface; what is wrong is mended as far as `acceleration` allows."""
+        """Return a twist (6,) without its part across the surface.
+
+        What is wrong is mended as far as `acceleration` allows.
+        """
         ...
 
     def retract(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
@@ -88,22 +106,26 @@ class Surface(Protocol):
         ...
 
     def bow(self, posture: ca.SX, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return how far a projected way strays from a straight one: (a vector (n,), what it can be wrong by)."""
+        """Return how far a projected way strays from a straight one: (vector (n,), error bound)."""
         ...
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Some quantities that the twist moves, each between two ends: rate = A xi, with `below` and `above` left to go.
+    """Some quantities that the twist moves, each between two ends.
 
-    A margin is negative outside. The step turns rows into bounds that leave room for the whole stop.
+    Their rate is A xi, with `below` and `above` left to go.
+
+    A margin is negative outside. The step turns rows into bounds that leave room for the whole
+    stop.
 
     Attributes:
         matrix: A (m, 6): rate of each quantity per twist.
         below: distance to the lower end (m,), inf without one.
         above: distance to the upper end (m,), inf without one.
         rate: largest rate allowed (m,), inf without one.
-        reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for straight ones.
+        reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for
+            straight ones.
     """
 
     matrix: Expression
@@ -120,9 +142,15 @@ class Rows:
         """
         one = (self.matrix.shape[0], 1)
         for name, part in vars(self).items():
-            if (shape := getattr(part, "shape", None)) != ((one[0], 6) if name == "matrix" else one):
-                allowed = "(m, 6)" if name == "matrix" else f"{one}, a number for each row of the matrix"
-                raise ProblemError(f"limits: got rows whose {name} has shape {shape}, allowed {allowed}")
+            if (shape := getattr(part, "shape", None)) != (
+                (one[0], 6) if name == "matrix" else one
+            ):
+                allowed = (
+                    "(m, 6)" if name == "matrix" else f"{one}, a number for each row of the matrix"
+                )
+                raise ProblemError(
+                    f"limits: got rows whose {name} has shape {shape}, allowed {allowed}"
+                )
 
 
 RECOVERY_TIMES: Final = (1e-3, 1e3)
@@ -130,26 +158,28 @@ RECOVERY_TIMES: Final = (1e-3, 1e3)
 
 
 class Limit(Protocol):
-    """A kind of row. Adding one is one file with this protocol and one line in `ergoqp.problem_files.load`.
+    """A kind of row, added by a file with this protocol and a line in `ergoqp.problem_files.load`.
 
     Attributes:
         names: name of each row, unique in a problem.
         unit: of the quantities, for people (``"rad"``, ``"m"``).
-        hard: object side (True): kept by construction, braking included; its `rows` and `margins` count on no more than
-            `Situation.counted` leaves. Through S (False): kept as far as braking allows; they add `Situation.shift` to the
-            posture.
-        returns: whether each row, once outside, asks to come back: on the object side it does; a person's posture does not move
-            the object by itself.
+        hard: object side (True): kept by construction, braking included; its `rows` and `margins`
+            count on no more than `Situation.counted` leaves. Through S (False): kept as far as
+            braking allows; they add `Situation.shift` to the posture.
+        returns: whether each row, once outside, asks to come back: on the object side it does; a
+            person's posture does not move the object by itself.
         tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
-        yield_zone: distance to the end within which a joint of the response yields (is locked) instead of stopping the
-            object; 0 for quantities that cannot yield. A limit that has one is `linear`.
-        linear: whether rows and margins may be asked for with matrices (`casadi.MX`) as well as with scalars; without the
-            attribute they are not.
-        bend: by how much the rate of its rows can change per rad that the object turns, roughly; without the attribute they are
-            straight. Coming back from outside is then not asked faster than the object can stop where it is nearest.
-        proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then never asked for less than
-            it promises, not even where braking has no better bound.
+        yield_zone: distance to the end within which a joint of the response yields (is locked)
+            instead of stopping the object; 0 for quantities that cannot yield. A limit that has one
+            is `linear`.
+        linear: whether rows and margins may be asked for with matrices (`casadi.MX`) as well as
+            with scalars; without the attribute they are not.
+        bend: by how much the rate of its rows can change per rad that the object turns, roughly;
+            without the attribute they are straight. Coming back from outside is then not asked
+            faster than the object can stop where it is nearest.
+        proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then
+            never asked for less than it promises, not even where braking has no better bound.
     """
 
     @property
@@ -180,8 +210,8 @@ class Limit(Protocol):
     def measure(self) -> ca.Function | None:
         """Return ``posture -> readings (k,)``, evaluated once per step as it is, or None.
 
-        For what should not be written out as scalars, such as a sum of thousands of kernels. The readings come back in
-        `Situation.readings`.
+        For what should not be written out as scalars, such as a sum of thousands of kernels. The
+        readings come back in `Situation.readings`.
         """
         ...
 
@@ -190,26 +220,34 @@ class Limit(Protocol):
         ...
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margin (m,) of each row on the straight way to a displacement (6,) [m, rad] of the object.
+        """Return each row's smallest margin (m,) on the straight way to a displacement.
+
+        The displacement (6,) [m, rad] is that of the object.
 
         A displacement of zero gives the margins as they are.
         """
         ...
 
 
-def straight_margins(rows: Rows, displacement: Expression, mixed: Situation | None = None) -> Expression:
-    """Return the smallest margins (m,) on the way to a displacement for quantities that are linear in it.
+def straight_margins(
+    rows: Rows, displacement: Expression, mixed: Situation | None = None
+) -> Expression:
+    """Return the smallest margins (m,) on the way to a displacement, for quantities linear in it.
 
     Args:
         rows: as they are where the way begins.
         displacement: of the object (6,) [m, rad].
-        mixed: the situation, for hard rows of more than one axis: what a mean adds is in the displacement axis by axis, and
-            those can make up for each other in a row that mixes them.
+        mixed: the situation, for hard rows of more than one axis: what a mean adds is in the
+            displacement axis by axis, and those can make up for each other in a row that mixes
+            them.
     """
     if mixed is None or mixed.lead is None or mixed.most is None:
         moved = rows.matrix @ displacement
         return ca.fmin(rows.below + ca.fmin(moved, 0), rows.above - ca.fmax(moved, 0))
     moved, led = rows.matrix @ mixed.straight(displacement), rows.matrix @ mixed.lead
     most = ca.fabs(rows.matrix) @ mixed.most
-    down, up = ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most), ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most)
+    down, up = (
+        ca.fmin(moved, 0) + ca.fmax(ca.fmin(led, 0), -most),
+        ca.fmax(moved, 0) + ca.fmin(ca.fmax(led, 0), most),
+    )
     return ca.fmin(rows.below + down, rows.above - up)

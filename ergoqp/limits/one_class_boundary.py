@@ -1,4 +1,7 @@
-"""The posture stays where there were data: the boundary of a one-class SVM as one row that holds through the whole stop."""
+"""The posture stays where there were data: the boundary of a one-class SVM as one row.
+
+The row holds through the whole stop.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +17,24 @@ from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation
 
 @dataclass(frozen=True, eq=False)
 class OneClassBoundary:
-    """g(q) >= 0 for g = log sum a_i k(q, s_i) - log rho, the boundary of a one-class SVM with radial kernels.
+    """The boundary g(q) >= 0 of a one-class SVM with radial kernels.
 
-    The logarithm keeps the boundary and gives a slope that does not vanish far away. Its curvature is never below -2 gamma
-    (it is the logarithm of a sum of exponentials of concave quadratics), so with the scaled displacement D
+    Here g = log sum a_i k(q, s_i) - log rho.
+
+    The logarithm keeps the boundary and gives a slope that does not vanish far away. Its curvature
+    is never below -2 gamma (it is the logarithm of a sum of exponentials of concave quadratics), so
+    with the scaled displacement D
 
         g(q + D) >= g(q) + grad g . D - gamma |D|^2
 
-    everywhere. The row asks that this bound, at the end of the longest stop that this period can bring about, is not
-    negative; along a straight way it is concave, so its two ends say everything, and braking down a way that was accepted
-    never makes it worse.
+    everywhere. The row asks that this bound, at the end of the longest stop that this period can
+    bring about, is not negative; along a straight way it is concave, so its two ends say
+    everything, and braking down a way that was accepted never makes it worse.
 
     Attributes:
         model: the one-class SVM.
-        hard: True where the state itself is commanded (`LinearResponse`): kept by construction. False for a person's
-            posture: kept as far as braking allows.
+        hard: True where the state itself is commanded (`LinearResponse`): kept by construction.
+            False for a person's posture: kept as far as braking allows.
         tolerance: this far outside still counts as on the boundary, in units of g.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
         name: of the row.
@@ -47,7 +53,8 @@ class OneClassBoundary:
         """Check the numbers."""
         if isinstance(self.model, type) or not hasattr(self.model, "margin_and_slope"):
             raise InputError(
-                f"model: got {shown(self.model)}, allowed a one-class SVM, such as ergoqp.learning.one_class.OneClass"
+                f"model: got {shown(self.model)}, allowed a one-class SVM, such as"
+                " ergoqp.learning.one_class.OneClass"
             )
         check_text("name", self.name)
         object.__setattr__(self, "hard", flag("hard", self.hard))
@@ -56,7 +63,7 @@ class OneClassBoundary:
 
     @property
     def returns(self) -> tuple[bool, ...]:
-        """A state that is commanded comes back; a person's posture does not move the object by itself."""
+        """A commanded state comes back; a person's posture does not move the object by itself."""
         return (self.hard,)
 
     @property
@@ -65,28 +72,40 @@ class OneClassBoundary:
         return (self.name,)
 
     def measure(self) -> ca.Function:
-        """Return ``posture -> (g, grad g)`` stacked (1 + d,), grad by the model's own coordinates."""
+        """Return ``posture -> (g, grad g)`` stacked (1 + d,).
+
+        The gradient is by the model's own coordinates.
+        """
         coordinates = self.model.coordinates
         q = ca.MX.sym("q", len(coordinates.state))
         value, slope = self.model.margin_and_slope(coordinates.pick(q))
         return ca.Function("boundary", [q], [ca.vertcat(value, slope)])
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row; what it reserves is gamma times the square of the longest displacement, both scaled."""
+        """Return the one row and what it reserves.
+
+        It reserves gamma times the square of the longest displacement, both scaled.
+        """
         moves = self._moves(situation)
         scaled = self._scaled(moves)
         # Every twist of this period moves by the swing plus at most the change, entry by entry.
         lengths = ca.sqrt(ca.sum1(scaled**2))
-        longest = ca.norm_2(scaled @ (situation.swing + situation.ahead)) + lengths @ situation.change
+        longest = (
+            ca.norm_2(scaled @ (situation.swing + situation.ahead)) + lengths @ situation.change
+        )
         value, slope = self._reading(situation)
         value = value + ca.dot(slope, situation.shift[self.model.coordinates.indices])
         swing, change = situation.swing, situation.change
-        drop, stray = self._bow(situation, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3]))
+        drop, stray = self._bow(
+            situation, ca.norm_2(swing[3:] - swing[:3]) + ca.norm_2(change[3:] + change[:3])
+        )
         free = ca.SX([ca.inf])
-        return Rows(slope.T @ moves, value, free, free, drop + self.model.gamma * (longest + stray) ** 2)
+        return Rows(
+            slope.T @ moves, value, free, free, drop + self.model.gamma * (longest + stray) ** 2
+        )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the least value that the bound takes on the way to a displacement: at one of its ends."""
+        """Return the least value of the bound on the way to a displacement: at one of its ends."""
         value, slope = self._reading(situation)
         moved = self._moves(situation) @ (situation.ahead + displacement)
         drop, stray = self._bow(situation, ca.norm_2(displacement[3:] - displacement[:3]))
@@ -94,7 +113,7 @@ class OneClassBoundary:
         return value + ca.fmin(0, ca.dot(slope, moved) - drop - self.model.gamma * length**2)
 
     def _bow(self, situation: Situation, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """What a surface that bends the way costs: (drop of the linear bound, extra scaled length)."""
+        """Cost of a surface that bends the way: (drop of the linear bound, extra scaled length)."""
         if situation.surface is None:
             return ca.SX(0), ca.SX(0)
         _, slope = self._reading(situation)

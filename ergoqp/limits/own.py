@@ -1,4 +1,7 @@
-"""Limits of the user's own, for those who look at places and not at twists: what each says of a place and a posture."""
+"""Limits of the user's own, for those who look at places and not at twists.
+
+This is what each of them says of a place and a posture.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,10 @@ class OwnLimits:
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
         """The limits."""
-        known = [next((limit for limit in self.every if isinstance(limit, kind)), None) for kind in _KNOWN]
+        known = [
+            next((limit for limit in self.every if isinstance(limit, kind)), None)
+            for kind in _KNOWN
+        ]
         return tuple(limit for limit in self.every if not any(limit is each for each in known))
 
     @cached_property
@@ -59,7 +65,9 @@ class OwnLimits:
             posture: of the person (n,) [rad].
             pose: of the object (4, 4) [m].
         """
-        below, above = (np.array(part).ravel() for part in self._functions[limit.names[0]](posture, pose))
+        below, above = (
+            np.array(part).ravel() for part in self._functions[limit.names[0]](posture, pose)
+        )
         return np.minimum(below, above)
 
     def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
@@ -67,7 +75,8 @@ class OwnLimits:
 
         Args:
             pose: of the object (4, 4) [m].
-            posture: of the person there (n,) [rad]; None: only limits on the object side are looked at.
+            posture: of the person there (n,) [rad]; None: only limits on the object side are looked
+                at.
         """
         stands_in = np.zeros(self.size) if posture is None else posture
         for limit in self.limits if posture is not None else self.hard:
@@ -92,32 +101,45 @@ class OwnLimits:
             except Exception as error:  # whatever the code of a user's own limit does
                 words = " ".join(str(error).split())[:100]
                 raise ProblemError(
-                    f"limits: rows of {first}: got {type(error).__name__} ({words}), allowed {allowed}"
+                    f"limits: rows of {first}: got {type(error).__name__} ({words}), allowed"
+                    f" {allowed}"
                 ) from None
             if found != [len(limit.names)] * 2:
-                raise ProblemError(f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed {allowed}")
+                raise ProblemError(
+                    f"limits: rows of {first}: got {found[0]} rows and {found[1]} margins, allowed"
+                    f" {allowed}"
+                )
 
     def _margins_of(self, limit: Limit) -> int:
         place, measure = self._place(), limit.measure()
         if measure is not None:
-            place = replace(place, readings={limit.names[0]: ca.SX.sym("readings", measure.numel_out(0))})
+            place = replace(
+                place, readings={limit.names[0]: ca.SX.sym("readings", measure.numel_out(0))}
+            )
         return limit.margins(place, ca.SX(6, 1)).numel()
 
     @cached_property
     def ends(self) -> ca.Function | None:
-        """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite, at least 0 where all holds; or None."""
+        """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite; or None.
+
+        They are at least 0 where all holds.
+        """
         if not self.limits:
             return None
         scalar = all(limit.measure() is None for limit in self.limits)
         kind: Any = ca.SX if scalar else ca.MX
         posture, pose = kind.sym("posture", self.size), kind.sym("pose", 4, 4)
-        found = [part for limit in self.limits for part in self._functions[limit.names[0]](posture, pose)]
+        found = [
+            part for limit in self.limits for part in self._functions[limit.names[0]](posture, pose)
+        ]
         ends = ca.vertcat(*found)
         # Where there is no end, a row is infinite wherever things are.
         rng = np.random.default_rng(0)
         values = ca.Function("ends", [posture, pose], [ends])
         sample = np.array(values(rng.uniform(-0.1, 0.1, posture.numel()), np.eye(4))).ravel()
-        return ca.Function("ends", [posture, pose], [ends[np.flatnonzero(~np.isinf(sample)).tolist()]])
+        return ca.Function(
+            "ends", [posture, pose], [ends[np.flatnonzero(~np.isinf(sample)).tolist()]]
+        )
 
     @cached_property
     def _functions(self) -> dict[str, ca.Function]:
@@ -127,7 +149,9 @@ class OwnLimits:
         """Somewhere, with nothing under way."""
         n, still = self.size, ca.SX(6, 1)
         posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
-        place = Situation(posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.surface)
+        place = Situation(
+            posture, ca.SX.ones(n), pose, ca.SX.zeros(n, 6), still, still, surface=self.surface
+        )
         return replace(place, shift=ca.SX(n, 1))
 
     def _ends_of(self, limit: Limit) -> ca.Function:
@@ -136,9 +160,13 @@ class OwnLimits:
         posture, pose = place.posture, place.pose
         if measure is None:
             rows = limit.rows(place)
-            return ca.Function("ends", [posture, pose], [ca.densify(rows.below), ca.densify(rows.above)])
+            return ca.Function(
+                "ends", [posture, pose], [ca.densify(rows.below), ca.densify(rows.above)]
+            )
         readings = ca.SX.sym("readings", measure.numel_out(0))
         rows = limit.rows(replace(place, readings={limit.names[0]: readings}))
-        inner = ca.Function("inner", [posture, pose, readings], [ca.densify(rows.below), ca.densify(rows.above)])
+        inner = ca.Function(
+            "inner", [posture, pose, readings], [ca.densify(rows.below), ca.densify(rows.above)]
+        )
         at, where = ca.MX.sym("posture", n), ca.MX.sym("pose", 4, 4)
         return ca.Function("ends", [at, where], list(inner.call([at, where, measure(at)])))

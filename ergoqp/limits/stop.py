@@ -1,4 +1,4 @@
-"""How the object stops: along a straight line, as fast as its slowest axis allows, and how far that is at most."""
+"""How the object stops: straight, as fast as its slowest axis allows; and how far at most."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from ergoqp.limits.twist import TwistLimit
 class Stop:
     """The law by which a problem's object stops, see `ergoqp.Problem.stop`.
 
-    Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i seconds, whatever the periods
-    of the steps to come. Where every twist is sent as planned, the object moves by at most u (dt + t_b / 2) in the period
-    of u and the stop after it.
+    Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i
+    seconds, whatever the periods of the steps to come. Where every twist is sent as planned, the
+    object moves by at most u (dt + t_b / 2) in the period of u and the stop after it.
 
-    Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the last twist to this one, and
-    the object moves by the half of this period that belongs to u and by the stop, u (dt / 2 + t_b / 2); what was planned before
-    is under way already (`ergoqp.step.way`). But a period is held at the mean of its end, which is more than it was on the way
-    there while the mean still rises: by h times the rise at most, for periods up to h. By how much it rises without u is under
-    way too; with u it is at most u, and at most a dt, more. And the last period of a stop is a line down to rest that ends
-    later than the stop would have, by at most min(u h / 2, a h^2 / 8).
+    Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the
+    last twist to this one, and the object moves by the half of this period that belongs to u and by
+    the stop, u (dt / 2 + t_b / 2); what was planned before is under way already
+    (`ergoqp.step.way`). But a period is held at the mean of its end, which is more than it was on
+    the way there while the mean still rises: by h times the rise at most, for periods up to h. By
+    how much it rises without u is under way too; with u it is at most u, and at most a dt, more.
+    And the last period of a stop is a line down to rest that ends later than the stop would have,
+    by at most min(u h / 2, a h^2 / 8).
 
     Attributes:
         limit: speeds and accelerations.
@@ -49,7 +51,10 @@ class Stop:
 
     @property
     def held(self) -> float:
-        """Seconds at the new twist that cover one hold with any twist under way, which may have been faster [s]."""
+        """Seconds at the new twist that cover one hold with any twist under way [s].
+
+        The twist under way may have been faster.
+        """
         return self.stretch * (self.hold + 2 * self.memory) if self.hold else 0.0
 
     @property
@@ -60,7 +65,7 @@ class Stop:
         return float(slowest) + self.average + self.longest
 
     def rise(self, dt: Expression) -> Expression:
-        """Return what a mean that rises with the new twist can add at most, for every unit of acceleration [s^2]."""
+        """Return the most a mean rising with the new twist adds, per unit of acceleration [s^2]."""
         return self.longest * dt + self.longest**2 / 8
 
     def time(self, twist: ca.SX) -> ca.SX:
@@ -68,7 +73,10 @@ class Stop:
         return ca.mmax(ca.fabs(twist) / ca.DM(self.limit.acceleration))
 
     def displacement(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
-        """Return the largest displacement (6,) [m, rad] that a planned twist adds, in its period and the stop after it."""
+        """Return the largest displacement (6,) [m, rad] that a planned twist adds.
+
+        It adds this in its period and the stop after it.
+        """
         way = self.stretch * twist * (self.share * dt + self.time(twist) / 2)
         if self.average:
             most = self.most(dt)
@@ -76,7 +84,10 @@ class Stop:
         return way
 
     def lead(self, twist: ca.SX) -> ca.SX:
-        """Return the displacement (6,) that a mean which rises to a planned twist can add at most, at any acceleration."""
+        """Return the largest displacement (6,) that a mean rising to a planned twist can add.
+
+        It holds at any acceleration.
+        """
         return self.stretch * 1.5 * self.longest * twist
 
     def most(self, dt: Expression) -> Expression:
@@ -86,8 +97,8 @@ class Stop:
     def ways(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
         """Return the displacements (6, k) by which margins are judged.
 
-        They are the `displacement` of a planned twist, the one with a hold if that is declared, and of a mean its `lead` and
-        the `most` of it.
+        They are the `displacement` of a planned twist, the one with a hold if that is declared, and
+        of a mean its `lead` and the `most` of it.
         """
         ways = [self.displacement(twist, dt)]
         if self.hold:
@@ -95,18 +106,23 @@ class Stop:
         return ca.horzcat(*ways, *([self.lead(twist), self.most(dt)] if self.average else []))
 
     def braking(self, previous: ca.SX, dt: ca.SX) -> Braking:
-        """Return braking twist and twist bounds after the planned twist `previous` (6,) for a period `dt` [s]."""
+        """Return braking twist and twist bounds after the planned twist `previous` (6,).
+
+        They are for a period `dt` [s].
+        """
         limit = self.limit
         speed, acceleration = ca.DM(limit.speed), ca.DM(limit.acceleration)
         if limit.aside:
             speed = ca.fmax(0, speed - limit.aside * dt)
         stop = self.time(previous)
         twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
-        # A twist beyond its speed can only come back as fast as the acceleration allows, so the braking twist is never
-        # excluded.
+        # A twist beyond its speed can only come back as fast as the acceleration allows, so the
+        # braking twist is never excluded.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
-        return Braking(twist, low, high, self.stretch * (self.share * dt + (stop + dt) / 2), dt, self)
+        return Braking(
+            twist, low, high, self.stretch * (self.share * dt + (stop + dt) / 2), dt, self
+        )
 
 
 @dataclass(frozen=True)
@@ -141,12 +157,20 @@ class Braking:
 
     @property
     def slowest(self) -> Expression:
-        """Seconds of motion at the new twist in the stop from a small one, of which a mean that rises is more [s]."""
-        return self.swing + (self.stop.stretch * 1.5 * self.stop.longest if self.stop.average else 0.0)
+        """Seconds of motion at the new twist in the stop from a small one [s].
+
+        A mean that rises counts for more in the stop from a small twist.
+        """
+        return self.swing + (
+            self.stop.stretch * 1.5 * self.stop.longest if self.stop.average else 0.0
+        )
 
     @property
     def change(self) -> Expression:
-        """By how much each entry of a stop's displacement can differ from that of the present twist (6,) [m, rad]."""
+        """By how much each entry of a stop's displacement can differ (6,) [m, rad].
+
+        The difference is from that of the present twist.
+        """
         return self.acceleration * self.dt * self.swing
 
     def fastest(self, left: Expression, slowing: Expression, hard: Expression) -> Expression:
@@ -155,15 +179,20 @@ class Braking:
         Args:
             left: distance to the end (m,) [m, rad].
             slowing: by how much each row can be slowed per second (m,).
-            hard: 1 for rows on the object side (m,): what a robot may hold on to is kept free of them.
+            hard: 1 for rows on the object side (m,): what a robot may hold on to is kept free of
+                them.
         """
         law = self.stop
         if law.average:
             left = ca.fmax(left - slowing * (law.stretch * law.rise(self.dt)), ca.fmin(left, 0))
-        # v = d / (h + H) up to the knee, and from there on its tangent parabola (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2.
+        # v = d / (h + H) up to the knee, and from there on its tangent parabola (v + a H)^2 = (a
+        # H)^2 + 2 a d - (a h)^2.
         if not law.held:
             knee = slowing * self.reach**2
-            return ca.sqrt(slowing * (2 * ca.fmax(left, knee) - knee)) + ca.fmin(left - knee, 0) / self.reach
+            return (
+                ca.sqrt(slowing * (2 * ca.fmax(left, knee) - knee))
+                + ca.fmin(left - knee, 0) / self.reach
+            )
         held = law.held * hard
         bent, kept = slowing * self.reach, slowing * held
         knee = bent * (self.reach + held)
@@ -172,14 +201,21 @@ class Braking:
 
 
 def on_surface(brake: Braking, situation: Situation, known: Expression = 1) -> Braking:
-    """Return the same braking along the surface that the state has to stay on; without one, as it is.
+    """Return the same braking along the surface that the state has to stay on.
+
+    Without a surface it is returned as it is.
 
     Args:
         brake: along a straight line.
         situation: where things are.
-        known: 0 if the state was not measured: its distance from the surface is not mended then, or it would never rest.
+        known: 0 if the state was not measured: its distance from the surface is not mended then, or
+            it would never rest.
     """
     if situation.surface is None:
         return brake
-    twist = situation.surface.tangent(situation.posture, brake.twist, brake.dt, brake.acceleration * known)
-    return replace(brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist))
+    twist = situation.surface.tangent(
+        situation.posture, brake.twist, brake.dt, brake.acceleration * known
+    )
+    return replace(
+        brake, twist=twist, low=ca.fmin(brake.low, twist), high=ca.fmax(brake.high, twist)
+    )

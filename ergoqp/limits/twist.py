@@ -1,4 +1,4 @@
-"""How fast the object may move and how quickly that may change, per axis: bounds on the twist itself."""
+"""Bounds on the twist itself, per axis: how fast it may be and how quickly it may change."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _GREATEST: Final = 1e6
 class TwistLimit:
     """Speed, acceleration and allowed axes of the object, each axis by itself.
 
-    Braking scales the whole twist down along a straight line, as fast as its slowest axis allows, so that a stop from twist
-    xi takes max_i |xi_i| / a_i seconds and moves the object along xi alone. That makes the end of the stop say everything
-    about a convex limit on the way.
+    Braking scales the whole twist down along a straight line, as fast as its slowest axis allows,
+    so that a stop from twist xi takes max_i |xi_i| / a_i seconds and moves the object along xi
+    alone. That makes the end of the stop say everything about a convex limit on the way.
 
     Attributes:
         linear_speed: along each axis [m/s].
@@ -32,7 +32,8 @@ class TwistLimit:
         linear_acceleration: along each axis [m/s^2].
         angular_acceleration: about each axis [rad/s^2].
         axes: the axes that the object can move, of `AXES`.
-        aside: acceleration that the step keeps free on every axis, for a surface that it has to follow [m/s^2].
+        aside: acceleration that the step keeps free on every axis, for a surface that it has to
+            follow [m/s^2].
     """
 
     linear_speed: float = 0.20
@@ -44,7 +45,12 @@ class TwistLimit:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in ("linear_speed", "angular_speed", "linear_acceleration", "angular_acceleration"):
+        for name in (
+            "linear_speed",
+            "angular_speed",
+            "linear_acceleration",
+            "angular_acceleration",
+        ):
             check_number(name, getattr(self, name), _LEAST, _GREATEST)
         check_number("aside", self.aside, 0.0, 1e3)
         allowed = f"some of {', '.join(AXES)}, each once"
@@ -60,5 +66,8 @@ class TwistLimit:
 
     @property
     def acceleration(self) -> np.ndarray:
-        """Acceleration per axis that the step may use (6,): the largest, less what is kept aside [m/s^2, rad/s^2]."""
+        """Acceleration per axis that the step may use (6,) [m/s^2, rad/s^2].
+
+        It is the largest, less what is kept aside.
+        """
         return np.repeat([self.linear_acceleration, self.angular_acceleration], 3) - self.aside

@@ -1,4 +1,7 @@
-"""Where the object may be: a box for the contact point, a cone for the tool's axis. Hard rows, on the object side."""
+"""Where the object may be: a box for the contact point, a cone for the tool's axis.
+
+They are hard rows, on the object side.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,10 @@ class WorkspaceBox:
         for what, value in (("lower", self.lower), ("upper", self.upper)):
             object.__setattr__(self, what, _three(f"workspace {what}", value))
         if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
-            raise InputError(f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <= upper")
+            raise InputError(
+                f"workspace: got lower {self.lower} above upper {self.upper}, allowed lower <="
+                " upper"
+            )
         check_number("workspace tolerance", self.tolerance, 0.0, 1.0)
         check_number("workspace recovery_time", self.recovery_time, *RECOVERY_TIMES)
 
@@ -59,16 +65,22 @@ class WorkspaceBox:
         matrix[:, :3] = ca.DM.eye(3)
         free, straight = ca.DM([ca.inf] * 3), ca.DM.zeros(3)
         return situation.counted(
-            self.names[0], Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight)
+            self.names[0],
+            Rows(matrix, point - ca.DM(self.lower), ca.DM(self.upper) - point, free, straight),
         )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest margins on the way; exact, a box is convex.
 
-        What is outside and comes back is not to leave by the other end: beyond that it counts as that much further out.
+        What is outside and comes back is not to leave by the other end: beyond that it counts as
+        that much further out.
         """
         rows = self.rows(situation)
-        through = replace(rows, below=rows.below + ca.fmin(rows.above, 0), above=rows.above + ca.fmin(rows.below, 0))
+        through = replace(
+            rows,
+            below=rows.below + ca.fmin(rows.above, 0),
+            above=rows.above + ca.fmin(rows.below, 0),
+        )
         return straight_margins(through, displacement)
 
 
@@ -98,7 +110,10 @@ class AxisCone:
         direction = np.asarray(_three("tool axis direction", self.direction))
         length = float(np.linalg.norm(direction)) if np.abs(direction).max() <= 1e9 else np.inf
         if not 1e-9 < length < np.inf:
-            raise InputError(f"tool axis direction: got {self.direction}, allowed any vector from 1e-9 to 1e9 long")
+            raise InputError(
+                f"tool axis direction: got {self.direction}, allowed any vector from 1e-9 to 1e9"
+                " long"
+            )
         object.__setattr__(self, "direction", tuple(float(x) for x in direction / length))
         check_number("half_angle_deg", self.half_angle_deg, _NARROWEST, 170.0, "deg")
         check_number("tool axis tolerance", self.tolerance, 0.0, 1.0)
@@ -108,30 +123,43 @@ class AxisCone:
         """Need nothing measured beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row: the angle between the axis and the direction grows with turning about their normal.
+        """Return the one row, of the angle between the axis and the direction.
 
-        A cone is curved: with the slope in the middle of the swing, the angle's change along it is exact to second order. Turns
-        that differ from the swing reserve some, or the certificate would have to brake a turn that runs along the cone.
+        The angle grows with turning about their normal.
+
+        A cone is curved: with the slope in the middle of the swing, the angle's change along it is
+        exact to second order. Turns that differ from the swing reserve some, or the certificate
+        would have to brake a turn that runs along the cone.
         """
-        axis, turn, change = situation.pose[:3, 0], situation.swing[3:], ca.norm_2(situation.change[3:])
+        axis, turn, change = (
+            situation.pose[:3, 0],
+            situation.swing[3:],
+            ca.norm_2(situation.change[3:]),
+        )
         _, sine, cosine = self._slope(axis)
         matrix, _, _ = self._slope(turned(turn / 2, axis))
         middle = ca.DM(self.direction)
         slope = matrix[0, 3:] @ turn
-        bend = ca.fmax(0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn))
+        bend = ca.fmax(
+            0, cosine * (ca.sumsqr(turn) - slope**2) - ca.dot(middle, turn) * ca.dot(axis, turn)
+        )
         reserve = 1.5 * change * (2 * ca.sqrt(bend) + change) / (2 * ca.fmax(sine, 0.1))
         start, along = _uncertain(situation, sine, ca.norm_2(turn) + change)
         along += _mixed(situation, turn, change)
         if situation.most is not None and situation.raised is not None:
             along += _beyond(situation.raised + ca.norm_2(situation.most[3:]), sine)
         above = np.radians(self.half_angle_deg) - ca.atan2(sine, cosine) - start
-        return situation.counted(self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along))
+        return situation.counted(
+            self.names[0], Rows(matrix, ca.SX([ca.inf]), above, ca.SX([ca.inf]), reserve + along)
+        )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margin while turning about a fixed axis; exact but for what is under way, see `_uncertain`.
+        """Return the smallest margin while turning about a fixed axis.
 
-        With the axis a turning by phi about u, d . a(phi) = c + m cos(phi - phi0): the least value on [0, end] is at an end
-        or where phi - phi0 = pi.
+        It is exact but for what is under way, see `_uncertain`.
+
+        With the axis a turning by phi about u, d . a(phi) = c + m cos(phi - phi0): the least value
+        on [0, end] is at an end or where phi - phi0 = pi.
         """
         middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
         turn = situation.straight(displacement)[3:]
@@ -149,17 +177,28 @@ class AxisCone:
         lead, most, raised = situation.lead, situation.most, situation.raised
         if lead is not None and most is not None and raised is not None:
             # The rows and how fast the angle grows, at the start of the turn and at its end.
-            turned_axis = axis * ca.cos(end) + ca.cross(u, axis) * ca.sin(end) + u * ca.dot(u, axis) * (1 - ca.cos(end))
-            rows, sines, _ = zip(*(self._slope(place) for place in (axis, turned_axis)), strict=True)
+            turned_axis = (
+                axis * ca.cos(end)
+                + ca.cross(u, axis) * ca.sin(end)
+                + u * ca.dot(u, axis) * (1 - ca.cos(end))
+            )
+            rows, sines, _ = zip(
+                *(self._slope(place) for place in (axis, turned_axis)), strict=True
+            )
             rates = [ca.fmin(ca.fmax(row[0, 3:] @ u, 0), 1) for row in rows]
             reach = ca.fmax(*(ca.fabs(row) @ most for row in rows))
-            here, there = _risen(ca.norm_2(lead[3:]), ca.fmax(*rates), reach, ca.norm_2(most[3:]), raised, sines)
+            here, there = _risen(
+                ca.norm_2(lead[3:]), ca.fmax(*rates), reach, ca.norm_2(most[3:]), raised, sines
+            )
             start, along = start + here, along + there
         lost = situation.lost[self.names[0]][1] if self.names[0] in situation.lost else 0
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
     def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Rate (1, 6) at which the angle from the middle to an axis (3,) grows per twist; its sine and cosine."""
+        """Rate (1, 6) at which the angle from the middle to an axis (3,) grows per twist.
+
+        The sine and the cosine of that angle follow.
+        """
         middle = ca.DM(self.direction)
         normal = ca.cross(middle, axis)
         sine, cosine = ca.sqrt(ca.sumsqr(normal) + 1e-18), ca.dot(middle, axis)
@@ -172,10 +211,13 @@ class AxisCone:
 
 
 def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """What an uncertain turn of L rad under way can cost a cone, (at the start of a further turn, along one of `end` rad).
+    """What an uncertain turn of L rad under way can cost a cone.
 
-    The direction in which the angle grows turns by at most L / sin(angle) while the axis turns by L; so the angle differs from
-    its first-order change by at most L^2 / (2 sin), and a further turn by W adds W L / sin more or less than it would have.
+    The first value is at the start of a further turn, the second along one of `end` rad.
+
+    The direction in which the angle grows turns by at most L / sin(angle) while the axis turns by
+    L; so the angle differs from its first-order change by at most L^2 / (2 sin), and a further turn
+    by W adds W L / sin more or less than it would have.
     """
     if situation.turn is None:
         return ca.SX(0), ca.SX(0)
@@ -186,18 +228,25 @@ def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca
 
 
 def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca.SX:
-    """What it can cost that a turn of about `turn` (3,) is done with what is under way, and not after it [rad].
+    """What it can cost to turn by about `turn` (3,) with what is under way, not after it [rad].
 
-    Turns do not commute: those that are done together differ by the area between their ways from the same done one after the
-    other, and by terms of the third order in the turns, which are not counted.
+    Turns do not commute: those that are done together differ by the area between their ways from
+    the same done one after the other, and by terms of the third order in the turns, which are not
+    counted.
     """
     if situation.stray is None:
         return ca.SX(0)
     ahead = situation.ahead[3:]
-    return ca.norm_2(ca.cross(ahead, turn)) + situation.stray * (ca.norm_2(turn) + change) + ca.norm_2(ahead) * change
+    return (
+        ca.norm_2(ca.cross(ahead, turn))
+        + situation.stray * (ca.norm_2(turn) + change)
+        + ca.norm_2(ahead) * change
+    )
 
 
-def _risen(led: ca.SX, rate: ca.SX, reach: ca.SX, most: ca.SX, raised: ca.SX, sines: tuple[ca.SX, ...]) -> tuple[ca.SX, ca.SX]:
+def _risen(
+    led: ca.SX, rate: ca.SX, reach: ca.SX, most: ca.SX, raised: ca.SX, sines: tuple[ca.SX, ...]
+) -> tuple[ca.SX, ca.SX]:
     """What a mean that rises can cost a cone at most: (at the start of a turn, along it) [rad].
 
     It leads along the slope, where that is known, and bends by its own square.
@@ -215,7 +264,7 @@ def _risen(led: ca.SX, rate: ca.SX, reach: ca.SX, most: ca.SX, raised: ca.SX, si
 
 
 def _beyond(turn: ca.SX, sine: ca.SX) -> ca.SX:
-    """By how much an angle whose sine is known changes at most beyond its slope while the axis turns by `turn` [rad]."""
+    """Most that an angle of known sine changes past its slope as the axis turns by `turn` [rad]."""
     return ca.fmin(turn, turn**2 / (2 * ca.fmax(sine - turn, 1e-6)))
 
 

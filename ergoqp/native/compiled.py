@@ -1,4 +1,4 @@
-"""A function as machine code for this computer: generated, compiled once, kept in the user's cache."""
+"""A function as native machine code: generated, compiled once, kept in the user's cache."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from ergoqp.native.daqp import NativeDaqp, c_text, daqp_archive, daqp_include, s
 
 
 def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
-    """Return a function that solves QPs by DAQP as machine code: the same answers in a fraction of the time.
+    """Return a function that solves QPs by DAQP as machine code.
 
-    The first time this takes some ten seconds of the compiler for a control step; afterwards the library is found again by the
-    content of its sources, the compiler and its flags.
+    It gives the same answers in a fraction of the time.
+
+    The first time this takes some ten seconds of the compiler for a control step; afterwards the
+    library is found again by the content of its sources, the compiler and its flags.
 
     Args:
         build: makes the function, given the solver, every operation on its own.
@@ -38,7 +40,9 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
     try:
         return ca.external(name, str(library))
     except RuntimeError as error:
-        raise CompilerError(f"compiled {name}: the library {str(library)!r} cannot be loaded: {_last_line(error)}") from None
+        raise CompilerError(
+            f"compiled {name}: the library {str(library)!r} cannot be loaded: {_last_line(error)}"
+        ) from None
 
 
 def _last_line(error: Exception) -> str:
@@ -51,10 +55,14 @@ def generated(function: ca.Function, name: str) -> dict[str, str]:
     generator.add(function)
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(f"{folder}/")
-        texts = {file: (Path(folder) / file).read_text(encoding="utf-8") for file in (f"{name}.c", f"{name}.h")}
+        texts = {
+            file: (Path(folder) / file).read_text(encoding="utf-8")
+            for file in (f"{name}.c", f"{name}.h")
+        }
         # The generator does not say when it cannot write.
         if not all(text.endswith("#endif\n") for text in texts.values()):
             raise CompilerError(
-                f"C code: got a file that is cut off in {str(Path(folder).parent)!r}, allowed a folder with room"
+                f"C code: got a file that is cut off in {str(Path(folder).parent)!r}, allowed a"
+                " folder with room"
             )
         return texts

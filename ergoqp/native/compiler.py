@@ -1,4 +1,4 @@
-"""The C compiler of this machine: found, named when missing, and asked for shared libraries only."""
+"""This machine's C compiler: found, named when missing, asked for shared libraries only."""
 
 from __future__ import annotations
 
@@ -18,10 +18,17 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.paths import cache_folder
 
 FLAGS: Final = (
-    *("-O3", "-fPIC", "-shared", "-w"),
-    # No errno and no signals from arithmetic, and small functions inlined although they could be replaced at load time: a third
-    # of the time. No contraction to fused operations: the arithmetic stays that of the interpreted step.
-    *("-fno-math-errno", "-fno-trapping-math", "-fno-semantic-interposition", "-ffp-contract=off"),
+    "-O3",
+    "-fPIC",
+    "-shared",
+    "-w",
+    # No errno and no signals from arithmetic, and small functions inlined although they could be
+    # replaced at load time: a third of the time. No contraction to fused operations: the arithmetic
+    # stays that of the interpreted step.
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-semantic-interposition",
+    "-ffp-contract=off",
 )
 
 
@@ -31,7 +38,9 @@ class CompilerError(ErgoqpError):
 
 @lru_cache(maxsize=1)
 def compiler() -> tuple[str, ...]:
-    """Return the command of the C compiler: the environment variable CC, else the first of cc, gcc and clang.
+    """Return the command of the C compiler.
+
+    It is the environment variable CC, else the first of cc, gcc and clang.
 
     Raises:
         CompilerError: if there is none.
@@ -45,15 +54,22 @@ def compiler() -> tuple[str, ...]:
         if words and shutil.which(words[0]):
             return tuple(words)
     got = f"CC={chosen!r}, which is not a program here" if chosen else "none of cc, gcc, clang"
-    raise CompilerError(f"C compiler: got {got}, allowed one that is installed, for example gcc, or named in CC")
+    raise CompilerError(
+        f"C compiler: got {got}, allowed one that is installed, for example gcc, or named in CC"
+    )
 
 
-def shared_library(name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]) -> Path:
-    """Return the shared library of some C sources, compiled once and kept in the user's cache, keyed by all that goes in.
+def shared_library(
+    name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]
+) -> Path:
+    """Return the shared library of some C sources, compiled once and kept in the user's cache.
+
+    It is keyed by all that goes in.
 
     Args:
         name: of the library, a word.
-        sources: text by file name; those that end in ``.c`` are compiled, the others can be included.
+        sources: text by file name; those that end in ``.c`` are compiled, the others can be
+            included.
         archives: static libraries to link.
         includes: folders of headers.
 
@@ -77,24 +93,33 @@ def shared_library(name: str, sources: dict[str, str], archives: Sequence[Path],
                 (Path(scratch) / file).write_text(text, encoding="utf-8")
             units = [file for file in sources if file.endswith(".c")]
             folders = [f"-I{each}" for each in (scratch, *includes)]
-            _run([*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"], scratch)
+            _run(
+                [*command, *FLAGS, *folders, *units, *map(str, archives), "-lm", "-o", "out.so"],
+                scratch,
+            )
             made = Path(scratch) / "out.so"
             if not made.is_file() or not made.stat().st_size:
-                raise CompilerError(f"C compiler: got {shlex.join(command)!r}, which wrote no library, allowed a C compiler")
+                raise CompilerError(
+                    f"C compiler: got {shlex.join(command)!r}, which wrote no library, allowed a C"
+                    " compiler"
+                )
             path = folder / f"{name}-{_digest(made)}.so"
             folder.mkdir(exist_ok=True)
             # Renaming is atomic: another process finds the whole library or none.
             made.replace(path)
     except OSError as error:
         raise CompilerError(
-            f"compiled step: got {error.strerror or error} in the cache {str(cache)!r}, allowed a folder with room that can be "
-            "written to, below XDG_CACHE_HOME or ~/.cache"
+            f"compiled step: got {error.strerror or error} in the cache {str(cache)!r}, allowed a"
+            " folder with room that can be written to, below XDG_CACHE_HOME or ~/.cache"
         ) from None
     return path
 
 
 def _whole(folder: Path, name: str) -> Path | None:
-    """Return the library in a folder whose content is still what was written; loading one that was cut off ends the process."""
+    """Return the library in a folder whose content is still what was written.
+
+    Loading one that was cut off ends the process.
+    """
     for path in sorted(folder.glob(f"{name}-*.so")):
         if path.stem == f"{name}-{_digest(path)}":
             return path
@@ -115,5 +140,9 @@ def _version(command: tuple[str, ...]) -> str:
 def _run(command: list[str], folder: str) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()
-        raise CompilerError(f"C compiler {command[0]!r} failed: {lines[0].strip() if lines else 'without a word'}")
+        lines = [
+            line for line in done.stderr.splitlines() if "error" in line.lower()
+        ] or done.stderr.splitlines()
+        raise CompilerError(
+            f"C compiler {command[0]!r} failed: {lines[0].strip() if lines else 'without a word'}"
+        )

@@ -1,4 +1,4 @@
-"""DAQP as C: its library and headers, which come with CasADi, and the functions that the compiled step calls."""
+"""DAQP as C: its library and headers from CasADi, and the functions the compiled step calls."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _HERE = Path(__file__).resolve().parent / "c"
 
 
 class NativeDaqp:
-    """DAQP for code in C: the same algorithm as `ergoqp.solvers.daqp`, in memory that the step gives it.
+    """DAQP for code in C: the algorithm of `ergoqp.solvers.daqp`, in memory that the step gives it.
 
     Its settings, the same too, are in ``c/qp_daqp.h``.
 
@@ -37,7 +37,10 @@ class NativeDaqp:
         if (n, m) not in self.sizes:
             self.sizes.append((n, m))
         name = qp_name(n, m)
-        sources = {f"{name}.c": sizes_source([(n, m)], described=True), "qp_daqp.h": c_text("qp_daqp.h")}
+        sources = {
+            f"{name}.c": sizes_source([(n, m)], described=True),
+            "qp_daqp.h": c_text("qp_daqp.h"),
+        }
         library = shared_library(name, sources, [daqp_archive()], [daqp_include()])
         return ca.external(name, str(library))
 
@@ -60,7 +63,10 @@ def daqp_archive() -> Path:
     """
     path = _casadi() / "libdaqpstat.a"
     if not path.is_file():
-        raise CompilerError("DAQP as C: got a CasADi without libdaqpstat.a, allowed one with it, as the wheels for Linux")
+        raise CompilerError(
+            "DAQP as C: got a CasADi without libdaqpstat.a, allowed one with it, as the wheels for"
+            " Linux"
+        )
     return path
 
 
@@ -80,7 +86,10 @@ def daqp_licence() -> str:
     except PackageNotFoundError:
         found = []
     if not found:
-        raise CompilerError("DAQP's licence: got no LICENSE in the package 'daqp', allowed: `pip install daqp` as published")
+        raise CompilerError(
+            "DAQP's licence: got no LICENSE in the package 'daqp', allowed: `pip install daqp` as"
+            " published"
+        )
     return found[0].read_text(encoding="utf-8")
 
 
@@ -89,7 +98,8 @@ def sizes_source(sizes: list[tuple[int, int]], described: bool = False) -> str:
 
     Args:
         sizes: (unknowns, rows) of each.
-        described: also what CasADi asks a function that it loads: numbers and shapes of arguments, size of the memory.
+        described: also what CasADi asks a function that it loads: numbers and shapes of arguments,
+            size of the memory.
     """
     parts = ['#include "qp_daqp.h"\n']
     for n, m in sizes:
@@ -100,7 +110,8 @@ def sizes_source(sizes: list[tuple[int, int]], described: bool = False) -> str:
 
 
 def _solver_source(n: int, m: int) -> str:
-    return f"""int {qp_name(n, m)}(const double** arg, double** res, casadi_int* iw, double* w, int mem) {{
+    return f"""int {qp_name(n, m)}(const double** arg, double** res, casadi_int* iw, double* w,
+    int mem) {{
     int marks[ERGOQP_QP_MARKS({n}, {m})];
     (void)iw;
     (void)mem;

@@ -1,5 +1,8 @@
-"""The best place of the object, offline: for one person, for a population, for a group that shares one fixed place.
+"""The best place of the object, offline: for one person, for a population or for a group.
 
-One person: `ergoqp.optimise`, many starts of one nonlinear program, each verified on the person and the sheet. A group:
-`ergoqp.placing.group.optimise.best_for_group`. Everybody of a population: `ergoqp.placing.population.best_of_population`.
+A group shares one fixed place.
+
+One person: `ergoqp.optimise`, many starts of one nonlinear program, each verified on the person and
+the sheet. A group: `ergoqp.placing.group.optimise.best_for_group`. Everybody of a population:
+`ergoqp.placing.population.best_of_population`.
 """

@@ -1,4 +1,4 @@
-"""The best place of the object for one person: many starts, solved anywhere, the best of them by the exact score."""
+"""The object's best place for one person: many starts, solved anywhere, the best by exact score."""
 
 from __future__ import annotations
 
@@ -48,23 +48,27 @@ def optimise(
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Optimum:
-    """Look for the place of the object at which the person, left to come to rest, has the lowest score.
+    """Look for the object's place where the person, left to come to rest, has the lowest score.
 
-    The leader places the object, the follower comes to rest (`ergoqp.placing.rest`): one nonlinear program by the follower's
-    conditions of optimality, with the smooth score made narrower step by step, from many places. Every start ends with the
-    verdict of `Follower.settle` and the exact sheet. The best by the exact score is taken, then the one with the lowest cost.
+    The leader places the object, the follower comes to rest (`ergoqp.placing.rest`): one nonlinear
+    program by the follower's conditions of optimality, with the smooth score made narrower step by
+    step, from many places. Every start ends with the verdict of `Follower.settle` and the exact
+    sheet. The best by the exact score is taken, then the one with the lowest cost.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        posture: in which the person holds the object now (32,) [rad]; None: an awkward one, drawn with the seed.
+        posture: in which the person holds the object now (32,) [rad]; None: an awkward one, drawn
+            with the seed.
         starts: how many; the first is where the object is now.
         seed: of the places that starts begin at.
         jobs: processes to use.
-        mode: ``"stackelberg"``, or ``"cooperative"``: the person's posture is chosen too, an optimistic bound.
+        mode: ``"stackelberg"``, or ``"cooperative"``: the person's posture is chosen too, an
+            optimistic bound.
         solver: ``"ipopt"``, ``"fatrop"`` or ``"sqpmethod"``.
         pose: of the object now (4, 4); None: where the posture has it.
         person: who holds it, or their body; None: the person of the problem's response.
-        tau_deg: scale of the smooth score in the last stage [deg]; a cost that is not the smooth score has none.
+        tau_deg: scale of the smooth score in the last stage [deg]; a cost that is not the smooth
+            score has none.
         scheduler: address of a Dask scheduler whose workers solve the starts; None: this machine.
         out: folder for finished starts: a run with the same content goes on from them.
         assumptions: sentences on what was taken as given before, for the report.
@@ -74,7 +78,8 @@ def optimise(
         The best place and every start. It does not depend on `jobs` or `scheduler`.
 
     Raises:
-        InputError: if an argument is not usable, or no start ends where the object may be and the person reaches it.
+        InputError: if an argument is not usable, or no start ends where the object may be and the
+            person reaches it.
         MissingExtraError: if what several processes or a cluster need is not installed.
         OSError: if `out` cannot be written.
     """
@@ -93,7 +98,10 @@ def optimise(
     Place.of(problem)
     if posture is None:
         given = awkward_start(problem, follower, int(seed))
-        notes.append(f"The object starts at the worst-scored of some random places of the workspace (seed {seed}).")
+        notes.append(
+            "The object starts at the worst-scored of some random places of the workspace (seed"
+            f" {seed})."
+        )
     else:
         given, notes = read_posture(posture)
     begin = begin_from(follower, given, pose)
@@ -127,7 +135,9 @@ def _follower(problem: Problem, person: Follower | Body | None) -> Follower:
     response = problem.response
     if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
         kind = type(response).__name__
-        raise InputError(f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's")
+        raise InputError(
+            f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's"
+        )
     if isinstance(person, Follower):
         return person
     check_kind("person", person, (Body, type(None)), "a Follower, a Body or None")
@@ -135,15 +145,24 @@ def _follower(problem: Problem, person: Follower | Body | None) -> Follower:
 
 
 def _solve(
-    task: Task, starts: int, jobs: int, scheduler: str | None, out: str | Path | None, progress: Progress | None
+    task: Task,
+    starts: int,
+    jobs: int,
+    scheduler: str | None,
+    out: str | Path | None,
+    progress: Progress | None,
 ) -> list[Trial]:
-    """Return the trials of all starts, in order; those that a former run finished are taken over."""
+    """Return the trials of all starts, in order; those a former run finished are taken over."""
     key = key_of(task)
     ledger = None
     if out is not None:
         Path(out).mkdir(parents=True, exist_ok=True)
         ledger = Ledger(Path(out), key)
-    trials = {number: trial for number, trial in (ledger.trials if ledger else {}).items() if number < starts}
+    trials = {
+        number: trial
+        for number, trial in (ledger.trials if ledger else {}).items()
+        if number < starts
+    }
     missing = [number for number in range(starts) if number not in trials]
     for trial in trials_of(key, task, missing, jobs, scheduler):
         trials[trial.number] = trial
@@ -160,21 +179,35 @@ def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:
         notes = Counter(trial.note for trial in trials).most_common()
         words = ", ".join(f"{count} {note}" for note, count in notes)
         raise OutOfReachError(
-            f"problem {problem.name}: none of {len(trials)} starts ended at a place that counts ({words}); enlarge the "
-            "workspace or loosen the limits"
+            f"problem {problem.name}: none of {len(trials)} starts ended at a place that counts"
+            f" ({words}); enlarge the workspace or loosen the limits"
         )
-    # Of equal scores what is proven optimal comes first; the order of the starts decides at last, not that of their ends.
-    return min(counting, key=lambda trial: (trial.reba, trial.kkt_residual > RESIDUAL, round(trial.cost, 6), trial.number))
+    # Of equal scores what is proven optimal comes first; the order of the starts decides at last,
+    # not that of their ends.
+    return min(
+        counting,
+        key=lambda trial: (
+            trial.reba,
+            trial.kkt_residual > RESIDUAL,
+            round(trial.cost, 6),
+            trial.number,
+        ),
+    )
 
 
 def _assumptions(response: IkResponse, mode: str) -> list[str]:
     chooses = (
         "The person comes to rest by their own comfort, wherever the object is."
         if mode == "stackelberg"
-        else "The posture is chosen together with the place, which no person has to follow: an optimistic bound."
+        else (
+            "The posture is chosen together with the place, which no person has to follow: an"
+            " optimistic bound."
+        )
     )
     return [
-        f"The person is {response.body.stature:.2f} m tall and holds the object as in the posture at the start; "
-        f"{response.footing}.",
+        (
+            f"The person is {response.body.stature:.2f} m tall and holds the object as in the"
+            f" posture at the start; {response.footing}."
+        ),
         chooses,
     ]

@@ -30,7 +30,9 @@ _PROBES = 16
 
 
 class Ledger:
-    """The trials of one task in a file that may hold others' too; nothing is ever lost but a line that was cut.
+    """The trials of one task in a file that may hold others' too.
+
+    Nothing is ever lost but a line that was cut.
 
     Attributes:
         trials: those of the task, by number.
@@ -44,8 +46,11 @@ class Ledger:
         """
         self._path, self._key = folder / FILE, key
         self.trials: dict[int, Trial] = {}
-        text = self._path.read_text(encoding="utf-8", errors="replace") if self._path.is_file() else ""
-        # A process that was killed while writing left half a line: the next one must not continue it.
+        text = (
+            self._path.read_text(encoding="utf-8", errors="replace") if self._path.is_file() else ""
+        )
+        # A process that was killed while writing left half a line: the next one must not continue
+        # it.
         self._before = "" if not text or text.endswith("\n") else "\n"
         for line in text.splitlines():
             try:
@@ -74,7 +79,8 @@ class Ledger:
 def key_of(task: Task) -> str:
     """Return what a trial depends on besides its number, as a short text.
 
-    Cost and learned boundary are known by what they say of a few postures, whatever they are made of.
+    Cost and learned boundary are known by what they say of a few postures, whatever they are made
+    of.
     """
     problem, begin = task.problem, task.begin
     postures = np.random.default_rng(7).uniform(-0.5, 1.0, (_PROBES, len(JOINTS)))
@@ -93,9 +99,19 @@ def key_of(task: Task) -> str:
 def _content(problem: Problem, limit: Any, postures: np.ndarray) -> list[Any]:
     name, own = type(limit).__name__, problem.own_limits
     if any(limit is each for each in own.limits):
-        poses = [moved(begin, np.array([0.1, -0.2, 0.3, 0.1, 0.2, -0.1])) for begin in (np.eye(4), np.diag([1.0, -1, -1, 1]))]
-        return [name, [own.margins(limit, posture, pose).tolist() for posture in postures for pose in poses]]
+        poses = [
+            moved(begin, np.array([0.1, -0.2, 0.3, 0.1, 0.2, -0.1]))
+            for begin in (np.eye(4), np.diag([1.0, -1, -1, 1]))
+        ]
+        return [
+            name,
+            [own.margins(limit, posture, pose).tolist() for posture in postures for pose in poses],
+        ]
     if isinstance(limit, OneClassBoundary):
         measure = limit.measure()
-        return [name, limit.tolerance, [float(np.ravel(np.array(measure(posture)))[0]) for posture in postures]]
+        return [
+            name,
+            limit.tolerance,
+            [float(np.ravel(np.array(measure(posture)))[0]) for posture in postures],
+        ]
     return [name, limit.axes if isinstance(limit, TwistLimit) else asdict(limit)]

@@ -1,4 +1,4 @@
-"""The nonlinear solvers by name, each with the settings that reach the stated residual, and the modes of the program."""
+"""Nonlinear solvers by name, their settings for the stated residual, and the program's modes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,20 @@ from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 
 MODES: Final = ("stackelberg", "cooperative")
-"""Who chooses the posture: the person alone, as they come to rest; or the optimiser too, an optimistic bound."""
+"""Who chooses the posture: the person alone, as they come to rest; or the optimiser too.
+
+The second is an optimistic bound.
+"""
 
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "ipopt": {
-        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 60, "mu_strategy": "adaptive"},
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": 1e-9,
+            "max_iter": 60,
+            "mu_strategy": "adaptive",
+        },
         "print_time": False,
     },
     "fatrop": {
@@ -24,7 +33,12 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
     },
     "sqpmethod": {
         "qpsol": "qrqp",
-        "qpsol_options": {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False},
+        "qpsol_options": {
+            "print_iter": False,
+            "print_header": False,
+            "print_info": False,
+            "error_on_fail": False,
+        },
         "convexify_strategy": "regularize",
         "max_iter": 60,
         "tol_pr": 1e-9,
@@ -51,4 +65,6 @@ def check_names(mode: str, solver: str) -> None:
             raise InputError(f"{what}: got {shown(value)}, allowed {', '.join(allowed)}")
     if not ca.has_nlpsol(solver):
         others = ", ".join(name for name in SOLVERS if ca.has_nlpsol(name))
-        raise InputError(f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}")
+        raise InputError(
+            f"solver: got {solver!r}, which this build of CasADi does not have, allowed {others}"
+        )

@@ -1,4 +1,4 @@
-"""The best place that was found for a person and a task, how it was verified, and its file ``optimum.json``."""
+"""The best place found for a person and a task, how it was verified, its file ``optimum.json``."""
 
 from __future__ import annotations
 
@@ -33,11 +33,15 @@ class Trial:
     Attributes:
         number: of the start, 0 to starts - 1.
         pose: of the object where it ended (4, 4).
-        posture: at which the person comes to rest there (32,) [rad]; `mode="cooperative"`: the posture that was chosen.
-        reba: exact score of that posture; 0 where it does not count: out of reach, or outside a limit.
+        posture: at which the person comes to rest there (32,) [rad]; `mode="cooperative"`: the
+            posture that was chosen.
+        reba: exact score of that posture; 0 where it does not count: out of reach, or outside a
+            limit.
         cost: smooth cost of that posture at the final tau [points].
-        kkt_residual: largest violation of the optimality conditions of the single-level problem, recomputed.
-        apart: largest difference of a joint between the program's posture and the one the person comes to rest at [rad].
+        kkt_residual: largest violation of the optimality conditions of the single-level problem,
+            recomputed.
+        apart: largest difference of a joint between the program's posture and the one the person
+            comes to rest at [rad].
         seconds: time that the start took.
         note: why it does not count, empty if it does.
     """
@@ -78,8 +82,9 @@ class Optimum:
     Attributes:
         problem: name of the problem.
         title: the problem in a few words, for people.
-        mode: ``"stackelberg"``: the object is placed, and the person comes to rest as they do; ``"cooperative"``: the person
-            chooses the posture too, which bounds from below what a place can do.
+        mode: ``"stackelberg"``: the object is placed, and the person comes to rest as they do;
+            ``"cooperative"``: the person chooses the posture too, which bounds from below what a
+            place can do.
         solver: name of the nonlinear solver.
         seed: of the starts.
         response: the person whose posture it is: body, weights, comfort.
@@ -87,7 +92,8 @@ class Optimum:
         posture: of the person there (32,) [rad].
         reba_before: exact score of the posture that was given.
         reba_after: exact score at the best pose.
-        kkt_residual: largest violation of the optimality conditions of the single-level problem at the final tau.
+        kkt_residual: largest violation of the optimality conditions of the single-level problem at
+            the final tau.
         cost_before: smooth cost at the final tau of the posture that was given [points].
         cost_after: the same at the best pose [points].
         tau_deg: scale of the smooth score in the last stage [deg]; None for a cost that has none.
@@ -120,8 +126,9 @@ class Optimum:
         """Say in one line what was found where."""
         x, y, z = self.pose[:3, 3]
         return (
-            f"Optimum({self.problem!r}, {self.mode}: REBA {self.reba_before} -> {self.reba_after} with the object at "
-            f"({x:.2f}, {y:.2f}, {z:.2f}) m, residual {self.kkt_residual:.1e}, {len(self.trials)} starts)"
+            f"Optimum({self.problem!r}, {self.mode}: REBA {self.reba_before} -> {self.reba_after}"
+            f" with the object at ({x:.2f}, {y:.2f}, {z:.2f}) m, residual {self.kkt_residual:.1e},"
+            f" {len(self.trials)} starts)"
         )
 
     def save(self, path: str | Path) -> Path:
@@ -139,7 +146,10 @@ class Optimum:
         return path
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what the file holds: plain numbers, texts, lists and dicts; angles in rad. See ``docs/optimum_json.md``."""
+        """Return what the file holds: plain numbers, texts, lists and dicts; angles in rad.
+
+        See ``docs/optimum_json.md``.
+        """
         from ergoqp._version import __version__
 
         values = {name: _plain(value) for name, value in vars(self).items()}
@@ -147,7 +157,9 @@ class Optimum:
             "response": response_as_dict(self.response),
             "pose": pose_as_dict(self.pose),
             "pose_before": pose_as_dict(self.pose_before),
-            "trials": [trial.as_dict() | {"pose": pose_as_dict(trial.pose)} for trial in self.trials],
+            "trials": [
+                trial.as_dict() | {"pose": pose_as_dict(trial.pose)} for trial in self.trials
+            ],
         }
         return {"version": __version__, "joints": list(JOINTS), **values}
 
@@ -168,14 +180,20 @@ class Optimum:
             values = {name: values[name] for name in cls.__dataclass_fields__}
             values["response"] = response_from_dict(values["response"])
             for entry in (values, *values["trials"]):
-                entry |= {name: pose_from_dict(entry[name]) for name in ("pose", "pose_before") if name in entry}
+                entry |= {
+                    name: pose_from_dict(entry[name])
+                    for name in ("pose", "pose_before")
+                    if name in entry
+                }
             values["trials"] = tuple(Trial.from_dict(trial) for trial in values["trials"])
             values["assumptions"] = tuple(values["assumptions"])
             return cls(**_with_arrays(values))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             if isinstance(error, InputError) and str(error).startswith("optimum: "):
                 raise
-            raise InputError(f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote") from None
+            raise InputError(
+                f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote"
+            ) from None
 
 
 def _plain(value: Any) -> Any:

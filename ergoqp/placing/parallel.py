@@ -29,4 +29,6 @@ def in_order(function: Callable[..., Any], calls: Sequence[tuple], jobs: int = 1
         import joblib
     except ImportError:
         raise MissingExtraError("work on several processes", "optimise", "joblib") from None
-    yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(joblib.delayed(function)(*each) for each in calls)
+    yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(
+        joblib.delayed(function)(*each) for each in calls
+    )

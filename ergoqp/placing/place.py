@@ -1,4 +1,4 @@
-"""Where the object may be: the leader's unknowns, from the limits of the object and the axes that its twist has."""
+"""Where the object may be: the leader's unknowns, from its limits and the axes of its twist."""
 
 from __future__ import annotations
 
@@ -15,15 +15,21 @@ from ergoqp.simulation.best import frame_of, turn_about
 _STEEPEST = np.radians(85.0)
 """Largest tilt about the frame's z [rad]: at a quarter turn the two tilts would be one."""
 _NEAR = 0.02
-"""An object that cannot move along an axis may be this far outside of its box there [m]: the hand yields a little."""
+"""How far outside its box an object may be along an axis that it cannot move along [m].
+
+The hand yields a little.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The poses among which the best is looked for: position in the box, tool axis in the cone, along the twist's axes only.
+    """The poses among which the best is looked for.
 
-    The object does not roll about its own tool axis. With two or three turning axes the tool's axis tilts about y and z of the
-    level frame of the cone; with one it turns about that axis from where it is; with none it keeps its rotation.
+    The position is in the box and the tool axis in the cone, along the twist's axes only.
+
+    The object does not roll about its own tool axis. With two or three turning axes the tool's axis
+    tilts about y and z of the level frame of the cone; with one it turns about that axis from where
+    it is; with none it keeps its rotation.
 
     Attributes:
         kinds: of each unknown: 0, 1, 2 for a coordinate, 3 and 4 for the tilts, 5 for the one turn.
@@ -51,7 +57,10 @@ class Place:
         box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
         if box is None or cone is None:
             missing = "workspace" if box is None else "tool_axis"
-            raise InputError(f"problem {problem.name}: has no limits.{missing}, so nothing says where the object may be")
+            raise InputError(
+                f"problem {problem.name}: has no limits.{missing}, so nothing says where the object"
+                " may be"
+            )
         axes, half = problem.twist_limit.axes, np.radians(cone.half_angle_deg)
         bounds = {i: (box.lower[i], box.upper[i]) for i, name in enumerate("xyz") if name in axes}
         turns = [i for i, name in enumerate(("rx", "ry", "rz")) if name in axes]
@@ -61,10 +70,14 @@ class Place:
             bounds |= {3: (-half, half), 4: (-min(half, _STEEPEST), min(half, _STEEPEST))}
         lower, upper = np.array(list(bounds.values()), dtype=float).T
         axis = turns[0] if len(turns) == 1 else -1
-        return cls(tuple(bounds), lower, upper, axis, np.asarray(cone.direction), float(np.cos(half)))
+        return cls(
+            tuple(bounds), lower, upper, axis, np.asarray(cone.direction), float(np.cos(half))
+        )
 
     def anchor(self, problem: Problem, pose: np.ndarray) -> np.ndarray:
-        """Return the pose (4, 4) that the unknowns move away from: what they leave alone is as it is at the start.
+        """Return the pose (4, 4) that the unknowns move away from.
+
+        What they leave alone is as it is at the start.
 
         Raises:
             InputError: if the object is outside of its box along an axis that it cannot move.
@@ -112,7 +125,10 @@ class Place:
         """Return the unknowns of the pose nearest to a given one, within their bounds."""
         local = anchor[:3, :3].T @ pose[:3, :3]
         tilts = np.arctan2(-local[2, 0], local[0, 0]), np.arcsin(np.clip(local[1, 0], -1, 1))
-        values = [pose[kind, 3] if kind < 3 else tilts[kind - 3] if kind < 5 else 0.0 for kind in self.kinds]
+        values = [
+            pose[kind, 3] if kind < 3 else tilts[kind - 3] if kind < 5 else 0.0
+            for kind in self.kinds
+        ]
         return np.clip(values, self.lower, self.upper)
 
     def draw(self, rng: np.random.Generator, anchor: np.ndarray) -> np.ndarray:
@@ -125,7 +141,9 @@ class Place:
             values = rng.uniform(self.lower, self.upper)
             if self.inside(self.pose(values, anchor)):
                 return values
-        raise InputError("tool axis: the turns that the object can make do not bring it into its cone")
+        raise InputError(
+            "tool axis: the turns that the object can make do not bring it into its cone"
+        )
 
     def inside(self, pose: np.ndarray) -> bool:
         """Say whether the tool's axis is in the cone."""

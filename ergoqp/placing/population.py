@@ -20,7 +20,11 @@ from ergoqp.sheets.task import TaskOptions
 STATURES: Final = (1.50, 1.60, 1.70, 1.80, 1.90, 2.00)
 """Statures from a small woman's to a tall man's [m]."""
 
-HANDS: Final[Mapping[str, tuple[str, ...]]] = {"right": ("right",), "left": ("left",), "both": ("right", "left")}
+HANDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "right": ("right",),
+    "left": ("left",),
+    "both": ("right", "left"),
+}
 """Which hands work, by the word for it."""
 
 
@@ -30,7 +34,7 @@ def population(
     hands: Sequence[str] | None = None,
     loads_kg: Sequence[float] | None = None,
 ) -> Iterator[tuple[str, Problem]]:
-    """Yield (label, problem) for every combination, statures fastest; the label says what was varied.
+    """Yield (label, problem) for every combination, statures fastest; labels say what was varied.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
@@ -42,7 +46,9 @@ def population(
         InputError: for an empty sequence, or a value that `variant` does not take.
     """
     given = {"loads_kg": loads_kg, "hands": hands, "statures": statures}
-    choices = [(None,) if values is None else as_tuple(name, values) for name, values in given.items()]
+    choices = [
+        (None,) if values is None else as_tuple(name, values) for name, values in given.items()
+    ]
     for name, values in zip(given, choices, strict=True):
         if not values:
             raise InputError(f"{name}: got nothing, allowed at least one")
@@ -76,17 +82,22 @@ class Found:
 
 
 def best_of_population(
-    people: Iterable[tuple[str, Problem]], *, progress: Callable[[float], None] | None = None, **options: Any
+    people: Iterable[tuple[str, Problem]],
+    *,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
 ) -> list[Found]:
     """Return everybody's own best place; see `ergoqp.placing.find.optimise`.
 
     Args:
         people: (label, problem), as `population` yields them.
         progress: called with the share that is done.
-        options: of `optimise`, the same for all, such as `starts`, `jobs` and `out`; the last makes the study resumable.
+        options: of `optimise`, the same for all, such as `starts`, `jobs` and `out`; the last makes
+            the study resumable.
 
     Raises:
-        InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a `Found` with a note.
+        InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a
+            `Found` with a note.
     """
     everybody = list(people)
     found = []
@@ -103,9 +114,13 @@ def best_of_population(
 
 
 def variant(
-    problem: Problem, *, stature: float | None = None, hands: str | None = None, load_kg: float | None = None
+    problem: Problem,
+    *,
+    stature: float | None = None,
+    hands: str | None = None,
+    load_kg: float | None = None,
 ) -> Problem:
-    """Return the problem for another person; whatever is None stays as it is. Workspace and comfort stay too.
+    """Return the problem for another person; whatever is None stays, as do workspace and comfort.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
@@ -114,7 +129,8 @@ def variant(
         load_kg: mass of the tool [kg], in the exact score and in the cost.
 
     Raises:
-        InputError: for a value that is not allowed, a response of another kind, or a load where the cost was learned without.
+        InputError: for a value that is not allowed, a response of another kind, or a load where the
+            cost was learned without.
     """
     response = person_of(problem)
     if stature is not None:
@@ -136,14 +152,22 @@ def person_of(problem: Problem) -> IkResponse:
     """
     response = problem.response
     if not isinstance(response, IkResponse):
-        raise InputError(f"problem {problem.name}: got a response of type {type(response).__name__}, allowed IkResponse")
+        raise InputError(
+            f"problem {problem.name}: got a response of type {type(response).__name__}, allowed"
+            " IkResponse"
+        )
     return response
 
 
 def _with_load(problem: Problem, load_kg: float) -> Problem:
     check_real("load_kg", load_kg, "kilograms")
     if not isinstance(problem.cost, SmoothReba):
-        raise InputError(f"load_kg: got {load_kg:g}, but the cost {problem.cost.name!r} was learned without; allowed None")
+        raise InputError(
+            f"load_kg: got {load_kg:g}, but the cost {problem.cost.name!r} was learned without;"
+            " allowed None"
+        )
     task = TaskOptions(**{**problem.task, "load_kg": float(load_kg)})
-    cost = SmoothReba(problem.cost.taus_deg, problem.cost.weights, method=problem.cost.method, **task)
+    cost = SmoothReba(
+        problem.cost.taus_deg, problem.cost.weights, method=problem.cost.method, **task
+    )
     return problem.replace(cost=cost, task=task)

@@ -22,8 +22,14 @@ def pose_from_dict(values: Mapping[str, Any]) -> np.ndarray:
     Raises:
         KeyError, TypeError, ValueError: if it is not one.
     """
-    position, quaternion = (np.array(values[name], dtype=float) for name in ("position_m", "quaternion_xyzw"))
-    if position.shape != (3,) or quaternion.shape != (4,) or not abs(np.linalg.norm(quaternion) - 1) < 1e-6:
+    position, quaternion = (
+        np.array(values[name], dtype=float) for name in ("position_m", "quaternion_xyzw")
+    )
+    if (
+        position.shape != (3,)
+        or quaternion.shape != (4,)
+        or not abs(np.linalg.norm(quaternion) - 1) < 1e-6
+    ):
         raise ValueError("pose")
     pose, flat = np.eye(4), np.zeros(9)
     mujoco.mju_quat2Mat(flat, np.roll(quaternion / np.linalg.norm(quaternion), 1))

@@ -1,4 +1,7 @@
-"""The single-level program: the object's place and the person's rest in it, with its start, its solver and its residual."""
+"""The single-level program: the object's place and the person's rest in it.
+
+It comes with its start, its solver and its residual.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,10 @@ from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 
 EASE: Final = 1e-3
-"""Weight of the person's comfort beside the cost [points/rad^2 per unit of joint weight]: where the sheet is flat, the most
-comfortable of equally good places is taken."""
+"""Weight of the person's comfort beside the cost [points/rad^2 per unit of joint weight].
+
+Where the sheet is flat, the most comfortable of equally good places is taken.
+"""
 
 NEAR: Final = 0.5
 """How far a joint may go from its start while the program is solved once [rad]."""
@@ -28,7 +33,8 @@ NEAR_PELVIS: Final = 0.3
 """How far the pelvis may go [m, rad]."""
 
 N = len(JOINTS)
-_LITTLE = 0.03  # how much what the hands miss counts beside the balance of forces, where multipliers are guessed
+# how much what the hands miss counts beside the balance of forces, where multipliers are guessed
+_LITTLE = 0.03
 _INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
 
 
@@ -38,7 +44,8 @@ class Solution:
 
     Attributes:
         values: of all unknowns (n,).
-        residual: largest violation of the optimality conditions, recomputed from the program's own expressions.
+        residual: largest violation of the optimality conditions, recomputed from the program's own
+            expressions.
     """
 
     values: np.ndarray
@@ -46,7 +53,10 @@ class Solution:
 
 
 def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
-    """Return the cost of a posture (32,) [points]: the smooth score at a scale [deg], or what the problem's own cost says."""
+    """Return the cost of a posture (32,) [points].
+
+    It is the smooth score at a scale [deg], or what the problem's own cost says.
+    """
     cost = problem.cost
     if isinstance(cost, SmoothReba):
         return cost.value_at_scale(posture, float(np.radians(tau_deg)))
@@ -56,8 +66,9 @@ def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
 class Program:
     """The nonlinear program of one problem and one person; what a start gives are its parameters.
 
-    Unknowns are those of the place, then, `mode="stackelberg"`, those of `ergoqp.placing.rest.Rest`; `mode="cooperative"`: the
-    moved joints, the pelvis and each hand's turn about the tool. A solver's own word on success is not used.
+    Unknowns are those of the place, then, `mode="stackelberg"`, those of
+    `ergoqp.placing.rest.Rest`; `mode="cooperative"`: the moved joints, the pelvis and each hand's
+    turn about the tool. A solver's own word on success is not used.
     """
 
     def __init__(self, problem: Problem, response: IkResponse, mode: str, solver: str) -> None:
@@ -93,7 +104,11 @@ class Program:
         self._boundary = boundary is not None
         self._symbols = [x, given]
         self._nlp: dict[str, Any] = {"x": x, "p": given, "g": rows}
-        if isinstance(cost, SmoothReba) and boundary is None and (own_ends is None or own_ends.is_a("SXFunction")):
+        if (
+            isinstance(cost, SmoothReba)
+            and boundary is None
+            and (own_ends is None or own_ends.is_a("SXFunction"))
+        ):
             self._nlp["f"] = cost.at_scale(q, tau) + ease
             if own_ends is not None:
                 self._nlp["g"] = ca.vertcat(rows, own_ends(q, pose))
@@ -123,10 +138,14 @@ class Program:
     ) -> np.ndarray:
         """Return the parameters' numbers; `grasp` (k, 4, 4), `soles` (4, 8), `anchor` (4, 4)."""
         blocks = (posture, np.hstack(list(grasp)), soles, anchor)
-        return np.concatenate([*(np.ravel(block, order="F") for block in blocks), [relaxation, np.radians(tau_deg)]])
+        return np.concatenate(
+            [*(np.ravel(block, order="F") for block in blocks), [relaxation, np.radians(tau_deg)]]
+        )
 
-    def start(self, unknowns: np.ndarray, posture: np.ndarray, pelvis: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """Return values to start from: a place (n,), the rest posture (32,) there, and the pelvis (4, 4)."""
+    def start(
+        self, unknowns: np.ndarray, posture: np.ndarray, pelvis: np.ndarray, given: np.ndarray
+    ) -> np.ndarray:
+        """Return starting values: a place (n,), the rest posture (32,) there, the pelvis (4, 4)."""
         x = np.zeros(self._count)
         leader, joints = len(unknowns), len(self.moved)
         x[:leader] = unknowns
@@ -139,20 +158,25 @@ class Program:
             x[at:] = self._multipliers(x, given, posture)
             held = self._at_end(posture)
             missing = np.array(self._forces(x, given)[1]).ravel()[:joints]
-            x[leader + np.flatnonzero(held)] -= (missing / self.response.weight_vector[self.moved])[held]
+            x[leader + np.flatnonzero(held)] -= (missing / self.response.weight_vector[self.moved])[
+                held
+            ]
         return x
 
     def _multipliers(self, x: np.ndarray, given: np.ndarray, posture: np.ndarray) -> np.ndarray:
         """Return the multipliers that come nearest to the balance of forces.
 
-        What holds a joint at its end is not known, so its equation says nothing of the hands' forces. Where the others do not
-        say enough, it is what is missing in the hands that tells, a little.
+        What holds a joint at its end is not known, so its equation says nothing of the hands'
+        forces. Where the others do not say enough, it is what is missing in the hands that tells, a
+        little.
         """
         slope, rest, yielding, missing = (np.array(part) for part in self._forces(x, given))
         held = np.append(self._at_end(posture), np.zeros(len(rest) - len(self.moved), dtype=bool))
         little = _LITTLE / self.response.damping**2
         rows = np.vstack([slope[~held], little * yielding])
-        return np.linalg.lstsq(rows, -np.vstack([rest[~held], little * missing]).ravel(), rcond=None)[0]
+        return np.linalg.lstsq(
+            rows, -np.vstack([rest[~held], little * missing]).ravel(), rcond=None
+        )[0]
 
     def _at_end(self, posture: np.ndarray) -> np.ndarray:
         ends = (posture <= LOWER + _INSIDE) | (posture >= UPPER - _INSIDE)
@@ -161,8 +185,9 @@ class Program:
     def solve(self, x: np.ndarray, given: np.ndarray) -> Solution:
         """Improve values near to where they are, and say how far from optimal they have come.
 
-        Farther than `NEAR` and `NEAR_PELVIS` the equations lead to postures that satisfy them and that no person is at rest in.
-        The residual knows nothing of these bounds: what was stopped by one of them is not optimal.
+        Farther than `NEAR` and `NEAR_PELVIS` the equations lead to postures that satisfy them and
+        that no person is at rest in. The residual knows nothing of these bounds: what was stopped
+        by one of them is not optimal.
         """
         (low, high), (least, most) = self._bounds
         at = np.clip(x, low, high)
@@ -173,27 +198,38 @@ class Program:
         except RuntimeError:
             # Some solvers raise when they meet what is not a number: this start got no farther.
             return Solution(at, float("inf"))
-        values, on_rows, on_bounds = (np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x"))
+        values, on_rows, on_bounds = (
+            np.array(found[key]).ravel() for key in ("x", "lam_g", "lam_x")
+        )
         return Solution(values, self.residual(values, given, on_rows, on_bounds))
 
-    def residual(self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray) -> float:
-        """Return the largest violation of the conditions of optimality; inf where something is not a number.
+    def residual(
+        self, x: np.ndarray, given: np.ndarray, on_rows: np.ndarray, on_bounds: np.ndarray
+    ) -> float:
+        """Return the largest violation of the optimality conditions; inf if any is not a number.
 
-        Of the slope of the Lagrangian [points per unit], of rows and bounds [their units], and of the products of multipliers
-        and distances to their own ends. A positive multiplier belongs to the upper end.
+        Of the slope of the Lagrangian [points per unit], of rows and bounds [their units], and of
+        the products of multipliers and distances to their own ends. A positive multiplier belongs
+        to the upper end.
         """
-        slope, rows = (np.array(part).ravel() for part in self._optimality(x, given, on_rows, on_bounds))
+        slope, rows = (
+            np.array(part).ravel() for part in self._optimality(x, given, on_rows, on_bounds)
+        )
         worst = [np.abs(slope).max()]
-        for (low, high), values, multipliers in zip(self._bounds, (x, rows), (on_bounds, on_rows), strict=True):
+        for (low, high), values, multipliers in zip(
+            self._bounds, (x, rows), (on_bounds, on_rows), strict=True
+        ):
             worst.append(np.maximum(low - values, values - high).max(initial=0.0))
             end = np.where(multipliers > 0, high - values, values - low)
             # Where there is no end there may be no multiplier either.
-            worst.append(np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0))
+            worst.append(
+                np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0)
+            )
         largest = float(np.max(worst))
         return largest if np.isfinite(largest) else float("inf")
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far the solver may go from where it starts, inf where it may go anywhere, (n,) each."""
+        """Return how far the solver may go from its start, (n,) each; inf: it may go anywhere."""
         near = np.full(self._count, np.inf)
         leader, joints = len(self.place.kinds), len(self.moved)
         own = slice(leader, leader + joints)
@@ -202,8 +238,12 @@ class Program:
             near[leader + joints : leader + joints + 4] = NEAR_PELVIS
         low, high = x - near, x + near
         # Beyond the end of its range an aim only says how strongly the joint is held there.
-        low[own] = np.where(low[own] < LOWER[self.moved], -np.inf, np.minimum(low[own], UPPER[self.moved] - NEAR))
-        high[own] = np.where(high[own] > UPPER[self.moved], np.inf, np.maximum(high[own], LOWER[self.moved] + NEAR))
+        low[own] = np.where(
+            low[own] < LOWER[self.moved], -np.inf, np.minimum(low[own], UPPER[self.moved] - NEAR)
+        )
+        high[own] = np.where(
+            high[own] > UPPER[self.moved], np.inf, np.maximum(high[own], LOWER[self.moved] + NEAR)
+        )
         return low, high
 
     @cached_property
@@ -217,17 +257,30 @@ class Program:
     @cached_property
     def _optimality(self) -> ca.Function:
         nlp, kind = self._nlp, type(self._nlp["x"])
-        on_rows, on_bounds = kind.sym("on_rows", nlp["g"].numel()), kind.sym("on_bounds", nlp["x"].numel())
+        on_rows, on_bounds = (
+            kind.sym("on_rows", nlp["g"].numel()),
+            kind.sym("on_bounds", nlp["x"].numel()),
+        )
         slope = ca.gradient(nlp["f"] + ca.dot(on_rows, nlp["g"]), nlp["x"]) + on_bounds
-        return ca.Function("optimality", [nlp["x"], nlp["p"], on_rows, on_bounds], [slope, nlp["g"]])
+        return ca.Function(
+            "optimality", [nlp["x"], nlp["p"], on_rows, on_bounds], [slope, nlp["g"]]
+        )
 
     def _person(self, situated: Situated) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the person's unknowns, their posture (32,), and equations."""
         if self.mode == "stackelberg":
             rest = rest_conditions(self.response, situated)
-            own, equations = ca.vertcat(rest.aims, rest.pelvis, rest.multipliers), ca.vertcat(rest.balance, rest.contact)
-            # Linear in the multipliers: what they are at a given posture is a least-squares problem.
-            self._balance = (rest.multipliers, rest.balance, rest.contact[: 6 * len(self.response.hands)])
+            own, equations = (
+                ca.vertcat(rest.aims, rest.pelvis, rest.multipliers),
+                ca.vertcat(rest.balance, rest.contact),
+            )
+            # Linear in the multipliers: what they are at a given posture is a least-squares
+            # problem.
+            self._balance = (
+                rest.multipliers,
+                rest.balance,
+                rest.contact[: 6 * len(self.response.hands)],
+            )
             return own, rest.posture, equations
         joints = ca.SX.sym("q", len(self.moved))
         pelvis = ca.SX.sym("b", 4 if self.response.stance == "standing" else 0)
@@ -237,14 +290,20 @@ class Program:
             posture[joint] = joints[number]
         holding = Holding(self.response, situated, posture, pelvis)
         errors = [
-            error - (holding.about_tool(turns[i]) if turns.numel() else ca.SX(6, 1)) for i, error in enumerate(holding.errors)
+            error - (holding.about_tool(turns[i]) if turns.numel() else ca.SX(6, 1))
+            for i, error in enumerate(holding.errors)
         ]
         return ca.vertcat(joints, pelvis, turns), posture, ca.vertcat(*errors, holding.slipping())
 
     @cached_property
     def _forces(self) -> ca.Function:
         multipliers, balance, contact = self._balance
-        outputs = [ca.jacobian(balance, multipliers), balance, ca.jacobian(contact, multipliers), contact]
+        outputs = [
+            ca.jacobian(balance, multipliers),
+            balance,
+            ca.jacobian(contact, multipliers),
+            contact,
+        ]
         return ca.Function("forces", self._symbols, [ca.densify(part) for part in outputs])
 
     def _narrowed(self) -> list[int]:
@@ -253,7 +312,9 @@ class Program:
         if limit is None:
             return []
         low, high = limit.range
-        return [joint for joint in self.moved if low[joint] > LOWER[joint] or high[joint] < UPPER[joint]]
+        return [
+            joint for joint in self.moved if low[joint] > LOWER[joint] or high[joint] < UPPER[joint]
+        ]
 
     def _make_bounds(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Return the bounds of unknowns and rows."""
@@ -267,7 +328,10 @@ class Program:
         limit = self.problem.limit_of(JointLimit)
         ranges = limit.range if limit is not None else (LOWER, UPPER)
         cosines = (self.place.least_cosine, np.inf)
-        ends = [np.concatenate([equal, [end], side[self._narrow]]) for end, side in zip(cosines, ranges, strict=True)]
+        ends = [
+            np.concatenate([equal, [end], side[self._narrow]])
+            for end, side in zip(cosines, ranges, strict=True)
+        ]
         more = self._boundary + self._own
         ends = [np.append(ends[0], np.zeros(more)), np.append(ends[1], np.full(more, np.inf))]
         return (low, high), (ends[0], ends[1])

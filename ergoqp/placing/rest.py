@@ -1,18 +1,23 @@
-"""Where the person comes to rest, as equations: the follower's conditions of optimality with relaxed complementarity.
+"""Where the person comes to rest, as equations.
+
+They are the follower's conditions of optimality with relaxed complementarity.
 
 A person who holds an object comes to rest at
 
-    q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + |e(q)|^2 / d^2    s.t.  soles stay, l <= q <= u
+    q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + |e(q)|^2 / d^2    s.t.  soles
+    stay, l <= q <= u
 
-with c the comfort posture, B the weight of balance and e what is missing between grips and object, without turning about a
-free tool: the fixed point of `ergoqp.simulation.person.Follower.settle`, where damping d makes the hands yield by less than a
-millimetre. With the multiplier y = e/d^2 of the hands and m of the soles the conditions are
+with c the comfort posture, B the weight of balance and e what is missing between grips and object,
+without turning about a free tool: the fixed point of `ergoqp.simulation.person.Follower.settle`,
+where damping d makes the hands yield by less than a millimetre. With the multiplier y = e/d^2 of
+the hands and m of the soles the conditions are
 
     W (s - c) = 2 J' y - A' m,    e = d^2 y,    soles where they stand,    q = clip(s)
 
-on s, the posture before it is cut to its ranges: W (s - q) is the multiplier of the ranges (Robinson's normal map), so no
-inequality and no further unknown is needed. The cut is made smooth after Chen, Harker, Kanzow and Smale, which relaxes
-complementarity to (q - l) (q - s) = relaxation^2 / 4 exactly.
+on s, the posture before it is cut to its ranges: W (s - q) is the multiplier of the ranges
+(Robinson's normal map), so no inequality and no further unknown is needed. The cut is made smooth
+after Chen, Harker, Kanzow and Smale, which relaxes complementarity to (q - l) (q - s) =
+relaxation^2 / 4 exactly.
 """
 
 from __future__ import annotations
@@ -30,7 +35,7 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
 
 _ROUND = 1e-3
-"""How smoothly straight knees go over into bent ones [rad]; see `ergoqp.responses.stance.with_bent_knees`."""
+"""How smoothly straight knees become bent [rad]; see `ergoqp.responses.stance.with_bent_knees`."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class Situated:
 
 
 class Holding:
-    """A person who holds the object: contact errors and forces as expressions of a posture and of the pelvis.
+    """A person holding the object: contact errors and forces as expressions of posture and pelvis.
 
     Attributes:
         response: the person.
@@ -63,7 +68,9 @@ class Holding:
         pelvis: x, y, z [m] and yaw [rad] of the pelvis (4,), empty when seated.
     """
 
-    def __init__(self, response: IkResponse, place: Situated, posture: ca.SX, pelvis: ca.SX) -> None:
+    def __init__(
+        self, response: IkResponse, place: Situated, posture: ca.SX, pelvis: ca.SX
+    ) -> None:
         """Find hands and soles of the posture."""
         self.response, self.place, self.posture, self.pelvis = response, place, posture, pelvis
         self.standing = response.stance == "standing"
@@ -74,13 +81,15 @@ class Holding:
 
     @cached_property
     def errors(self) -> list[ca.SX]:
-        """Of each hand, the motion (6,) that would bring it to where the object is, in pelvis axes [m, rad]."""
+        """Motion (6,) that would bring each hand to where the object is, pelvis axes [m, rad]."""
         place, back = self.place, self._turned.T
         errors = []
         for number, (position, rotation, _) in enumerate(self._hands):
             grip = place.grasp[:, 4 * number : 4 * number + 4]
             wanted = back @ (place.position + place.rotation @ grip[:3, 3] - self._base)
-            errors.append(ca.vertcat(wanted - position, _turn(rotation, back @ place.rotation @ grip[:3, :3])))
+            errors.append(
+                ca.vertcat(wanted - position, _turn(rotation, back @ place.rotation @ grip[:3, :3]))
+            )
         return errors
 
     def slipping(self) -> ca.SX:
@@ -94,8 +103,15 @@ class Holding:
         return ca.vertcat(*rows)
 
     def along_tool(self, vector: ca.SX) -> ca.SX:
-        """Return the part (6,) of a motion or a force that turns about the tool, if the hand is free to."""
-        free = self._axis * ca.dot(self._axis, vector[3:]) if self.response.free_about_tool else ca.SX(3, 1)
+        """Return the part (6,) of a motion or a force that turns about the tool.
+
+        It is zero unless the hand is free to turn so.
+        """
+        free = (
+            self._axis * ca.dot(self._axis, vector[3:])
+            if self.response.free_about_tool
+            else ca.SX(3, 1)
+        )
         return ca.vertcat(ca.SX(3, 1), free)
 
     def about_tool(self, angle: ca.SX) -> ca.SX:
@@ -111,9 +127,12 @@ class Holding:
         return on_joints, on_pelvis
 
     def legs(self, multipliers: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-        """Return what multipliers of the soles (12,) do to each leg's joints (6,), and to the pelvis (4,), with balance.
+        """Return what sole multipliers (12,) do to each leg's joints (6,), and to the pelvis (4,).
 
-        Written at the hip centre and with straight knees taken as a little bent, as the response does.
+        What acts on the pelvis includes balance.
+
+        Written at the hip centre and with straight knees taken as a little bent, as the response
+        does.
         """
         kinematics, bent = self.response.kinematics, self._bent()
         on_legs, on_pelvis, middle = [], ca.SX(4, 1), ca.SX(3, 1)
@@ -148,7 +167,8 @@ class Rest:
         pelvis: of a standing person, symbols (4,); else empty.
         multipliers: y of the hands, then m of the soles, symbols.
         posture: q (32,).
-        balance: equations that are linear in the multipliers, in their order: one per joint and pelvis coordinate.
+        balance: equations that are linear in the multipliers, in their order: one per joint and
+            pelvis coordinate.
         contact: the others: hands and soles.
     """
 
@@ -189,11 +209,16 @@ def rest_conditions(response: IkResponse, place: Situated) -> Rest:
             balance.append(discomfort[[INDEX[name] for name in LEG_JOINTS[side]]] + on_leg)
         balance.append(on_base - on_pelvis)
     contact.append(holding.slipping())
-    return Rest(moved, aims, pelvis, ca.vertcat(y, m), posture, ca.vertcat(*balance), ca.vertcat(*contact))
+    return Rest(
+        moved, aims, pelvis, ca.vertcat(y, m), posture, ca.vertcat(*balance), ca.vertcat(*contact)
+    )
 
 
 def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:
-    """Return a value cut to a range, smoothly: strictly inside, and `relaxation` / 2 from an end when at it."""
+    """Return a value cut to a range, smoothly.
+
+    It stays strictly inside, and `relaxation` / 2 from an end when at it.
+    """
     below = ca.sqrt((value - lower) ** 2 + relaxation**2)
     above = ca.sqrt((upper - value) ** 2 + relaxation**2)
     return (lower + upper + below - above) / 2

@@ -1,4 +1,4 @@
-"""Flat maps through a place: the exact scores if the object were moved from there along two of its coordinates."""
+"""Flat maps through a place: exact scores if the object moved from there along two coordinates."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ class Slice:
     """Scores over two coordinates of the object's place, the others as they are at the place.
 
     Attributes:
-        across: number of the horizontal coordinate of `ergoqp.placing.group.search.Placing`: x, y, z [m], two turns [rad].
+        across: number of the horizontal coordinate of `ergoqp.placing.group.search.Placing`: x, y,
+            z [m], two turns [rad].
         up: number of the vertical one.
         horizontal: values of the one (h,).
         vertical: values of the other (v,).
-        scores: exact scores (people, v, h), 0 where the person does not reach, -1 where the object may not be.
+        scores: exact scores (people, v, h), 0 where the person does not reach, -1 where the object
+            may not be.
         point: the place itself (5,).
     """
 
@@ -54,7 +56,9 @@ def slices_through(
     spacing: float = SPACING,
     jobs: int = 1,
 ) -> list[Slice]:
-    """Return at most two slices through a place: distance and side by height, or tilt by height where nothing else moves.
+    """Return at most two slices through a place.
+
+    They are distance and side by height, or tilt by height where nothing else moves.
 
     Args:
         problem: its workspace and tool axis say where the object can be.
@@ -84,18 +88,34 @@ def slices_through(
         poses = np.array([placing.pose(each) for each in points.reshape(-1, 5)[allowed]])
         poses[:, :3, :3] = poses[:, :3, :3] @ roll
         scores = np.full((len(people), len(allowed)), -1)
-        calls = [(problem, person, poses, start) for person, start in zip(people, starts or [None] * len(people), strict=True)]
+        calls = [
+            (problem, person, poses, start)
+            for person, start in zip(people, starts or [None] * len(people), strict=True)
+        ]
         scores[:, allowed] = np.stack(list(in_order(_scores, calls, jobs)))
-        slices.append(Slice(across, up, horizontal, vertical, scores.reshape(-1, len(vertical), len(horizontal)), point))
+        slices.append(
+            Slice(
+                across,
+                up,
+                horizontal,
+                vertical,
+                scores.reshape(-1, len(vertical), len(horizontal)),
+                point,
+            )
+        )
     return slices
 
 
 def _values(placing: Placing, number: int, spacing: float) -> np.ndarray:
     low, high = placing.lower[number], placing.upper[number]
-    return np.linspace(low, high, max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS)
+    return np.linspace(
+        low, high, max(2, round((high - low) / spacing) + 1) if number < 3 else TILTS
+    )
 
 
-def _scores(problem: Problem, person: Follower, poses: np.ndarray, start: Start | None) -> np.ndarray:
+def _scores(
+    problem: Problem, person: Follower, poses: np.ndarray, start: Start | None
+) -> np.ndarray:
     order = outward(person, poses, None if start is None else start.pose)
     postures, reached = settle_in_order(person, poses[order], start)
     scores = np.zeros(len(poses), dtype=int)

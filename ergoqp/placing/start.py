@@ -1,4 +1,7 @@
-"""One start: a random place, the program with its cost made narrower step by step, and the verdict of person and sheet."""
+"""One start: a random place, the program with its cost made narrower step by step.
+
+Last comes the verdict of person and sheet.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,10 @@ FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""
 
 WIDE: Final = ((12.0, 1e-2), (1.5, 1e-3))
-"""(tau [deg], relaxation [rad]) of the stages before the last one, of every other start: downhill from afar."""
+"""(tau [deg], relaxation [rad]) of the stages before the last one, of every other start.
+
+These starts go downhill from afar.
+"""
 NARROW: Final = ((3.0, 1e-2),)
 """And of the others, which find what lies near."""
 
@@ -82,13 +88,25 @@ class Solver:
         self.anchor = self.program.place.anchor(task.problem, task.begin.pose)
 
     def start(self, number: int) -> Trial:
-        """Return what becomes of a start: the same for the same task and number, wherever and whenever it is solved."""
+        """Return what becomes of a start.
+
+        It is the same for the same task and number, wherever and whenever it is solved.
+        """
         begin = time.perf_counter()
         task, place = self.task, self.program.place
         drawn = self._draw(number)
         if drawn is None:
             nowhere = (task.begin.pose, task.begin.posture)
-            return Trial(number, *nowhere, 0, self._cost(task.begin.posture), np.inf, 0.0, _since(begin), "out of reach")
+            return Trial(
+                number,
+                *nowhere,
+                0,
+                self._cost(task.begin.posture),
+                np.inf,
+                0.0,
+                _since(begin),
+                "out of reach",
+            )
         unknowns, rest = drawn
         solution, posture = Solution(np.empty(0), np.inf), rest
         last = (task.tau_deg, RELAXATION)
@@ -106,7 +124,11 @@ class Solver:
             settled, _ = self._settle(posture, unknowns)
             apart = float(np.abs(settled - posture).max())
             rest = posture if task.mode == "cooperative" else settled
-            if (tau, relaxation) == last and solution.residual <= RESIDUAL and (apart <= SAME or task.mode == "cooperative"):
+            if (
+                (tau, relaxation) == last
+                and solution.residual <= RESIDUAL
+                and (apart <= SAME or task.mode == "cooperative")
+            ):
                 break
         return self._verdict(number, unknowns, posture, rest, solution.residual, begin)
 
@@ -124,12 +146,19 @@ class Solver:
         return smooth_cost(self.task.problem, posture, self.task.tau_deg)
 
     def _draw(self, number: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return a place and the rest posture there: the given one for number 0, a random one that is reached for others."""
+        """Return a place and the rest posture there.
+
+        It is the given place for number 0, and a random one that is reached for others.
+        """
         task, place = self.task, self.program.place
         rng = np.random.default_rng([task.seed, 6, number])
         for attempt in range(DRAWS):
             first = number == 0 and attempt == 0
-            unknowns = place.unknowns(task.begin.pose, self.anchor) if first else place.draw(rng, self.anchor)
+            unknowns = (
+                place.unknowns(task.begin.pose, self.anchor)
+                if first
+                else place.draw(rng, self.anchor)
+            )
             posture, reached = self._settle(task.begin.posture, unknowns)
             if reached:
                 return unknowns, posture
@@ -142,10 +171,18 @@ class Solver:
 
     def _given(self, relaxation: float, tau_deg: float) -> np.ndarray:
         begin = self.task.begin
-        return self.program.given(begin.posture, begin.grasp, begin.soles, self.anchor, relaxation, tau_deg)
+        return self.program.given(
+            begin.posture, begin.grasp, begin.soles, self.anchor, relaxation, tau_deg
+        )
 
     def _verdict(
-        self, number: int, unknowns: np.ndarray, posture: np.ndarray, rest: np.ndarray, residual: float, begin: float
+        self,
+        number: int,
+        unknowns: np.ndarray,
+        posture: np.ndarray,
+        rest: np.ndarray,
+        residual: float,
+        begin: float,
     ) -> Trial:
         task = self.task
         pose = self.program.place.pose(unknowns, self.anchor)
@@ -155,7 +192,9 @@ class Solver:
             settled, reached = posture, self._holds(posture, pose)
         note = "out of reach" if not reached else self._outside(settled, pose)
         score = 0 if note else int(task.problem.assess(settled).final[0])
-        return Trial(number, pose, settled, score, self._cost(settled), residual, apart, _since(begin), note)
+        return Trial(
+            number, pose, settled, score, self._cost(settled), residual, apart, _since(begin), note
+        )
 
     def _holds(self, posture: np.ndarray, pose: np.ndarray) -> bool:
         begin = self.task.begin
@@ -172,7 +211,9 @@ class Solver:
         if pose[:3, 0] @ self.program.place.direction < self.program.place.least_cosine - 1e-6:
             return "outside the tool axis's cone"
         boundary = problem.limit_of(OneClassBoundary)
-        if boundary is not None and float(np.ravel(np.array(boundary.measure()(posture)))[0]) < -(boundary.tolerance + _SLACK):
+        if boundary is not None and float(np.ravel(np.array(boundary.measure()(posture)))[0]) < -(
+            boundary.tolerance + _SLACK
+        ):
             return "outside the learned boundary"
         name = problem.own_limits.broken(pose, posture)
         return f"outside {name}" if name else ""

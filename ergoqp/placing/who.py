@@ -1,4 +1,4 @@
-"""A person as plain values: for files, for keys of what was computed before, and for other processes."""
+"""A person as plain values: for files, keys of what was computed before, and other processes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,20 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.responses.ik import IkResponse
 
-_TERMS = ("hands", "stance", "seat_height", "tool", "free_about_tool", "balance", "relaxation_time", "damping")
+_TERMS = (
+    "hands",
+    "stance",
+    "seat_height",
+    "tool",
+    "free_about_tool",
+    "balance",
+    "relaxation_time",
+    "damping",
+)
 
 
 def response_as_dict(response: IkResponse) -> dict[str, Any]:
-    """Return a response as plain numbers, texts and lists; `response_from_dict` makes an equal one of them."""
+    """Return a response as plain numbers, texts, lists; `response_from_dict` makes an equal one."""
     body = response.body
     return {
         "stature_m": float(body.stature),
@@ -33,7 +42,9 @@ def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
     """
     body = Body(values["stature_m"], values["lengths_m"], values["mass_kg"])
     terms = {name: values[name] for name in _TERMS}
-    return IkResponse(body=body, weights=values["weights"], comfort_deg=values["comfort_deg"], **terms)
+    return IkResponse(
+        body=body, weights=values["weights"], comfort_deg=values["comfort_deg"], **terms
+    )
 
 
 def _plain(value: Any) -> Any:

@@ -21,27 +21,32 @@ class Control:
         smoothing: t_s, time constant of changes of the twist [s].
         effort_linear: R of the linear axes [points / (m/s)^2].
         effort_angular: R of the angular axes [points / (rad/s)^2].
-        caution: beta, curvature from moving the person's joints [points s^2/rad^2 per unit of joint weight].
-        contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points / (rad/s)^2].
-        comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint weight]: where the sheet is flat
-            it leads the way.
-        rest_below: predicted gain of one second at full speed below which the object comes to rest [points].
+        caution: beta, curvature from moving the person's joints [points s^2/rad^2 per unit of joint
+            weight].
+        contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points /
+            (rad/s)^2].
+        comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint
+            weight]: where the sheet is flat it leads the way.
+        rest_below: predicted gain of one second at full speed below which the object comes to rest
+            [points].
         rest_after: for how long it must be that low [s].
         move_above: predicted gain above which it moves again [points].
         move_after: for how long it must be that high [s].
         stall_gain: improvement of the cost that counts as one [points].
-        stall_after: without an improvement for this long the object comes to rest all the same [s]; it goes slower from a
-            quarter of that on.
-        rest_filter: time constant over which the predicted gain is averaged, and the cost: they see every angle's noise [s].
+        stall_after: without an improvement for this long the object comes to rest all the same [s];
+            it goes slower from a quarter of that on.
+        rest_filter: time constant over which the predicted gain is averaged, and the cost: they see
+            every angle's noise [s].
         max_age: oldest posture that still counts [s].
-        average: W, what is sent is the mean of the planned twist over the last W seconds, so that its jerk is at most
-            2 acceleration / W and a stop takes up to W longer [s]. Many periods in a row that are much shorter than the
-            loop's use up what is kept of those seconds: that is named, and the step brakes within its acceleration, but not
-            within that jerk. None: 0.05 for an object that is held, and 0 where the twist is that of points, which nothing
-            else moves. Above 0.1 the step often brakes close to the edge of a cone.
+        average: W, what is sent is the mean of the planned twist over the last W seconds, so that
+            its jerk is at most 2 acceleration / W and a stop takes up to W longer [s]. Many periods
+            in a row that are much shorter than the loop's use up what is kept of those seconds:
+            that is named, and the step brakes within its acceleration, but not within that jerk.
+            None: 0.05 for an object that is held, and 0 where the twist is that of points, which
+            nothing else moves. Above 0.1 the step often brakes close to the edge of a cone.
         guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
-        guide_gain: how much better than where descent comes to rest the given place must promise to be, and how much worse
-            than promised it may be to be kept [points].
+        guide_gain: how much better than where descent comes to rest the given place must promise to
+            be, and how much worse than promised it may be to be kept [points].
     """
 
     look_ahead: float = 0.5
@@ -74,6 +79,11 @@ class Control:
             if getattr(self, name) == 0:
                 raise ProblemError(f"control.{name}: got 0, allowed a positive number")
         if self.average is not None and self.average > _LONGEST_AVERAGE:
-            raise ProblemError(f"control.average: got {self.average!r} s, allowed 0 to {_LONGEST_AVERAGE:g} s")
+            raise ProblemError(
+                f"control.average: got {self.average!r} s, allowed 0 to {_LONGEST_AVERAGE:g} s"
+            )
         if self.move_above < self.rest_below:
-            raise ProblemError(f"control.move_above: got {self.move_above}, allowed at least rest_below = {self.rest_below}")
+            raise ProblemError(
+                f"control.move_above: got {self.move_above}, allowed at least rest_below ="
+                f" {self.rest_below}"
+            )

@@ -1,4 +1,7 @@
-"""Whether the terms of a problem are what they are to be, each by itself: said when it is made, and not in the loop."""
+"""Whether the terms of a problem are what they are to be, each by itself.
+
+It is said when the problem is made, and not in the loop.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +25,33 @@ PERIODS: Final = (1e-4, 0.1)
 
 _MEMBERS: Final = {
     "cost": ("name", "minimum", "expression", "__call__"),
-    "response": ("coordinates", "largest", "joints", "weight_vector", "expression", "sensitivity", "contact"),
+    "response": (
+        "coordinates",
+        "largest",
+        "joints",
+        "weight_vector",
+        "expression",
+        "sensitivity",
+        "contact",
+    ),
     "limit": (
-        *("names", "unit", "hard", "returns", "tolerance", "recovery_time", "yield_zone", "proven"),
-        *("measure", "rows", "margins"),
+        "names",
+        "unit",
+        "hard",
+        "returns",
+        "tolerance",
+        "recovery_time",
+        "yield_zone",
+        "proven",
+        "measure",
+        "rows",
+        "margins",
     ),
 }
-"""What each kind of term must have, see `ergoqp.costs.cost`, `ergoqp.responses.response` and `ergoqp.limits.limit`."""
+"""What each kind of term must have.
+
+See `ergoqp.costs.cost`, `ergoqp.responses.response` and `ergoqp.limits.limit`.
+"""
 
 _JOINTS: Final = 32
 _LARGEST: Final = 1e6
@@ -58,50 +81,79 @@ def check_kinds(problem: Any) -> None:
     _check_task(problem.task, problem.method)
     check_text("name", problem.name, ProblemError)
     if problem.name in (".", "..") or "/" in problem.name:
-        raise ProblemError(f"name: got {problem.name!r}, allowed one that a folder can have, without /")
+        raise ProblemError(
+            f"name: got {problem.name!r}, allowed one that a folder can have, without /"
+        )
     check_kind("title", problem.title, str, "a text", ProblemError)
 
 
 def _check_limit(limit: Any) -> None:
-    """Check that a limit has what `ergoqp.limits.limit.Limit` asks for, and numbers that a step can go by."""
+    """Check that a limit has what `ergoqp.limits.limit.Limit` asks for.
+
+    Its numbers must be such as a step can go by.
+    """
     _check_members("limits", limit, "limit")
     names = names_of("limits: names", limit.names, "a name for each row", ProblemError)
     first = names[0]
     check_text(f"limits: unit of {first}", limit.unit, ProblemError)
     for what in ("hard", "proven"):
         flag(f"limits: {what} of {first}", getattr(limit, what), ProblemError)
-    for what, low, high in (("tolerance", 0.0, _LARGEST), ("recovery_time", *RECOVERY_TIMES), ("yield_zone", 0.0, _LARGEST)):
-        check_number(f"limits: {what} of {first}", getattr(limit, what), low, high, error=ProblemError)
+    for what, low, high in (
+        ("tolerance", 0.0, _LARGEST),
+        ("recovery_time", *RECOVERY_TIMES),
+        ("yield_zone", 0.0, _LARGEST),
+    ):
+        check_number(
+            f"limits: {what} of {first}", getattr(limit, what), low, high, error=ProblemError
+        )
     returns = limit.returns
     if not isinstance(returns, (tuple, list, np.ndarray)) or len(returns) not in (1, len(names)):
-        raise ProblemError(f"limits: returns of {first}: got {shown(returns)}, allowed one True or False for each row")
+        raise ProblemError(
+            f"limits: returns of {first}: got {shown(returns)}, allowed one True or False for"
+            " each row"
+        )
     for each in returns:
         flag(f"limits: returns of {first}", each, ProblemError)
 
 
 def _check_members(what: str, term: Any, kind: str) -> None:
     """Check that a term has what its protocol asks for."""
-    lacking = [name for name in _MEMBERS[kind] if not (hasattr(type(term), name) or hasattr(term, name))]
+    lacking = [
+        name for name in _MEMBERS[kind] if not (hasattr(type(term), name) or hasattr(term, name))
+    ]
     if not callable(term) and "__call__" in _MEMBERS[kind]:
         lacking.append("__call__")
     if isinstance(term, type) or lacking:
-        found = "" if isinstance(term, type) or len(lacking) == len(_MEMBERS[kind]) else f" without {', '.join(lacking)}"
-        raise ProblemError(f"{what}: got {shown(term)}{found}, allowed a {kind} with {', '.join(_MEMBERS[kind])}")
+        found = (
+            ""
+            if isinstance(term, type) or len(lacking) == len(_MEMBERS[kind])
+            else f" without {', '.join(lacking)}"
+        )
+        raise ProblemError(
+            f"{what}: got {shown(term)}{found}, allowed a {kind} with {', '.join(_MEMBERS[kind])}"
+        )
 
 
 def _check_task(task: Any, method: Method) -> None:
     """Check that the sheet can be read with the options of a task."""
     check_kind("task", task, Mapping, "a table of options", ProblemError)
     if unknown := [name for name in task if name not in TaskOptions.__annotations__]:
-        raise ProblemError(f"task: got {shown(unknown[0])}, allowed {', '.join(TaskOptions.__annotations__)}")
+        raise ProblemError(
+            f"task: got {shown(unknown[0])}, allowed {', '.join(TaskOptions.__annotations__)}"
+        )
     for name, value in task.items():
-        if name not in ("arm_supported", "shoulder_raised") and isinstance(value, (list, tuple, np.ndarray)):
-            raise ProblemError(f"task.{name}: got {shown(value)}, allowed a single value: a problem is one task")
+        if name not in ("arm_supported", "shoulder_raised") and isinstance(
+            value, (list, tuple, np.ndarray)
+        ):
+            raise ProblemError(
+                f"task.{name}: got {shown(value)}, allowed a single value: a problem is one task"
+            )
     try:
         assess(np.zeros(_JOINTS), method, **task)
     except InputError as error:
         raise ProblemError(f"task.{error}") from None
     except (ValueError, TypeError) as error:
         raise ProblemError(
-            f"task: got {shown(dict(task), 120)}, allowed single values and pairs (right, left): {error}"
+            f"task: got {shown(dict(task), 120)}, allowed single values and pairs (right, left):"
+            f" {error}"
         ) from None

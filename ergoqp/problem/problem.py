@@ -1,4 +1,7 @@
-"""The terms of one task: whose posture, which cost, how the person follows, what must hold, and how boldly to move."""
+"""The terms of one task: whose posture, which cost, how the person follows, what must hold.
+
+They also say how boldly to move.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +46,8 @@ class Problem:
         dt: control period [s].
         control: how boldly to move.
         robot: how late and how exactly the robot does what it is sent, as far as that is declared.
-        task: what joint angles cannot tell (load, coupling ...), as keywords of `ergoqp.reba.assess`; whether the person
-            sits is what the response's stance says.
+        task: what joint angles cannot tell (load, coupling ...), as keywords of
+            `ergoqp.reba.assess`; whether the person sits is what the response's stance says.
         method: how the exact sheet is read.
         name: short name, a word.
         title: the task in a few words.
@@ -74,7 +77,9 @@ class Problem:
             raise ProblemError(f"limits: got {count} twist limits, allowed exactly one")
         names = [name for limit in self.row_limits for name in limit.names]
         if doubled := sorted({name for name in names if names.count(name) > 1}):
-            raise ProblemError(f"limits: got more than one row named {', '.join(doubled)}, allowed one each")
+            raise ProblemError(
+                f"limits: got more than one row named {', '.join(doubled)}, allowed one each"
+            )
         self._check_room()
         self.own_limits.judge()
 
@@ -106,7 +111,7 @@ class Problem:
 
     @cached_property
     def own_limits(self) -> OwnLimits:
-        """The limits that the package does not know, for those who look at places: see `ergoqp.limits.own`."""
+        """The limits unknown to the package, for looking at places: see `ergoqp.limits.own`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
 
     @cached_property
@@ -122,7 +127,7 @@ class Problem:
         return tuple(name for limit in self.row_limits for name in limit.names)
 
     def assess(self, postures: ArrayLike) -> Assessment:
-        """Return the exact assessment of postures (n, 32) [rad] in this task: the yardstick of every cost."""
+        """Return this task's exact assessment of postures (n, 32) [rad]: every cost's yardstick."""
         return assess(postures, self.method, **self.task)
 
     @property
@@ -145,25 +150,50 @@ class Problem:
         """Check that limits and cost read the state that the response moves."""
         state = tuple(self.response.coordinates)
         if not self.moves_pose:
-            for what, given in (("robot", self.robot.declared), ("control.average", bool(self.control.average))):
+            for what, given in (
+                ("robot", self.robot.declared),
+                ("control.average", bool(self.control.average)),
+            ):
                 if given:
-                    raise ProblemError(f"{what}: got one, allowed only where an object that a person holds is moved")
+                    raise ProblemError(
+                        f"{what}: got one, allowed only where an object that a person holds is"
+                        " moved"
+                    )
         for limit in self.limits:
             if isinstance(limit, JointLimit | WorkspaceBox | AxisCone) and state != JOINTS:
-                raise ProblemError(f"limits: got a {type(limit).__name__}, allowed only where the state is a person's posture")
-            if isinstance(limit, ArmLength) and (state != FOREARM or not _is_identity(self.response)):
-                raise ProblemError(f"limits: got {limit.name!r}, allowed only where the state is {', '.join(FOREARM)}")
+                raise ProblemError(
+                    f"limits: got a {type(limit).__name__}, allowed only where the state is a"
+                    " person's posture"
+                )
+            if isinstance(limit, ArmLength) and (
+                state != FOREARM or not _is_identity(self.response)
+            ):
+                raise ProblemError(
+                    f"limits: got {limit.name!r}, allowed only where the state is"
+                    f" {', '.join(FOREARM)}"
+                )
         if isinstance(self.cost, SmoothReba) and state != JOINTS:
-            raise ProblemError("cost: got the sheet, allowed a learned cost where the state is not a person's posture")
+            raise ProblemError(
+                "cost: got the sheet, allowed a learned cost where the state is not a person's"
+                " posture"
+            )
         self._check_seat()
         for what, term in (("cost", self.cost), *(("limits", limit) for limit in self.limits)):
-            reads = getattr(term, "coordinates", None) or getattr(getattr(term, "model", None), "coordinates", None)
+            reads = getattr(term, "coordinates", None) or getattr(
+                getattr(term, "model", None), "coordinates", None
+            )
             if isinstance(reads, Coordinates) and reads.state != state:
                 known = "the 32 joints" if state == JOINTS else ", ".join(state)
-                raise ProblemError(f"{what}: got a model of {', '.join(reads.names[:3])} ..., allowed one of {known}")
+                raise ProblemError(
+                    f"{what}: got a model of {', '.join(reads.names[:3])} ..., allowed one of"
+                    f" {known}"
+                )
 
     def _check_seat(self) -> None:
-        """Check that who sits is scored as one who sits; where only the stance says so, the task says it too."""
+        """Check that who sits is scored as one who sits.
+
+        Where only the stance says so, the task says it too.
+        """
         stance = getattr(self.response, "stance", None)
         if stance is None:
             return
@@ -171,21 +201,28 @@ class Problem:
         object.__setattr__(self, "task", TaskOptions(**{"seated": sits, **self.task}))
         for what, told in (("task", self.task), ("cost", getattr(self.cost, "task", {}))):
             if bool(told.get("seated", sits)) != sits:
-                raise ProblemError(f"{what}: got seated = {not sits}, allowed {sits}, because the stance is {stance}")
+                raise ProblemError(
+                    f"{what}: got seated = {not sits}, allowed {sits}, because the stance is"
+                    f" {stance}"
+                )
 
     def _check_room(self) -> None:
-        """Check that the workspace leaves room to move and to stop along the axes that the object can move along."""
+        """Check that the workspace leaves room to move and stop along the object's movable axes."""
         box = self.limit_of(WorkspaceBox)
         if box is None:
             return
         rises = np.array(self.stop.most(self.dt))[:3, 0] if self.average else np.zeros(3)
         for axis, rise in enumerate(rises.tolist()):
-            width, least = box.upper[axis] - box.lower[axis], max(_NARROWEST, rise) + 2 * self.robot.pose_noise
+            width, least = (
+                box.upper[axis] - box.lower[axis],
+                max(_NARROWEST, rise) + 2 * self.robot.pose_noise,
+            )
             if self.twist_limit.speed[axis] > 0 and width < least:
                 name = "xyz"[axis]
                 raise ProblemError(
-                    f"workspace {name}: got {1e3 * width:.3g} mm from end to end, allowed at least {1e3 * least:.3g} mm where "
-                    f"the object can move along {name}, or a twist limit whose axes leave {name} out"
+                    f"workspace {name}: got {1e3 * width:.3g} mm from end to end, allowed at least"
+                    f" {1e3 * least:.3g} mm where the object can move along {name}, or a twist"
+                    f" limit whose axes leave {name} out"
                 )
 
     def limit_of(self, kind: type) -> Any:
@@ -199,9 +236,13 @@ class Problem:
             ProblemError: if a name is not that of a term.
         """
         if unknown := set(terms) - set(self.__dataclass_fields__):
-            raise ProblemError(f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}")
+            raise ProblemError(
+                f"replace: got {sorted(unknown)}, allowed {sorted(self.__dataclass_fields__)}"
+            )
         return replace(self, **terms)
 
 
 def _is_identity(response: Response) -> bool:
-    return isinstance(response, LinearResponse) and np.array_equal(np.asarray(response.matrix), np.eye(6))
+    return isinstance(response, LinearResponse) and np.array_equal(
+        np.asarray(response.matrix), np.eye(6)
+    )

@@ -1,4 +1,7 @@
-"""The robot that holds the object, as far as a problem declares it: how late and how exactly it does what it is sent."""
+"""The robot that holds the object, as far as a problem declares it.
+
+It says how late and how exactly the robot does what it is sent.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,14 @@ _LARGEST: Final = {
 
 @dataclass(frozen=True)
 class DeclaredRobot:
-    """What is known of the robot between the twist that is sent and the pose that is measured. All values are upper ends.
+    """What is known of the robot between the twist that is sent and the pose that is measured.
 
-    The robot's own twist w follows what is sent, s, as w' = ((1 + g) s(t - delay) - w) / lag with |g| <= `gain_error`; delay,
-    lag and g may be less than declared, but do not change while it moves. Workspace and tool axis hold for every such robot;
-    what is measured beyond it is a fault, named, and the object stops.
+    All values are upper ends.
+
+    The robot's own twist w follows what is sent, s, as w' = ((1 + g) s(t - delay) - w) / lag with
+    |g| <= `gain_error`; delay, lag and g may be less than declared, but do not change while it
+    moves. Workspace and tool axis hold for every such robot; what is measured beyond it is a fault,
+    named, and the object stops.
 
     Attributes:
         delay: from sending a twist until the robot begins to follow it [s].
@@ -36,8 +42,8 @@ class DeclaredRobot:
         pose_delay: age of the measured pose, and of the reported twist [s].
         pose_noise: how far off a measured position is at most, per axis [m].
         pose_noise_deg: and a measured orientation, about each axis [deg].
-        longest_hold: for how long a twist may go on being executed because the next call is late [s], once between two moments
-            at which nothing is under way; needs a measured pose.
+        longest_hold: for how long a twist may go on being executed because the next call is late
+            [s], once between two moments at which nothing is under way; needs a measured pose.
     """
 
     delay: float = 0.0

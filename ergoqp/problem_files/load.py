@@ -1,4 +1,7 @@
-"""Problems from TOML files: every mistake found at once, each with its key, what was found and what is allowed."""
+"""Problems from TOML files, with every mistake found at once.
+
+Each comes with its key, what was found and what is allowed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,14 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, ProblemError
 from ergoqp.files.text import read_toml
 from ergoqp.human import Body
-from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
+from ergoqp.limits import (
+    ArmLength,
+    AxisCone,
+    JointLimit,
+    OneClassBoundary,
+    TwistLimit,
+    WorkspaceBox,
+)
 from ergoqp.paths import data_folder
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
@@ -64,7 +74,8 @@ def load_problem(name: str | Path) -> Problem:
     """Return a problem by its name in ``problems/`` or by the path of a TOML file.
 
     Raises:
-        ProblemError: if there is no such problem, or the file is not one; the message lists every mistake.
+        ProblemError: if there is no such problem, or the file is not one; the message lists every
+            mistake.
     """
     path = _find(path_of("problem", name, ProblemError))
     try:
@@ -127,11 +138,17 @@ def _response(table: ResponseTable) -> IkResponse | LinearResponse:
 
 def _cost(file: FileTable, method: Method, task: dict[str, Any], folder: Path) -> Any:
     if file.cost.learned is not None:
-        # What a cost has learned it knows: other options than those of its data would be silently ignored.
+        # What a cost has learned it knows: other options than those of its data would be silently
+        # ignored.
         if file.task != TaskTable():
-            raise ProblemError("cost.learned: got options in [task], allowed none: the cost was learned without them")
+            raise ProblemError(
+                "cost.learned: got options in [task], allowed none: the cost was learned without"
+                " them"
+            )
         return load_cost(find_model(file.cost.learned.model, folder))
-    return SmoothReba(**(file.cost.smooth_reba or SmoothRebaTable()).model_dump(), method=method, **task)
+    return SmoothReba(
+        **(file.cost.smooth_reba or SmoothRebaTable()).model_dump(), method=method, **task
+    )
 
 
 def _limits(file: FileTable, folder: Path) -> list[Any]:
@@ -150,7 +167,9 @@ def _limits(file: FileTable, folder: Path) -> list[Any]:
 
 
 def find_model(name: str, folder: Path) -> Path:
-    """Return the file of a learned model: by its name in ``models/``, or a path of a .npz file relative to `folder`.
+    """Return the file of a learned model.
+
+    It is found by its name in ``models/``, or by a path of a .npz file relative to `folder`.
 
     Raises:
         ProblemError: if there is none.
@@ -159,7 +178,8 @@ def find_model(name: str, folder: Path) -> Path:
     if not path.is_file():
         known = ", ".join(sorted(file.stem for file in data_folder("models").glob("*.npz")))
         raise ProblemError(
-            f"model: got {name!r}, allowed {known or 'none that came with the package'} or the path of a .npz file"
+            f"model: got {name!r}, allowed {known or 'none that came with the package'} or the path"
+            " of a .npz file"
         )
     return path
 
@@ -169,14 +189,22 @@ def _find(name: str | Path) -> Path:
     try:
         return _found(path, str(name))
     except OSError as error:
-        raise ProblemError(f"problem: got {shown(str(name))}: {error.strerror}, allowed the path of a .toml file") from None
+        raise ProblemError(
+            f"problem: got {shown(str(name))}: {error.strerror}, allowed the path of a .toml file"
+        ) from None
 
 
 def _found(path: Path, name: str) -> Path:
     if path.suffix != ".toml" and len(path.parts) == 1:
         path = data_folder("problems") / f"{name}.toml"
         if not path.is_file():
-            raise ProblemError(f"problem: got {name!r}, allowed {', '.join(problem_names())} or the path of a .toml file")
+            raise ProblemError(
+                f"problem: got {name!r}, allowed {', '.join(problem_names())} or the path of a"
+                " .toml file"
+            )
     elif not path.is_file():
-        raise ProblemError(f"problem: {name!r} is {'a directory' if path.is_dir() else 'not there'}, allowed a .toml file")
+        raise ProblemError(
+            f"problem: {name!r} is {'a directory' if path.is_dir() else 'not there'}, allowed a"
+            " .toml file"
+        )
     return path

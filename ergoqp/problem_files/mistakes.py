@@ -1,4 +1,4 @@
-"""What is wrong in a problem file, in words: each mistake by its key, with what was found and what is allowed."""
+"""A problem file's mistakes in words: each by its key, with what was found and what is allowed."""
 
 from __future__ import annotations
 
@@ -53,7 +53,10 @@ def _sentence(table: type[BaseModel], item: dict[str, Any]) -> str:
     got, message = f"got {item['input']!r:.80}", item["msg"]
     if item["type"] == "extra_forbidden":
         keys = _keys(table, above)
-        return f"{key}: got a key that is not known, allowed {', '.join(nearest_first(str(last), keys))}"
+        return (
+            f"{key}: got a key that is not known, allowed"
+            f" {', '.join(nearest_first(str(last), keys))}"
+        )
     if item["type"] == "missing":
         return f"{key}: got nothing, required"
     if message.startswith("Input should be "):
@@ -65,19 +68,30 @@ def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
     """Return the keys of the table at a path."""
     for part in path:
         annotation = table.model_fields[str(part)].annotation
-        union = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
-        table = next(each for each in union if isinstance(each, type) and issubclass(each, BaseModel))
+        union = (
+            get_args(annotation)
+            if get_origin(annotation) in (Union, types.UnionType)
+            else (annotation,)
+        )
+        table = next(
+            each for each in union if isinstance(each, type) and issubclass(each, BaseModel)
+        )
     return list(table.model_fields)
 
 
 def nearest_first(got: str, allowed: Sequence[str]) -> list[str]:
     """Return what is allowed, the one that was probably meant first and marked."""
     near = get_close_matches(got, allowed, 1, 0.6)
-    return [*(f"{each} (the nearest)" for each in near), *(each for each in allowed if each not in near)]
+    return [
+        *(f"{each} (the nearest)" for each in near),
+        *(each for each in allowed if each not in near),
+    ]
 
 
 def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
-    """Return a sentence for each number that is out of all proportion beside a person, and is not named as meant.
+    """Return a sentence for each number that is out of all proportion beside a person.
+
+    Numbers that are named as meant are left out.
 
     Args:
         raw: the tables of a file without mistakes.
@@ -85,18 +99,27 @@ def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
     """
     known = {*_USUAL, *_ANGLES}
     found = [
-        f"unusual: got {key!r}, allowed {', '.join(nearest_first(key, sorted(known)))}" for key in meant if key not in known
+        f"unusual: got {key!r}, allowed {', '.join(nearest_first(key, sorted(known)))}"
+        for key in meant
+        if key not in known
     ]
     for key, (low, high, unit) in _USUAL.items():
         value = _value(raw, key)
-        strange = [each for each in np.ravel([] if value is None else value).tolist() if not low <= each <= high]
+        strange = [
+            each
+            for each in np.ravel([] if value is None else value).tolist()
+            if not low <= each <= high
+        ]
         if strange and key not in meant:
-            found.append(f"{key}: got {strange[0]:g}, usual are {low:g} to {high:g} {unit}{_if_meant(key)}")
+            found.append(
+                f"{key}: got {strange[0]:g}, usual are {low:g} to {high:g} {unit}{_if_meant(key)}"
+            )
     for key in _ANGLES:
         angles = list(_numbers(_value(raw, key)))
         if any(angles) and max(map(abs, angles)) <= np.pi and key not in meant:
             found.append(
-                f"{key}: got no angle beyond {max(map(abs, angles)):g}, usual are degrees, not radians{_if_meant(key)}"
+                f"{key}: got no angle beyond {max(map(abs, angles)):g}, usual are degrees, not"
+                f" radians{_if_meant(key)}"
             )
     return found
 

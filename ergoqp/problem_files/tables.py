@@ -36,7 +36,9 @@ class IkTable(Table):
     stature: Annotated[float, Field(ge=1.2, le=2.3)] = 1.75
     stance: Literal["standing", "seated"] = "standing"
     seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
-    hands: Annotated[tuple[Side, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=2)] = ("right",)
+    hands: Annotated[
+        tuple[Side, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=2)
+    ] = ("right",)
     tool: Literal["along", "thumb"] = "along"
     free_about_tool: bool = True
     weights: dict[str, Positive] = {}
@@ -66,8 +68,14 @@ class ResponseTable(Table):
 class SmoothRebaTable(Table):
     """The sheet made smooth, see `ergoqp.costs.SmoothReba`."""
 
-    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (1.5, 12.0)
-    weights: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (0.8, 0.2)
+    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+        1.5,
+        12.0,
+    )
+    weights: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+        0.8,
+        0.2,
+    )
 
 
 class LearnedTable(Table):
@@ -92,7 +100,9 @@ class CostTable(Table):
 def _table_of(kind: type, name: str, held: Any = None) -> Any:
     """Return a table with the fields of a dataclass, of their own types or all of another one."""
     hints = get_type_hints(kind)
-    keys: dict[str, Any] = {each.name: (held or hints[each.name], each.default) for each in fields(kind)}
+    keys: dict[str, Any] = {
+        each.name: (held or hints[each.name], each.default) for each in fields(kind)
+    }
     return create_model(name, __base__=Table, **keys)
 
 
@@ -113,7 +123,8 @@ class TaskTable(Table):
     one_leg: bool = False
     arm_supported: Pair = (False, False)
     shoulder_raised: Pair = (False, False)
-    method: MethodTable = MethodTable()  # pyright: ignore[reportInvalidTypeForm] (a class, made above)
+    # A class, made above.
+    method: MethodTable = MethodTable()  # pyright: ignore[reportInvalidTypeForm]
 
 
 class TwistTable(Table):
@@ -123,9 +134,11 @@ class TwistTable(Table):
     angular_speed: Positive = 0.80
     linear_acceleration: Positive = 0.60
     angular_acceleration: Positive = 2.50
-    axes: Annotated[tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
-        AXES
-    )
+    axes: Annotated[
+        tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...],
+        BeforeValidator(_as_tuple),
+        Field(min_length=1),
+    ] = AXES
 
 
 class JointsTable(Table):
@@ -212,5 +225,6 @@ class FileTable(Table):
     task: TaskTable = TaskTable()
     limits: LimitsTable = LimitsTable()
     robot: RobotTable = RobotTable()
-    control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm] (a class, made above)
+    # A class, made above.
+    control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm]
     unusual: list[str] = []

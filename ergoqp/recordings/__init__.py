@@ -1,4 +1,4 @@
-"""Recordings: motion-capture files of other people's making, read with care and turned into postures."""
+"""Recordings: other people's motion-capture files, read with care and turned into postures."""
 
 from ergoqp.recordings.load import READERS as READERS
 from ergoqp.recordings.load import load_recording as load_recording

@@ -21,7 +21,12 @@ from ergoqp.recordings.fitting.centre_model import BASE, CentreModel
 from ergoqp.recordings.fitting.fit import fit
 from ergoqp.recordings.fitting.hands import place_hands
 from ergoqp.recordings.fitting.head import rest_lean, straighten_head
-from ergoqp.recordings.fitting.person import given_person, measured_lengths, measured_person, suggested_stature
+from ergoqp.recordings.fitting.person import (
+    given_person,
+    measured_lengths,
+    measured_person,
+    suggested_stature,
+)
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
 from ergoqp.recordings.recording import Recording
@@ -45,18 +50,21 @@ def load_recording(
 
     Args:
         path: the recording; its ending tells the format (see `READERS`).
-        person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None to measure the
-            segment lengths in the recording itself.
-        unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature of an adult.
+        person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None
+            to measure the segment lengths in the recording itself.
+        unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature
+            of an adult.
         up: the file's vertical axis, ``"y"`` or ``"z"``; None finds it.
-        mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known naming (see
-            `ergoqp.recordings.naming.CENTRES`); None tries the known namings.
+        mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known
+            naming (see `ergoqp.recordings.naming.CENTRES`); None tries the known namings.
 
     Returns:
-        Postures, pelvis poses, what was observed, how well the body fits, and every assumption made.
+        Postures, pelvis poses, what was observed, how well the body fits, and every assumption
+        made.
 
     Raises:
-        RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not known.
+        RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not
+            known.
         InputError: another argument is not usable.
         MissingExtraError: the format's reader is not installed.
     """
@@ -74,10 +82,14 @@ def load_recording(
     unit = unit_to_m
     if unit is None:
         if stature is None:
-            raise RecordingError(f"{path.name}: no limb is complete enough to tell the unit of length; state unit_to_m")
+            raise RecordingError(
+                f"{path.name}: no limb is complete enough to tell the unit of length; state"
+                " unit_to_m"
+            )
         unit = find_unit(stature, path.name)
         assumptions.append(
-            f"The unit of length is taken as {unit:g} m, the only common one that gives a stature of 1.4 to 2.1 m."
+            f"The unit of length is taken as {unit:g} m, the only common one that gives a stature"
+            " of 1.4 to 2.1 m."
         )
     up = _vertical(path, centres, up, assumptions)
     if body is None:
@@ -100,7 +112,9 @@ def load_recording(
 
 
 def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
-    if unit_to_m is not None and not (isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0):
+    if unit_to_m is not None and not (
+        isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0
+    ):
         raise InputError(f"unit_to_m: got {unit_to_m!r}, allowed a length in metres above 0")
     if up not in (None, "y", "z"):
         raise InputError(f"up: got {up!r}, allowed 'y', 'z' or None")
@@ -111,53 +125,91 @@ def _reader(path: Path) -> Callable[[Path], JointMotion]:
         return READERS[path.suffix.lower()]
     except KeyError:
         if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
-            raise RecordingError(f"{str(path)!r} is a folder, allowed the recording file itself") from None
-        raise RecordingError(f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join(READERS)}") from None
+            raise RecordingError(
+                f"{str(path)!r} is a folder, allowed the recording file itself"
+            ) from None
+        raise RecordingError(
+            f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join(READERS)}"
+        ) from None
 
 
-def _vertical(path: Path, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]) -> str:
+def _vertical(
+    path: Path, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]
+) -> str:
     """Return the stated vertical axis, else the one found."""
     found = find_up(centres)
     if stated is None:
         if found is None:
-            raise RecordingError(f"{path.name}: the head is above the feet along neither y nor z; state the vertical axis (up)")
-        assumptions.append(f"The vertical axis is taken as {found}, along which the head is above the feet.")
+            raise RecordingError(
+                f"{path.name}: the head is above the feet along neither y nor z; state the vertical"
+                " axis (up)"
+            )
+        assumptions.append(
+            f"The vertical axis is taken as {found}, along which the head is above the feet."
+        )
         return found
     if found is not None and found != stated:
-        assumptions.append(f"The vertical axis is {stated} as stated, although the head is above the feet along {found}.")
+        assumptions.append(
+            f"The vertical axis is {stated} as stated, although the head is above the feet along"
+            f" {found}."
+        )
     return stated
 
 
 def _measured_body(
-    path: Path, lengths: Mapping[str, float], stature: float | None, unit: float, assumptions: list[str]
+    path: Path,
+    lengths: Mapping[str, float],
+    stature: float | None,
+    unit: float,
+    assumptions: list[str],
 ) -> Body:
     if stature is None:
-        raise RecordingError(f"{path.name}: no trunk, arm or leg is complete enough to measure the person; state person")
+        raise RecordingError(
+            f"{path.name}: no trunk, arm or leg is complete enough to measure the person; state"
+            " person"
+        )
     try:
-        body, average = measured_person({name: unit * length for name, length in lengths.items()}, unit * stature)
+        body, average = measured_person(
+            {name: unit * length for name, length in lengths.items()}, unit * stature
+        )
     except InputError as error:
-        raise RecordingError(f"{path.name}: with a unit of {unit:g} m, {error}; check unit_to_m") from None
+        raise RecordingError(
+            f"{path.name}: with a unit of {unit:g} m, {error}; check unit_to_m"
+        ) from None
     assumptions.append(
-        f"The segment lengths are measured between the recording's joints; they suggest a stature of {body.stature:.2f} m."
+        "The segment lengths are measured between the recording's joints; they suggest a stature"
+        f" of {body.stature:.2f} m."
     )
     if average:
         assumptions.append(
-            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those of the recording."
+            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those"
+            " of the recording."
         )
     return body
 
 
-def _placed(named: NamedCentres, unit: float, up: str, body: Body, assumptions: list[str]) -> dict[str, np.ndarray]:
-    """Return the targets of the fit: centre -> positions (n, 3) in our axes [m], head and hands as the body has them."""
+def _placed(
+    named: NamedCentres, unit: float, up: str, body: Body, assumptions: list[str]
+) -> dict[str, np.ndarray]:
+    """Return the fit's targets: centre -> positions (n, 3) in our axes [m].
+
+    Head and hands are as the body has them.
+    """
     world = {centre: to_world(path, unit, up) for centre, path in named.paths.items()}
     lean = rest_lean({centre: to_world(place, unit, up) for centre, place in named.rest.items()})
     if abs(lean) > _UPRIGHT:
         world = straighten_head(world, lean)
         angle = f"{math.degrees(lean):.0f} deg"
-        assumptions.append(f"The skeleton's neck leans forward by {angle} at rest; that is taken as looking straight ahead.")
+        assumptions.append(
+            f"The skeleton's neck leans forward by {angle} at rest; that is taken as looking"
+            " straight ahead."
+        )
     world = place_hands(world, body)
     if set(world) & {"right_knuckles", "left_knuckles"}:
-        assumptions.append("The hands have average length; of the recording's hand joints only the directions are used.")
+        assumptions.append(
+            "The hands have average length; of the recording's hand joints only the directions are"
+            " used."
+        )
     return world
 
 

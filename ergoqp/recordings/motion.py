@@ -1,4 +1,7 @@
-"""What every reader hands on: the centres of a recording's own joints over time, in the recording's own unit and axes."""
+"""What every reader hands on: the centres of a recording's own joints over time.
+
+They are in the recording's own unit and axes.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,11 @@ class JointMotion:
 
     Attributes:
         names: the file's joint names, unique, shape (m,).
-        positions: joint centres in the file's unit and axes, shape (n, m, 3); NaN where a joint is not seen.
+        positions: joint centres in the file's unit and axes, shape (n, m, 3); NaN where a joint is
+            not seen.
         time: time stamps from the file, increasing from zero, shape (n,) [s].
-        rest: joint centres of the skeleton's rest pose, in the same unit and axes, shape (m, 3); None if the format has none.
+        rest: joint centres of the skeleton's rest pose, in the same unit and axes, shape (m, 3);
+            None if the format has none.
         notes: sentences about how the file was read that its user should know.
     """
 

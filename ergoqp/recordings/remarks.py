@@ -13,7 +13,9 @@ _POOR: Final = 0.06  # m
 _FASTEST: Final = 12.0  # m/s: above what a hand reaches in work
 
 
-def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], observed: np.ndarray, error: np.ndarray) -> list[str]:
+def remarks(
+    time: np.ndarray, targets: Mapping[str, np.ndarray], observed: np.ndarray, error: np.ndarray
+) -> list[str]:
     """Return what stands out about a fitted recording.
 
     Args:
@@ -26,7 +28,7 @@ def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], observed: np.nd
 
 
 def _poor(error: np.ndarray) -> list[str]:
-    """Say when the body does not look like the recording at all, as with a wrong axis or mapping."""
+    """Say when the body looks nothing like the recording, as with a wrong axis or mapping."""
     seen = error[np.isfinite(error)]
     median = float(np.median(seen)) if len(seen) else 0.0
     if median <= _POOR:
@@ -36,25 +38,36 @@ def _poor(error: np.ndarray) -> list[str]:
 
 
 def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> list[str]:
-    """Say when frames cannot follow one another at the stated frame time: calibration poses, keyframes."""
-    moved = np.fmax.reduce([np.linalg.norm(np.diff(path, axis=0), axis=1) for path in targets.values()])
+    """Say when frames are too far apart for the stated frame time: calibration poses, keyframes."""
+    moved = np.fmax.reduce(
+        [np.linalg.norm(np.diff(path, axis=0), axis=1) for path in targets.values()]
+    )
     places = np.flatnonzero(moved > _FASTEST * np.diff(time))
     if not len(places):
         return []
     first = places[0]
     more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
     return [
-        f"Between the frames {first + 1} and {first + 2}{more} a joint moves by {moved[places].max():.2f} m at once: "
-        "a calibration pose, or frames that are not uniform in time; all frames are kept."
+        f"Between the frames {first + 1} and {first + 2}{more} a joint moves by"
+        f" {moved[places].max():.2f} m at once: a calibration pose, or frames that are not uniform"
+        " in time; all frames are kept."
     ]
 
 
 def _unobserved(told: np.ndarray) -> list[str]:
-    """List the joints held at zero because no centre tells them, and what that means for the wrist."""
-    never = [spoken(name) for name, is_told in zip(JOINTS, told.tolist(), strict=True) if not is_told]
+    """List joints held at zero because no centre tells them, and what that means for the wrist."""
+    never = [
+        spoken(name) for name, is_told in zip(JOINTS, told.tolist(), strict=True) if not is_told
+    ]
     if not never:
         return []
     sentences = [f"Not told by the recording and held at zero: {', '.join(never)}."]
-    if any(told[INDEX[f"{side}_wrist_flexion"]] and not told[INDEX[f"{side}_forearm_pronation"]] for side in SIDES):
-        sentences.append("The bend of the wrist is shared out between flexion and deviation as if the forearm were not turned.")
+    if any(
+        told[INDEX[f"{side}_wrist_flexion"]] and not told[INDEX[f"{side}_forearm_pronation"]]
+        for side in SIDES
+    ):
+        sentences.append(
+            "The bend of the wrist is shared out between flexion and deviation as if the forearm"
+            " were not turned."
+        )
     return sentences

@@ -1,4 +1,7 @@
-"""The page of a group's place: everybody at it, the maps of the highest and the mean score, and what each one pays."""
+"""The page of a group's place: everybody at it, the maps of the highest and the mean score.
+
+It also says what each one pays.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,13 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.lineup import Standing, lineup
 from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
-from ergoqp.report.optimum_page import place_words, score_headline, slice_words, task_options, tilt_words
+from ergoqp.report.optimum_page import (
+    place_words,
+    score_headline,
+    slice_words,
+    task_options,
+    tilt_words,
+)
 from ergoqp.report.page import Page, Picture, Section, Table, write_page
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
@@ -29,14 +38,17 @@ _AXES = {
     "tilt": "the tilt",
 }
 _HIGHEST = (
-    "The worst-off person with the object elsewhere, moved from the group's place (the dot) along two axes and turned as "
-    "there; grey where somebody cannot reach. Rest on a cell to read it, and who that is."
+    "The worst-off person with the object elsewhere, moved from the group's place (the dot) along"
+    " two axes and turned as there; grey where somebody cannot reach. Rest on a cell to read it,"
+    " and who that is."
 )
 _MEAN = "The mean of the group at the same places, in the colour of the rounded score."
 _MOST_NAMES = 3
 
 
-def write_group_page(found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, *, jobs: int = 1) -> None:
+def write_group_page(
+    found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, *, jobs: int = 1
+) -> None:
     """Write the report of a group's place: one HTML file that needs nothing else.
 
     Args:
@@ -52,8 +64,10 @@ def write_group_page(found: GroupOptimum, problem: Problem, people: tuple[Person
     """
     page = Page(
         title=f"One place for {len(found.members)} people: {found.title}",
-        subtitle=f"REBA of everybody at the same fixed place of the object, with {OBJECTIVES[found.objective]}. Problem "
-        f"{found.problem}.",
+        subtitle=(
+            "REBA of everybody at the same fixed place of the object, with"
+            f" {OBJECTIVES[found.objective]}. Problem {found.problem}."
+        ),
         headlines=[
             score_headline("highest of the group", found.maximum),
             score_headline("mean of the group", found.mean),
@@ -63,7 +77,13 @@ def write_group_page(found: GroupOptimum, problem: Problem, people: tuple[Person
         facts=_facts(found, problem),
         replay="",
         replay_note="",
-        figures=[Picture(_row(found), "Everybody at the group's place, in one scale; the dashed line is the object's height.")],
+        figures=[
+            Picture(
+                _row(found),
+                "Everybody at the group's place, in one scale; the dashed line is the object's"
+                " height.",
+            )
+        ],
         sections=[
             _people(found),
             _adjustable(found),
@@ -84,12 +104,18 @@ def _facts(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
         ("worse than at their own best", f"{len(paying)} of {len(found.members)} people"),
         ("points that the group pays", f"{sum(member.pays for member in found.members)}"),
         ("everybody reaches", f"{100 * found.grid.reached_by_all.mean():.0f} % of the grid"),
-        ("best place of the grid", f"highest {found.grid_reba.max()}, mean {found.grid_reba.mean():.2f}"),
+        (
+            "best place of the grid",
+            f"highest {found.grid_reba.max()}, mean {found.grid_reba.mean():.2f}",
+        ),
     ]
 
 
 def _row(found: GroupOptimum) -> str:
-    standing = [Standing(m.body, m.posture, m.base_pose, m.segments, m.label, m.reba, found.pose) for m in found.members]
+    standing = [
+        Standing(m.body, m.posture, m.base_pose, m.segments, m.label, m.reba, found.pose)
+        for m in found.members
+    ]
     return lineup(standing, "Everybody at the group's place")
 
 
@@ -110,23 +136,28 @@ def _people(found: GroupOptimum) -> Section:
     head = ("person", "REBA", "risk", "alone", "pays", "reaches, %", "own best place")
     return Section(
         "People",
-        "Alone: the score at the best place that was found for this person only. Pays: the points that the shared place costs. "
-        "Reaches: the share of the grid's places.",
+        "Alone: the score at the best place that was found for this person only. Pays: the points"
+        " that the shared place costs. Reaches: the share of the grid's places.",
         tables=[Table(head, rows, marked=paying, numeric=(1, 3, 4, 5))],
     )
 
 
 def _adjustable(found: GroupOptimum) -> Section:
-    rows = [(_AXES[axis], str(highest), f"{mean:.2f}") for axis, (highest, mean) in found.free.items()]
+    rows = [
+        (_AXES[axis], str(highest), f"{mean:.2f}") for axis, (highest, mean) in found.free.items()
+    ]
     return Section(
         "What could be made adjustable",
-        "The scores if everybody could set one thing for themselves and the rest stayed fixed: the better of moving from the "
-        f"group's place and of the grid of {100 * found.spacing:.0f} cm.",
+        "The scores if everybody could set one thing for themselves and the rest stayed fixed: the"
+        " better of moving from the group's place and of the grid of"
+        f" {100 * found.spacing:.0f} cm.",
         tables=[Table(("to be set", "highest", "mean"), rows, numeric=(1, 2))],
     )
 
 
-def _maps(found: GroupOptimum, problem: Problem, people: tuple[Person, ...], jobs: int) -> list[Section]:
+def _maps(
+    found: GroupOptimum, problem: Problem, people: tuple[Person, ...], jobs: int
+) -> list[Section]:
     slices = slices_through(problem, [person.follower for person in people], found.pose, jobs=jobs)
     place = [Spot(Placing.of(problem).point(found.pose))]
     sections = []
@@ -136,7 +167,13 @@ def _maps(found: GroupOptimum, problem: Problem, people: tuple[Person, ...], job
     ):
         pictures = [
             Picture(
-                score_map(each, _together(each, take), f"{title}, {slice_words(each)}", place, _missing(each, found.members)),
+                score_map(
+                    each,
+                    _together(each, take),
+                    f"{title}, {slice_words(each)}",
+                    place,
+                    _missing(each, found.members),
+                ),
                 slice_words(each),
             )
             for each in slices
@@ -146,14 +183,21 @@ def _maps(found: GroupOptimum, problem: Problem, people: tuple[Person, ...], job
 
 
 def _together(slice_: Slice, take: Callable[..., np.ndarray]) -> np.ndarray:
-    """Return one value per place (v, h): of all scores, 0 where somebody does not reach, -1 where the object may not be."""
+    """Return one value per place (v, h), of all scores.
+
+    It is 0 where somebody does not reach, -1 where the object may not be.
+    """
     lowest = slice_.scores.min(axis=0)
     return np.where(lowest > 0, take(slice_.scores, axis=0), lowest).astype(float)
 
 
 def _missing(slice_: Slice, members: tuple[Member, ...]) -> Callable[[int, int], str]:
     def who(row: int, column: int) -> str:
-        names = [member.label for member, scores in zip(members, slice_.scores, strict=True) if scores[row, column] == 0]
+        names = [
+            member.label
+            for member, scores in zip(members, slice_.scores, strict=True)
+            if scores[row, column] == 0
+        ]
         more = len(names) - _MOST_NAMES
         return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
@@ -161,21 +205,40 @@ def _missing(slice_: Slice, members: tuple[Member, ...]) -> Callable[[int, int],
 
 
 def _reasons(found: GroupOptimum) -> Table:
-    """Return which segments of everybody have more than one point, and for what; the first sentences are the segments'."""
+    """Return which segments of everybody have more than one point, and for what.
+
+    The first sentences are the segments'.
+    """
     rows = [
         (
             member.label,
-            "; ".join(why for name, why in zip(palette.SEGMENTS, member.reasons, strict=False) if member.segments[name] > 1),
+            "; ".join(
+                why
+                for name, why in zip(palette.SEGMENTS, member.reasons, strict=False)
+                if member.segments[name] > 1
+            ),
         )
         for member in found.members
     ]
-    return Table(("person", "segments with more than one point"), [(label, words or "none") for label, words in rows])
+    return Table(
+        ("person", "segments with more than one point"),
+        [(label, words or "none") for label, words in rows],
+    )
 
 
 def _options(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
     return [
-        ("looked for", f"{OBJECTIVES[found.objective]} ({found.objective}), ties by the smooth cost"),
-        ("grid", f"{found.grid.scores.shape[1]} poses, {100 * found.spacing:.0f} cm apart, for everybody"),
+        (
+            "looked for",
+            f"{OBJECTIVES[found.objective]} ({found.objective}), ties by the smooth cost",
+        ),
+        (
+            "grid",
+            (
+                f"{found.grid.scores.shape[1]} poses, {100 * found.spacing:.0f} cm apart, for"
+                " everybody"
+            ),
+        ),
         ("placements beyond the grid", str(found.placements)),
         ("time", f"{found.seconds:.1f} s"),
         *task_options(problem),

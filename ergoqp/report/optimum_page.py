@@ -1,4 +1,7 @@
-"""The page of an offline optimum: before and after, the map of the score around the best place, every start, the bound."""
+"""The page of an offline optimum: before and after, the map of the score around the best place.
+
+It also shows every start and the bound.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,20 @@ from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_pa
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.person import Follower
 
-MODES = {"stackelberg": "the person comes to rest by their own comfort", "cooperative": "the posture is chosen with the place"}
+MODES = {
+    "stackelberg": "the person comes to rest by their own comfort",
+    "cooperative": "the posture is chosen with the place",
+}
 """What the modes of an optimum mean, in words."""
 
 
 def write_optimum_page(
-    optimum: Optimum, problem: Problem, path: Path, *, cooperative: Optimum | None = None, jobs: int = 1
+    optimum: Optimum,
+    problem: Problem,
+    path: Path,
+    *,
+    cooperative: Optimum | None = None,
+    jobs: int = 1,
 ) -> None:
     """Write the report of an optimum: one HTML file that needs nothing else.
 
@@ -34,7 +45,8 @@ def write_optimum_page(
         optimum: what was found.
         problem: in which it was found; the map is made here.
         path: of the file; its folder exists.
-        cooperative: the optimum with the posture chosen too, of the same problem and person; None: not known.
+        cooperative: the optimum with the posture chosen too, of the same problem and person; None:
+            not known.
         jobs: number of processes for the map.
 
     Raises:
@@ -45,15 +57,33 @@ def write_optimum_page(
     before, after = (_segments(problem, q) for q in (optimum.posture_before, optimum.posture))
     page = Page(
         title=f"Best place: {optimum.title}",
-        subtitle=f"REBA of a person of {stature:.2f} m. Problem {optimum.problem}; {MODES[optimum.mode]}.",
-        headlines=[score_headline("before", optimum.reba_before), score_headline("at the best place", optimum.reba_after)],
+        subtitle=(
+            f"REBA of a person of {stature:.2f} m. Problem {optimum.problem};"
+            f" {MODES[optimum.mode]}."
+        ),
+        headlines=[
+            score_headline("before", optimum.reba_before),
+            score_headline("at the best place", optimum.reba_after),
+        ],
         change=change_of(optimum.reba_before, optimum.reba_after),
         facts=_facts(optimum),
         replay="",
         replay_note="",
         figures=[
-            _figure(follower, optimum.posture_before, before, optimum.pose_before, f"before: REBA {optimum.reba_before}"),
-            _figure(follower, optimum.posture, after, optimum.pose, f"at the best place: REBA {optimum.reba_after}"),
+            _figure(
+                follower,
+                optimum.posture_before,
+                before,
+                optimum.pose_before,
+                f"before: REBA {optimum.reba_before}",
+            ),
+            _figure(
+                follower,
+                optimum.posture,
+                after,
+                optimum.pose,
+                f"at the best place: REBA {optimum.reba_after}",
+            ),
         ],
         sections=[
             _map(optimum, problem, follower, jobs),
@@ -84,22 +114,34 @@ def change_of(before: int, after: int) -> str:
 
 def place_words(pose: np.ndarray) -> str:
     """Say where a pose is [m]; a name stays with its number."""
-    return ", ".join(f"{axis}\u00a0{_signed(value)}" for axis, value in zip("xyz", pose[:3, 3], strict=True)) + "\u00a0m"
+    return (
+        ", ".join(
+            f"{axis}\u00a0{_signed(value)}" for axis, value in zip("xyz", pose[:3, 3], strict=True)
+        )
+        + "\u00a0m"
+    )
 
 
 def tilt_words(problem: Problem, pose: np.ndarray) -> str:
     """Say how a pose is tilted from the middle of the tool's cone [deg]."""
     turns = Placing.of(problem).point(pose)[3:]
     up, left = (AXES[3 + i][1] * turns[i] for i in (0, 1))
-    return f"{abs(up):.0f} deg {'up' if up >= 0 else 'down'}, {abs(left):.0f} deg to the {'left' if left >= 0 else 'right'}"
+    return (
+        f"{abs(up):.0f} deg {'up' if up >= 0 else 'down'}, {abs(left):.0f} deg to the"
+        f" {'left' if left >= 0 else 'right'}"
+    )
 
 
 def slice_words(slice_: Slice) -> str:
     """Say what a map is over and what stays."""
-    fixed = {i: value for i, value in enumerate(slice_.point) if i not in (slice_.across, slice_.up)}
+    fixed = {
+        i: value for i, value in enumerate(slice_.point) if i not in (slice_.across, slice_.up)
+    }
     words = [f"{'xyz'[i]} = {_signed(value)} m" for i, value in fixed.items() if i < 3]
     names = [AXES[i][0].split(",")[0] for i in (slice_.up, slice_.across)]
-    return f"{names[0]} by {names[1]}, at {', '.join(words)}" if words else f"{names[0]} by {names[1]}"
+    return (
+        f"{names[0]} by {names[1]}, at {', '.join(words)}" if words else f"{names[0]} by {names[1]}"
+    )
 
 
 def _signed(value: float) -> str:
@@ -111,9 +153,18 @@ def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
     return {name: int(segments[name][0]) for name in palette.SEGMENTS}
 
 
-def _figure(follower: Follower, posture: np.ndarray, segments: dict[str, int], pose: np.ndarray, caption: str) -> Picture:
+def _figure(
+    follower: Follower,
+    posture: np.ndarray,
+    segments: dict[str, int],
+    pose: np.ndarray,
+    caption: str,
+) -> Picture:
     base = follower.contact(posture)[1]
-    return Picture(posture_figure(follower.response.body, posture, base, segments, f"Posture {caption}", pose), caption)
+    return Picture(
+        posture_figure(follower.response.body, posture, base, segments, f"Posture {caption}", pose),
+        caption,
+    )
 
 
 def _facts(optimum: Optimum) -> list[tuple[str, str]]:
@@ -127,7 +178,9 @@ def _facts(optimum: Optimum) -> list[tuple[str, str]]:
         ("largest KKT residual", f"{optimum.kkt_residual:.1e}"),
     ]
     if ends:
-        facts.append(("starts that end at this score", f"{ends.count(optimum.reba_after)} of {len(ends)}"))
+        facts.append(
+            ("starts that end at this score", f"{ends.count(optimum.reba_after)} of {len(ends)}")
+        )
         facts.append(("time per start", f"median {1e3 * float(np.median(seconds)):.0f} ms"))
     return facts
 
@@ -142,19 +195,26 @@ def _map(optimum: Optimum, problem: Problem, follower: Follower, jobs: int) -> S
         Spot(placing.point(optimum.pose), "best"),
     ]
     pictures = [
-        Picture(score_map(each, each.scores[0].astype(float), f"Map {slice_words(each)}", spots), slice_words(each))
+        Picture(
+            score_map(each, each.scores[0].astype(float), f"Map {slice_words(each)}", spots),
+            slice_words(each),
+        )
         for each in slices
     ]
     intro = (
-        "The exact score at which the person comes to rest with the object elsewhere, moved from the best place along two "
-        "axes and turned as there. The place before is drawn where it falls on the map; the score there is that of the map's "
-        "plane. Rest on a cell to read it."
+        "The exact score at which the person comes to rest with the object elsewhere, moved from"
+        " the best place along two axes and turned as there. The place before is drawn where it"
+        " falls on the map; the score there is that of the map's plane. Rest on a cell to read it."
     )
     return Section("Map", intro, pictures, columns=True, chips=COLOURS)
 
 
-def _why(optimum: Optimum, problem: Problem, before: dict[str, int], after: dict[str, int]) -> Section:
-    reasons = [problem.assess(posture).reasons(0) for posture in (optimum.posture_before, optimum.posture)]
+def _why(
+    optimum: Optimum, problem: Problem, before: dict[str, int], after: dict[str, int]
+) -> Section:
+    reasons = [
+        problem.assess(posture).reasons(0) for posture in (optimum.posture_before, optimum.posture)
+    ]
     changed = [i for i, name in enumerate(palette.SEGMENTS) if before[name] != after[name]]
     head = (f"before: REBA {optimum.reba_before}", f"best place: REBA {optimum.reba_after}")
     return Section(
@@ -166,14 +226,23 @@ def _why(optimum: Optimum, problem: Problem, before: dict[str, int], after: dict
 
 def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
     rows = [
-        (MODES[each.mode], str(each.reba_after), f"{each.cost_after:.3f}", f"{each.kkt_residual:.1e}", place_words(each.pose))
+        (
+            MODES[each.mode],
+            str(each.reba_after),
+            f"{each.cost_after:.3f}",
+            f"{each.kkt_residual:.1e}",
+            place_words(each.pose),
+        )
         for each in (optimum, cooperative)
     ]
     return Section(
         "At rest, and with the posture chosen",
-        "What the person does by themselves at the best place, beside what would be possible if they also chose their "
-        "posture for the score: an optimistic bound, which no person has to follow.",
-        tables=[Table(("", "REBA", "smooth cost", "KKT residual", "place"), rows, numeric=(1, 2, 3))],
+        "What the person does by themselves at the best place, beside what would be possible if"
+        " they also chose their posture for the score: an optimistic bound, which no person has to"
+        " follow.",
+        tables=[
+            Table(("", "REBA", "smooth cost", "KKT residual", "place"), rows, numeric=(1, 2, 3))
+        ],
     )
 
 
@@ -191,11 +260,19 @@ def _starts(optimum: Optimum) -> Section:
         for trial in optimum.trials
     ]
     best = [i for i, trial in enumerate(optimum.trials) if np.array_equal(trial.pose, optimum.pose)]
-    head = ("start", "REBA", "smooth cost", "KKT residual", "apart, deg", "ms", "where it ended, or why it does not count")
+    head = (
+        "start",
+        "REBA",
+        "smooth cost",
+        "KKT residual",
+        "apart, deg",
+        "ms",
+        "where it ended, or why it does not count",
+    )
     return Section(
         "Starts",
-        "Every start ends with the exact score of the posture at which the person comes to rest; apart is how far that is from "
-        "the posture that the program reckoned with.",
+        "Every start ends with the exact score of the posture at which the person comes to rest;"
+        " apart is how far that is from the posture that the program reckoned with.",
         tables=[Table(head, rows, marked=best, numeric=(0, 1, 2, 3, 4, 5))] if rows else [],
     )
 
@@ -206,7 +283,11 @@ def _options(optimum: Optimum, problem: Problem) -> list[tuple[str, str]]:
         ("solver", optimum.solver),
         ("starts", str(len(optimum.trials))),
         ("seed", str(optimum.seed)),
-        *([] if optimum.tau_deg is None else [("tau of the last stage", f"{optimum.tau_deg:g} deg")]),
+        *(
+            []
+            if optimum.tau_deg is None
+            else [("tau of the last stage", f"{optimum.tau_deg:g} deg")]
+        ),
     ]
     return [*own, *task_options(problem)]
 
@@ -215,4 +296,7 @@ def task_options(problem: Problem) -> list[tuple[str, str]]:
     """Return the problem's terms in words, without those of the control loop."""
     loop = ("control: ", "QP solver", "twist limit", "joint limit")
     terms = [(what, value) for what, value in options_of(problem, "") if not what.startswith(loop)]
-    return [("person of the problem" if what == "person in the controller" else what, value) for what, value in terms]
+    return [
+        ("person of the problem" if what == "person in the controller" else what, value)
+        for what, value in terms
+    ]

@@ -1,4 +1,7 @@
-"""One self-contained page: what it consists of, and its rendering. Everything that is not a picture is escaped."""
+"""One self-contained page: what it consists of, and its rendering.
+
+Everything that is not a picture is escaped.
+"""
 
 from __future__ import annotations
 
@@ -133,8 +136,12 @@ def render(page: Page) -> str:
         from jinja2 import Environment, StrictUndefined
     except ImportError:
         raise MissingExtraError("the report page", "report", "jinja2") from None
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(resources.files("ergoqp.report").joinpath("page.html.j2").read_text(encoding="utf-8"))
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(
+        resources.files("ergoqp.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    )
     return template.render(
         page=page,
         version=__version__,

@@ -1,7 +1,7 @@
-"""The colours and words of scores: one meaning per colour, in the 3-D scene, the figures and the charts.
+"""The colours and words of scores: one meaning per colour in 3-D scene, figures and charts.
 
-The five colours run from teal over yellow to dark red. They were chosen to stay apart under simulated red-green blindness,
-and every place that uses them also writes the number.
+The five colours run from teal over yellow to dark red. They were chosen to stay apart under
+simulated red-green blindness, and every place that uses them also writes the number.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ UNSCORED: Final = "#c3c9d0"
 
 _SHEET: Final = sheet_of(reba.Method())
 
-SEGMENTS: Final[tuple[str, ...]] = tuple(segment.label(side) for segment in _SHEET.segments.values() for side in segment.sides)
+SEGMENTS: Final[tuple[str, ...]] = tuple(
+    segment.label(side) for segment in _SHEET.segments.values() for side in segment.sides
+)
 """The segments that are scored apart, in the order of every table and chart."""
 
 POINTS: Final = ("1 point", "2 points", "3 points", "4 points", "5 or more")
@@ -33,7 +35,7 @@ POINTS: Final = ("1 point", "2 points", "3 points", "4 points", "5 or more")
 
 
 def level_of_points(points: ArrayLike) -> NDArray[np.int64]:
-    """Return the colour level 0 to 4 of a segment's score: its points above the best, -1 where there is none.
+    """Return a segment score's colour level 0 to 4: its points above the best, -1 if there is none.
 
     Args:
         points: segment scores, any shape; 0 where the posture could not be scored.

@@ -27,13 +27,15 @@ class RunFacts:
         before: score of the first sample.
         after: score of the last.
         stays: what of the last posture still scores above its lowest, and why.
-        standing_still: score at which the person would have come to rest had the object not moved, 0 if not known.
+        standing_still: score at which the person would have come to rest had the object not moved,
+            0 if not known.
         best: lowest score seen.
         best_at: when it was first seen [s].
         segments_before: segment -> score.
         segments_after: segment -> score.
         status_counts: status -> number of steps, only those that occurred, best first.
-        settled_after: start of the settled stretch at the end [s], None if the run does not end settled.
+        settled_after: start of the settled stretch at the end [s], None if the run does not end
+            settled.
         step_us: median, 99th percentile and maximum of the step's duration [µs].
     """
 
@@ -51,19 +53,33 @@ class RunFacts:
 
     @property
     def change(self) -> str:
-        """Say the score before and after, and where the person alone would have come to rest: that is not the robot's merit."""
-        alone = f"; {self.standing_still} had the object stayed where it was" if self.standing_still else ""
+        """Say the score before and after, and where the person alone would have come to rest.
+
+        The latter is not the robot's merit.
+        """
+        alone = (
+            f"; {self.standing_still} had the object stayed where it was"
+            if self.standing_still
+            else ""
+        )
         return f"{self.before} to {self.after}{alone}."
 
     @property
     def costs(self) -> str:
-        """Say what still costs points at the end, and why; a segment's own sentence has semicolons already."""
+        """Say what still costs points at the end, and why.
+
+        A segment's own sentence has semicolons already.
+        """
         return "nothing" if not self.stays else " · ".join(self.stays)
 
     @property
     def settling(self) -> str:
         """Say whether and when the object came to rest for good."""
-        return "not settled at the end" if self.settled_after is None else f"settled after {self.settled_after:.1f} s"
+        return (
+            "not settled at the end"
+            if self.settled_after is None
+            else f"settled after {self.settled_after:.1f} s"
+        )
 
     @property
     def timing(self) -> str:
@@ -94,7 +110,11 @@ def facts_of(run: Run) -> RunFacts:
         segments_after=segments_at(run, -1),
         status_counts={status: counts[status] for status in (*STATUSES, *others) if counts[status]},
         settled_after=float(run.time[rest] - run.time[0]) if rest < len(run.statuses) else None,
-        step_us=(float(np.median(microseconds)), float(np.percentile(microseconds, 99)), float(microseconds.max())),
+        step_us=(
+            float(np.median(microseconds)),
+            float(np.percentile(microseconds, 99)),
+            float(microseconds.max()),
+        ),
     )
 
 
@@ -104,7 +124,7 @@ def segments_at(run: Run, row: int) -> dict[str, int]:
 
 
 def violation_rows(run: Run) -> list[tuple[str, str, str]]:
-    """Return per limit its name, the number of steps that broke it, and the worst of them with its unit."""
+    """Return per limit its name, how many steps broke it, and the worst of them with its unit."""
     rows = []
     for name, count in run.violations.items():
         unit = run.units.get(name, "").removeprefix("1")
@@ -114,10 +134,10 @@ def violation_rows(run: Run) -> list[tuple[str, str, str]]:
 
 
 def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
-    """Return per reason its status, its number of steps, when it was first and last given [s], and its sentence.
+    """Return per reason its status, number of steps, when first and last given [s], and sentence.
 
-    The commonest comes first.
-    A reason that only counts on (``by 0.137``, ``by 0.136``) is one reason, told with its last numbers.
+    The commonest comes first. A reason that only counts on (``by 0.137``, ``by 0.136``) is one
+    reason, told with its last numbers.
     """
     kinds: dict[tuple[str, str], list[int]] = {}
     for i, (status, reason) in enumerate(zip(run.statuses, run.reasons, strict=True)):
@@ -125,7 +145,13 @@ def reasons_of(run: Run) -> list[tuple[str, str, str, str, str]]:
             kinds.setdefault((status, re.sub(r"\d[\d.e+-]*", "#", reason)), []).append(i)
     most = sorted(kinds.values(), key=lambda steps: (-len(steps), steps[0]))[:_MOST_REASONS]
     return [
-        (run.statuses[at[0]], str(len(at)), f"{run.time[at[0]]:.2f}", f"{run.time[at[-1]]:.2f}", run.reasons[at[-1]])
+        (
+            run.statuses[at[0]],
+            str(len(at)),
+            f"{run.time[at[0]]:.2f}",
+            f"{run.time[at[-1]]:.2f}",
+            run.reasons[at[-1]],
+        )
         for at in most
     ]
 
@@ -138,7 +164,7 @@ def hint_of(said: Sequence[str]) -> str:
 
 
 def told_of(run: Run, most: int = 3) -> list[str]:
-    """Return what the steps said of robot and sensors, the commonest first, each with for how long it was said."""
+    """Return what the steps said of robot and sensors and for how long, the commonest first."""
     said: dict[str, tuple[int, str]] = {}
     for reason in run.reasons:
         for part in reason.split("; "):

@@ -1,4 +1,4 @@
-"""The page of a closed loop: before and after, the replay, what happened over time, why, and with which options."""
+"""A closed loop's page: before and after, the replay, what happened over time, why, the options."""
 
 from __future__ import annotations
 
@@ -16,7 +16,15 @@ from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, timing_chart
 from ergoqp.report.charts.strips import Strip, segments_chart, segments_strips, strips_chart
 from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
-from ergoqp.report.run_facts import RunFacts, facts_of, hint_of, reasons_of, segments_at, told_of, violation_rows
+from ergoqp.report.run_facts import (
+    RunFacts,
+    facts_of,
+    hint_of,
+    reasons_of,
+    segments_at,
+    told_of,
+    violation_rows,
+)
 from ergoqp.report.task import is_seated, scored_alike
 from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
@@ -46,7 +54,16 @@ def write_run_page(run: Run, path: Path) -> None:
     facts = facts_of(run)
     scores = scored_alike(run.assessment, run.postures)
     seated = is_seated(run.assessment)
-    movement = Movement(run.body, run.time, run.postures, run.base_poses, run.reba, scores.segments, run.poses, seated)
+    movement = Movement(
+        run.body,
+        run.time,
+        run.postures,
+        run.base_poses,
+        run.reba,
+        scores.segments,
+        run.poses,
+        seated,
+    )
     timing = timing_of(run.time)
     page = Page(
         title=run.title[:1].upper() + run.title[1:],
@@ -68,7 +85,15 @@ def write_run_page(run: Run, path: Path) -> None:
             _motion(run),
             _limits(run),
             _steps(run, facts),
-            Section("Options", tables=[Table(("what", "value"), [*run.options, ("control period", f"{1e3 * run.dt:.3g} ms")])]),
+            Section(
+                "Options",
+                tables=[
+                    Table(
+                        ("what", "value"),
+                        [*run.options, ("control period", f"{1e3 * run.dt:.3g} ms")],
+                    )
+                ],
+            ),
             Section("Assumptions", sentences=run.assumptions or ["None."]),
         ],
     )
@@ -80,7 +105,10 @@ def _notes(run: Run, facts: RunFacts) -> list[str]:
     notes = [f"Still costs points: {facts.costs}."] if facts.stays else []
     if said := told_of(run):
         hint = hint_of(said)
-        notes.append(f"Said on the way: {'; '.join(said)}.{f' {hint[:1].upper()}{hint[1:]}.' if hint else ''}")
+        notes.append(
+            "Said on the way:"
+            f" {'; '.join(said)}.{f' {hint[:1].upper()}{hint[1:]}.' if hint else ''}"
+        )
     return notes
 
 
@@ -99,7 +127,10 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
     let_go = [] if run.let_go is None else [("the person let go", f"at {run.let_go:.1f} s")]
     broken = sum(run.violations.values())
     return [
-        ("duration", f"{run.time[-1] - run.time[0]:.1f} s, {len(run.time)} steps of {1e3 * run.dt:.3g} ms"),
+        (
+            "duration",
+            f"{run.time[-1] - run.time[0]:.1f} s, {len(run.time)} steps of {1e3 * run.dt:.3g} ms",
+        ),
         ("rest", facts.settling),
         ("limits broken", "none" if not broken else f"{broken} times, see the limits"),
         ("duration of a step", f"median {facts.step_us[0]:.3g} µs"),
@@ -112,9 +143,16 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
 def _figure(run: Run, row: int, name: str) -> Picture:
     score = int(run.reba[row])
     svg = posture_figure(
-        run.body, run.postures[row], run.base_poses[row], segments_at(run, row), f"Posture {name}", run.poses[row]
+        run.body,
+        run.postures[row],
+        run.base_poses[row],
+        segments_at(run, row),
+        f"Posture {name}",
+        run.poses[row],
     )
-    return Picture(svg, f"{name}: REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}")
+    return Picture(
+        svg, f"{name}: REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}"
+    )
 
 
 def _over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
@@ -125,8 +163,14 @@ def _over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
     return Section(
         "Score",
         pictures=[
-            Picture(score_chart(run.time, run.reba, run.cost, marks), "Exact score of the true posture on its risk levels."),
-            Picture(segments_strips(run.time, scores.segments), "Segment scores, in the colours of the body."),
+            Picture(
+                score_chart(run.time, run.reba, run.cost, marks),
+                "Exact score of the true posture on its risk levels.",
+            ),
+            Picture(
+                segments_strips(run.time, scores.segments),
+                "Segment scores, in the colours of the body.",
+            ),
         ],
     )
 
@@ -135,12 +179,21 @@ def _segments(run: Run, facts: RunFacts) -> Section:
     before, after = run.assessment.reasons(0), run.assessment.reasons(-1)
     rows = list(zip_longest(before, after, fillvalue=""))
     changed = [
-        i for i, name in enumerate(palette.SEGMENTS) if facts.segments_before[name] != facts.segments_after[name]
+        i
+        for i, name in enumerate(palette.SEGMENTS)
+        if facts.segments_before[name] != facts.segments_after[name]
     ]  # the first sentences are those of the segments, in this order
     return Section(
         "Segments and reasons",
         pictures=[Picture(segments_chart(facts.segments_before, facts.segments_after))],
-        tables=[Table((f"before: REBA {facts.before}", f"after: REBA {facts.after}"), rows, marked=changed, even=True)],
+        tables=[
+            Table(
+                (f"before: REBA {facts.before}", f"after: REBA {facts.after}"),
+                rows,
+                marked=changed,
+                even=True,
+            )
+        ],
     )
 
 
@@ -151,18 +204,27 @@ def _motion(run: Run) -> Section:
     apart = np.linalg.norm(run.poses[-1, :3, 3] - run.poses[0, :3, 3])
     return Section(
         "Object",
-        f"Twist that was sent, at the contact frame along the axes of the world: x forward, y left, z up. "
-        f"The object went {100 * way:.1f} cm and ended {100 * apart:.1f} cm from where it began.",
+        "Twist that was sent, at the contact frame along the axes of the world: x forward, y left,"
+        f" z up. The object went {100 * way:.1f} cm and ended {100 * apart:.1f} cm from where it"
+        " began.",
         pictures=[
-            Picture(lines_chart("Linear velocity of the object", run.time, linear, "mm/s"), "Linear velocity."),
-            Picture(lines_chart("Angular velocity of the object", run.time, angular, "deg/s"), "Angular velocity."),
+            Picture(
+                lines_chart("Linear velocity of the object", run.time, linear, "mm/s"),
+                "Linear velocity.",
+            ),
+            Picture(
+                lines_chart("Angular velocity of the object", run.time, angular, "deg/s"),
+                "Angular velocity.",
+            ),
         ],
     )
 
 
 def _limits(run: Run) -> Section:
     names = sorted({name for active in run.active for name in active})
-    held = {name: np.array([name in active for active in run.active], dtype=np.int64) for name in names}
+    held = {
+        name: np.array([name in active for active in run.active], dtype=np.int64) for name in names
+    }
     shown = sorted(names, key=lambda name: -int(held[name].sum()))[:_MOST_LIMITS]
     styles = {1: ("active", "active")}
     strips = [Strip(spoken(name), held[name], styles, _share(held[name])) for name in shown]
@@ -171,9 +233,15 @@ def _limits(run: Run) -> Section:
     intro = "When a limit held the object back." if names else "No limit held the object back."
     if missing:
         intro += f" {missing} more were active for a smaller share."
-    pictures = [Picture(strips_chart("Active limits over time", f"{said}.", run.time, strips))] if strips else []
+    pictures = (
+        [Picture(strips_chart("Active limits over time", f"{said}.", run.time, strips))]
+        if strips
+        else []
+    )
     broken = [(spoken(name), *rest) for name, *rest in violation_rows(run)]
-    tables = [Table(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))] if broken else []
+    tables = (
+        [Table(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))] if broken else []
+    )
     if broken:
         intro += " The steps that broke one were counted by an independent checker."
     sentences = [
@@ -195,12 +263,17 @@ def _steps(run: Run, facts: RunFacts) -> Section:
     return Section(
         "Control steps",
         pictures=[
-            Picture(strips_chart("Status of each step over time", f"{said}.", run.time, strips), "Status of each step."),
+            Picture(
+                strips_chart("Status of each step over time", f"{said}.", run.time, strips),
+                "Status of each step.",
+            ),
             Picture(timing_chart(run.step_time, run.dt), f"Duration of a step: {facts.timing}."),
         ],
-        tables=[Table(("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3))]
-        if (rows := reasons_of(run))
-        else [],
+        tables=(
+            [Table(("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3))]
+            if (rows := reasons_of(run))
+            else []
+        ),
     )
 
 

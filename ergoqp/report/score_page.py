@@ -1,4 +1,7 @@
-"""The page of a scored recording: the replay, the score over time, where the time goes, and the worst moment's reasons."""
+"""The page of a scored recording: the replay, the score over time, where the time goes.
+
+It also gives the worst moment's reasons.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,11 @@ from ergoqp.sheets.reba import Assessment
 
 
 def write_score_page(
-    recording: Recording, assessment: Assessment, path: Path, options: Sequence[tuple[str, str]], title: str = "Recording"
+    recording: Recording,
+    assessment: Assessment,
+    path: Path,
+    options: Sequence[tuple[str, str]],
+    title: str = "Recording",
 ) -> None:
     """Write the report of a scored recording: one HTML file that needs nothing else.
 
@@ -40,9 +47,15 @@ def write_score_page(
         OSError: if the file cannot be written.
     """
     movement = Movement(
-        recording.person, recording.time, recording.postures, recording.base_poses, assessment.final, assessment.segments,
-        recording.object_poses, is_seated(assessment),
-    )  # fmt: skip
+        recording.person,
+        recording.time,
+        recording.postures,
+        recording.base_poses,
+        assessment.final,
+        assessment.segments,
+        recording.object_poses,
+        is_seated(assessment),
+    )
     timing = timing_of(recording.time)
     summary = summary_of(recording, assessment)
     page = Page(
@@ -58,7 +71,11 @@ def write_score_page(
             _over_time(recording, assessment, summary),
             _worst(assessment, summary),
             _fit(recording, summary),
-            Section("Options", tables=[Table(("what", "value"), options)] if options else [], intro="" if options else "None."),
+            Section(
+                "Options",
+                tables=[Table(("what", "value"), options)] if options else [],
+                intro="" if options else "None.",
+            ),
             Section("Assumptions", sentences=recording.assumptions or ("None.",)),
         ],
     )
@@ -104,25 +121,52 @@ def _figures(movement: Movement, assessment: Assessment) -> list[Picture]:
         posture = movement.at(np.array([i]))
         segments = {segment: int(scores[0]) for segment, scores in posture.segments.items()}
         contact = None if posture.object_poses is None else posture.object_poses[0]
-        svg = posture_figure(movement.body, posture.postures[0], posture.base_poses[0], segments, name.capitalize(), contact)
+        svg = posture_figure(
+            movement.body,
+            posture.postures[0],
+            posture.base_poses[0],
+            segments,
+            name.capitalize(),
+            contact,
+        )
         risk = palette.risk_of_level(int(assessment.band[i]))
-        pictures.append(Picture(svg, f"{name}, {movement.time[i]:.1f} s: REBA {assessment.final[i]}, {risk}"))
+        pictures.append(
+            Picture(svg, f"{name}, {movement.time[i]:.1f} s: REBA {assessment.final[i]}, {risk}")
+        )
     return pictures
 
 
 def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, Any]) -> Section:
     worst = summary["worst"]
-    marks = [] if worst is None else [(float(recording.time[worst["frame"]]), worst["reba"], "worst")]
+    marks = (
+        [] if worst is None else [(float(recording.time[worst["frame"]]), worst["reba"], "worst")]
+    )
     shares = {f"{name} risk": summary["share"][name] for name in reba.ACTION_LEVELS}
     missing = [j for j in range(len(JOINTS)) if not recording.observed[:, j].any()]
-    intro = "" if not missing else f"Not told by the recording, taken as zero: {', '.join(spoken(JOINTS[j]) for j in missing)}."
+    intro = (
+        ""
+        if not missing
+        else (
+            "Not told by the recording, taken as zero:"
+            f" {', '.join(spoken(JOINTS[j]) for j in missing)}."
+        )
+    )
     return Section(
         "Score",
         intro,
         pictures=[
-            Picture(score_chart(recording.time, assessment.final, marks=marks), "Score on its risk levels."),
-            Picture(shares_chart("Share of time per risk level", shares, range(len(shares))), "Share of the scored time."),
-            Picture(segments_strips(recording.time, assessment.segments), "Segment scores, in the colours of the body."),
+            Picture(
+                score_chart(recording.time, assessment.final, marks=marks),
+                "Score on its risk levels.",
+            ),
+            Picture(
+                shares_chart("Share of time per risk level", shares, range(len(shares))),
+                "Share of the scored time.",
+            ),
+            Picture(
+                segments_strips(recording.time, assessment.segments),
+                "Segment scores, in the colours of the body.",
+            ),
         ],
     )
 
@@ -131,16 +175,27 @@ def _worst(assessment: Assessment, summary: dict[str, Any]) -> Section:
     worst = summary["worst"]
     if worst is None:
         return Section("Worst moment", "No frame could be scored.", sentences=assessment.reasons(0))
-    intro = f"Frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}."
+    intro = (
+        f"Frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}."
+    )
     segments = [
-        (name.replace("_", " "), f"{each['mean']:.2f}", str(each["max"]), *_highest_share(each["share"]))
+        (
+            name.replace("_", " "),
+            f"{each['mean']:.2f}",
+            str(each["max"]),
+            *_highest_share(each["share"]),
+        )
         for name, each in summary["segments"].items()
     ]
     head = ("segment", "mean", "highest", "most often", "share of the time")
     return Section(
-        "Worst moment and segments", intro, tables=[Table(("reasons",), [(sentence,) for sentence in worst["reasons"]]),
-                                                    Table(head, segments, numeric=(1, 2, 3, 4))],
-    )  # fmt: skip
+        "Worst moment and segments",
+        intro,
+        tables=[
+            Table(("reasons",), [(sentence,) for sentence in worst["reasons"]]),
+            Table(head, segments, numeric=(1, 2, 3, 4)),
+        ],
+    )
 
 
 def _highest_share(share: dict[str, float]) -> tuple[str, str]:
@@ -153,7 +208,10 @@ def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
     outside = [(spoken(name), str(frames)) for name, frames in summary["outside"].items()]
     return Section(
         "Fit",
-        "Distance between the joint centres of the recording and those of the fitted body (RMS over the centres).",
+        "Distance between the joint centres of the recording and those of the fitted body (RMS over"
+        " the centres).",
         pictures=[Picture(lines_chart("Fit error", recording.time, error, "mm", from_zero=True))],
-        tables=[Table(("joint beyond its range", "frames"), outside, numeric=(1,))] if outside else [],
+        tables=(
+            [Table(("joint beyond its range", "frames"), outside, numeric=(1,))] if outside else []
+        ),
     )

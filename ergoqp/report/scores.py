@@ -6,7 +6,8 @@
 - ``reba``: final score 1 to 15, 0 when the frame could not be scored;
 - ``risk``: its action level in words, ``not scored`` for 0;
 - ``arm``: the arm that was carried forward, empty when not scored;
-- one column per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score, 0 when not scored;
+- one column per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score, 0
+  when not scored;
 - ``fit_error_mm``: how far the fitted body is from the recording, RMS [mm];
 - ``valid``: 1 or 0;
 - ``outside``: joints beyond their range, separated by spaces.
@@ -50,8 +51,12 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
     rows, summary = folder / "scores.csv", folder / "scores.json"
     with whole(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["time_s", "reba", "risk", "arm", *palette.SEGMENTS, "fit_error_mm", "valid", "outside"])
-        for i, (valid, final) in enumerate(zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)):
+        writer.writerow(
+            ["time_s", "reba", "risk", "arm", *palette.SEGMENTS, "fit_error_mm", "valid", "outside"]
+        )
+        for i, (valid, final) in enumerate(
+            zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)
+        ):
             writer.writerow(
                 [
                     f"{recording.time[i]:.6f}",
@@ -64,18 +69,22 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
                     " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
                 ]
             )
-    write_whole(summary, json.dumps(summary_of(recording, assessment), indent=2, ensure_ascii=False) + "\n")
+    write_whole(
+        summary, json.dumps(summary_of(recording, assessment), indent=2, ensure_ascii=False) + "\n"
+    )
     return rows, summary
 
 
 def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     """Return what a scored recording comes down to.
 
-    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``duration_s``, ``stature_m``; ``mean``, ``median``,
-    ``p95``, ``max`` of the score over valid frames (null without one); ``share`` {action level: share of the valid frames};
-    ``worst`` {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with the highest
-    score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the valid frames}}}; ``outside`` {joint: frames
-    beyond its range}; ``fit_error_mm`` {``median``, ``max``} (null when unknown); ``assumptions``. Frames count from 0.
+    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``duration_s``,
+    ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over valid frames (null
+    without one); ``share`` {action level: share of the valid frames}; ``worst`` {``frame``,
+    ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with the highest
+    score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the valid
+    frames}}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``, ``max``}
+    (null when unknown); ``assumptions``. Frames count from 0.
 
     Args:
         recording: what was scored.
@@ -96,7 +105,9 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "median": float(np.median(final)) if count else None,
         "p95": round(float(np.percentile(final, 95)), 4) if count else None,
         "max": int(final.max()) if count else None,
-        "share": {name: _share(levels == level, count) for level, name in enumerate(reba.ACTION_LEVELS)},
+        "share": {
+            name: _share(levels == level, count) for level, name in enumerate(reba.ACTION_LEVELS)
+        },
         "worst": _worst(recording, assessment) if count else None,
         "segments": {name: _segment(assessment, name, count) for name in palette.SEGMENTS},
         "outside": {JOINTS[j]: int(outside[j]) for j in np.flatnonzero(outside)},
@@ -127,7 +138,10 @@ def _segment(assessment: Assessment, name: str, count: int) -> dict[str, Any]:
     return {
         "mean": round(float(scores.mean()), 4) if count else None,
         "max": int(scores.max()) if count else None,
-        "share": {str(score): _share(scores == score, count) for score in range(1, palette.segment_highest(name) + 1)},
+        "share": {
+            str(score): _share(scores == score, count)
+            for score in range(1, palette.segment_highest(name) + 1)
+        },
     }
 
 

@@ -15,18 +15,30 @@ from ergoqp.simulation.run import Run
 
 
 def run_table(run: Run) -> RenderableType:
-    """Return what a run comes down to, for the terminal: scores, segments, statuses, timing, broken limits.
+    """Return what a run comes down to, for the terminal.
+
+    It is scores, segments, statuses, timing and broken limits.
 
     Args:
         run: what happened.
     """
     facts = facts_of(run)
     scores = _plain(Text(run.title), ("", "before", "after", "best"), numeric=(1, 2, 3))
-    scores.add_row("REBA", _score(facts.before), _score(facts.after), f"{_score(facts.best)} at {facts.best_at:.1f} s")
+    scores.add_row(
+        "REBA",
+        _score(facts.before),
+        _score(facts.after),
+        f"{_score(facts.best)} at {facts.best_at:.1f} s",
+    )
     for name in palette.SEGMENTS:
         before, after = facts.segments_before[name], facts.segments_after[name]
         style = "" if before == after else "bold"
-        scores.add_row(Text(name.replace("_", " "), style=style), Text(str(before)), Text(str(after), style=style), "")
+        scores.add_row(
+            Text(name.replace("_", " "), style=style),
+            Text(str(before)),
+            Text(str(after), style=style),
+            "",
+        )
     rest = _plain(None, ("", ""))
     counts = ", ".join(f"{status} {count}" for status, count in facts.status_counts.items())
     rows = [
@@ -38,7 +50,11 @@ def run_table(run: Run) -> RenderableType:
     ]
     if run.let_go is not None:
         rows.append(("let go", f"the person could not reach any more at {run.let_go:.1f} s"))
-    broken = [f"{name} {count} steps, worst {worst}" for name, count, worst in violation_rows(run) if count != "0"]
+    broken = [
+        f"{name} {count} steps, worst {worst}"
+        for name, count, worst in violation_rows(run)
+        if count != "0"
+    ]
     rows.append(("limits broken", "; ".join(broken) or "none"))
     if said := told_of(run):
         rows.append(("said on the way", "; ".join(said)))
@@ -61,18 +77,29 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
     """
     summary = summary_of(recording, assessment)
     table = _plain(None, ("", ""))
-    table.add_row("frames", f"{summary['valid_frames']} of {summary['frames']} scored, {summary['duration_s']:.1f} s")
+    table.add_row(
+        "frames",
+        f"{summary['valid_frames']} of {summary['frames']} scored, {summary['duration_s']:.1f} s",
+    )
     worst = summary["worst"]
     if worst is None:
         return table
     table.add_row(
-        "REBA", f"mean {summary['mean']:.2f}, median {summary['median']:g}, p95 {summary['p95']:g}, max {summary['max']}"
+        "REBA",
+        f"mean {summary['mean']:.2f}, median {summary['median']:g}, p95 {summary['p95']:g}, max"
+        f" {summary['max']}",
     )
-    table.add_row("time at risk", ", ".join(f"{name} {100 * share:.0f} %" for name, share in summary["share"].items()))
+    table.add_row(
+        "time at risk",
+        ", ".join(f"{name} {100 * share:.0f} %" for name, share in summary["share"].items()),
+    )
     if summary["fit_error_mm"] is not None:
         error = summary["fit_error_mm"]
         table.add_row("fit error", f"median {error['median']:.1f} mm, max {error['max']:.1f} mm")
-    table.add_row("worst", f"frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}")
+    table.add_row(
+        "worst",
+        f"frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}",
+    )
     reasons = _plain(None, ("why",))
     for sentence in worst["reasons"]:
         reasons.add_row(Text(sentence))
@@ -84,11 +111,17 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
 
 def _plain(title: Text | None, head: tuple[str, ...], numeric: tuple[int, ...] = ()) -> Table:
     """A table without lines, which survives a pipe; without a head when no column has a name."""
-    table = Table(title=title, box=None, show_header=any(head), title_justify="left", pad_edge=False)
+    table = Table(
+        title=title, box=None, show_header=any(head), title_justify="left", pad_edge=False
+    )
     for i, name in enumerate(head):
         table.add_column(name, justify="right" if i in numeric else "left", overflow="fold")
     return table
 
 
 def _score(score: int) -> str:
-    return f"{score} {palette.risk_of_level(int(palette.level_of_score(score)))}" if score else "not scored"
+    return (
+        f"{score} {palette.risk_of_level(int(palette.level_of_score(score)))}"
+        if score
+        else "not scored"
+    )

@@ -10,7 +10,10 @@ from ergoqp.sheets.postures import read_postures
 
 
 def scored_alike(assessment: Assessment, postures: NDArray[np.float64]) -> Assessment:
-    """Score other postures (n, 32) [rad] with the method and the task options of an assessment's first posture."""
+    """Score other postures (n, 32) [rad] with an assessment's method.
+
+    The task options are those of its first posture.
+    """
     return assess_rows(read_postures(postures), assessment.method, assessment._task.rows(0))
 
 

@@ -12,14 +12,17 @@ TOOL_AXES: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
     "along": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "thumb": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
 }
-"""Axes of the contact frame in the grip frame; x is the tool's axis: out of the fist along the forearm, or past the thumb."""
+"""Axes of the contact frame in the grip frame; x is the tool's axis.
+
+It points out of the fist along the forearm, or past the thumb.
+"""
 
 
 def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.SX, ca.SX]:
     """Return position and rotation of the contact frame from those of the grips.
 
-    One hand: the grip, turned so that x is the tool's axis. Two hands: midway, y from the right grip to the left one, x as
-    near to the mean of the two tools' axes as that allows.
+    One hand: the grip, turned so that x is the tool's axis. Two hands: midway, y from the right
+    grip to the left one, x as near to the mean of the two tools' axes as that allows.
     """
     turn = ca.DM(np.array(TOOL_AXES[tool], dtype=float).T)
     if len(grips) == 1:
@@ -33,7 +36,7 @@ def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.S
 
 
 def about_tool(axis: ca.SX, free: bool) -> ca.SX:
-    """Return the projector (6, 6) on turning about the tool's axis, or nothing when the grasp is rigid."""
+    """Return the projector (6, 6) on turns about the tool's axis, or nothing for a rigid grasp."""
     projector = ca.SX(6, 6)
     if free:
         projector[3:, 3:] = axis @ axis.T

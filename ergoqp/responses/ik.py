@@ -37,13 +37,19 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "ankle_flexion": 3.0,
     "ankle_inversion": 5.0,
 }
-"""Cost of moving each joint, relative; both sides alike. The trunk carries half the body, the forearm next to nothing."""
+"""Relative cost of moving each joint, both sides alike.
+
+The trunk carries half the body, the forearm next to nothing.
+"""
 
 DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
     "standing": {"hip_flexion": 4.0, "knee_flexion": 8.0, "ankle_flexion": 4.0},
     "seated": {"hip_flexion": 85.0, "knee_flexion": 85.0},
 }
-"""Comfort of the legs where a problem says nothing. Nobody stands with locked knees, and locked knees cannot follow."""
+"""Comfort of the legs where a problem says nothing.
+
+Nobody stands with locked knees, and locked knees cannot follow.
+"""
 
 _BESIDE_FLOOR: Final = 0.02
 """How far from the floor a sole counts as on it [m]: a shoe's worth."""
@@ -55,22 +61,27 @@ _LEGS: Final = [INDEX[joint] for side in SIDES for joint in LEG_JOINTS[side]]
 class IkResponse:
     """S(q) of a person who keeps the task contact and moves the joints that cost least.
 
-    The joint rates minimise 1/2 v' W v over J v = G xi, so v = S xi with S = W^-1 J' (J W^-1 J')^-1 G: Whitney's weighted
-    pseudo-inverse (1972). Standing, the soles are eliminated exactly (`ergoqp.responses.stance`); only the hand rows are
-    damped. A locked joint has a zero in W^-1 and the others follow without it.
+    The joint rates minimise 1/2 v' W v over J v = G xi, so v = S xi with S = W^-1 J' (J W^-1 J')^-1
+    G: Whitney's weighted pseudo-inverse (1972). Standing, the soles are eliminated exactly
+    (`ergoqp.responses.stance`); only the hand rows are damped. A locked joint has a zero in W^-1
+    and the others follow without it.
 
     Attributes:
         body: the person as the controller models it.
-        hands: ``("right",)``, ``("left",)`` or both. The contact frame is at the grip, or midway between the two.
+        hands: ``("right",)``, ``("left",)`` or both. The contact frame is at the grip, or midway
+            between the two.
         stance: ``"standing"`` or ``"seated"``.
-        seat_height: height of the hip centres above the floor when seated [m]; None: the seat is set to the person, so that
-            the feet stand on the floor with the legs in comfort, see `seat` and `feet`.
+        seat_height: height of the hip centres above the floor when seated [m]; None: the seat is
+            set to the person, so that the feet stand on the floor with the legs in comfort, see
+            `seat` and `feet`.
         tool: axis of the tool in the hand, a key of `TOOL_AXES`.
         free_about_tool: whether the hand may turn about the tool's axis.
-        weights: cost of moving a joint, by name without its side, or with it; the rest as in `DEFAULT_WEIGHTS`.
-        comfort_deg: posture that the person relaxes toward, by joint name, with or without the side [deg]; legs as in
-            `DEFAULT_COMFORT_DEG`, the rest zero.
-        balance: cost of moving the pelvis away from above the feet, per (m/s)^2, when standing: people keep their balance.
+        weights: cost of moving a joint, by name without its side, or with it; the rest as in
+            `DEFAULT_WEIGHTS`.
+        comfort_deg: posture that the person relaxes toward, by joint name, with or without the side
+            [deg]; legs as in `DEFAULT_COMFORT_DEG`, the rest zero.
+        balance: cost of moving the pelvis away from above the feet, per (m/s)^2, when standing:
+            people keep their balance.
         relaxation_time: time constant of relaxing toward it [s].
         damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
     """
@@ -102,7 +113,10 @@ class IkResponse:
         for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
             check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
         for name, low, high in (
-            *(("seat_height", 0.2, 1.2), ("balance", 0.0, 1e6), ("relaxation_time", 1e-2, 1e3), ("damping", 1e-6, 1.0)),
+            ("seat_height", 0.2, 1.2),
+            ("balance", 0.0, 1e6),
+            ("relaxation_time", 1e-2, 1e3),
+            ("damping", 1e-6, 1.0),
         ):
             unset = name == "seat_height" and self.seat_height is None
             if not unset:
@@ -115,13 +129,19 @@ class IkResponse:
         if outside.any():
             j = int(np.argmax(outside))
             got, low, high = np.degrees([self.comfort[j], LOWER[j], UPPER[j]])
-            raise InputError(f"comfort_deg: {JOINTS[j]}: got {got:g}, which is beyond its range, allowed {low:g} to {high:g}")
+            raise InputError(
+                f"comfort_deg: {JOINTS[j]}: got {got:g}, which is beyond its range, allowed {low:g}"
+                f" to {high:g}"
+            )
         per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
         if self.stance == "standing" and self.seat_height is not None:
-            raise InputError(f"seat_height: got {self.seat_height!r} of a person who stands, allowed none, or stance 'seated'")
+            raise InputError(
+                f"seat_height: got {self.seat_height!r} of a person who stands, allowed none, or"
+                " stance 'seated'"
+            )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Go to another process as the fields: expressions cannot be sent, and are built again there."""
+        """Go to another process as the fields: expressions cannot be sent and are rebuilt there."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     coordinates = JOINTS
@@ -130,7 +150,14 @@ class IkResponse:
     @property
     def joints(self) -> tuple[str, ...]:
         """Trunk, the working arms and, standing, the legs: the joints that the object can move."""
-        chains = ["trunk", *(f"{hand}_{part}" for hand in self.hands for part in ("shoulder", "elbow", "forearm", "wrist"))]
+        chains = [
+            "trunk",
+            *(
+                f"{hand}_{part}"
+                for hand in self.hands
+                for part in ("shoulder", "elbow", "forearm", "wrist")
+            ),
+        ]
         moved = [joint for joint in JOINTS[:20] if joint.startswith(tuple(chains))]
         if self.stance == "standing":
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
@@ -139,7 +166,9 @@ class IkResponse:
     @cached_property
     def comfort(self) -> np.ndarray:
         """The comfort posture (32,) [rad]."""
-        return np.radians(per_joint(self.comfort_deg, DEFAULT_COMFORT_DEG[self.stance], 0.0, "comfort_deg"))
+        return np.radians(
+            per_joint(self.comfort_deg, DEFAULT_COMFORT_DEG[self.stance], 0.0, "comfort_deg")
+        )
 
     @property
     def weight_vector(self) -> np.ndarray:
@@ -153,24 +182,30 @@ class IkResponse:
 
     @cached_property
     def seat(self) -> float:
-        """Height of the hip centres above the floor when seated [m]: the lower foot stands, where no height is given.
+        """Height of the hip centres above the floor when seated [m].
+
+        The lower foot stands, where no height is given.
 
         Raises:
-            InputError: if the legs' comfort posture puts a seat that is set to the person at a height that no seat has.
+            InputError: if the legs' comfort posture puts a seat that is set to the person at a
+                height that no seat has.
         """
         if self.seat_height is not None:
             return self.seat_height
         height = -self._sole_below_pelvis
         if not 0.05 <= height <= 1.2:
             raise InputError(
-                f"seat_height: got none, and with the feet on the floor comfort_deg puts the seat at {height:.2f} m, allowed "
-                "0.05 to 1.2, or a seat_height"
+                "seat_height: got none, and with the feet on the floor comfort_deg puts the seat"
+                f" at {height:.2f} m, allowed 0.05 to 1.2, or a seat_height"
             )
         return height
 
     @property
     def feet(self) -> float:
-        """Height of the lower foot's sole above the floor, the legs in comfort and seated [m]: negative, it is below."""
+        """Height of the lower foot's sole above the floor, the legs in comfort and seated [m].
+
+        Negative, it is below.
+        """
         return self.seat + self._sole_below_pelvis
 
     @property
@@ -187,22 +222,36 @@ class IkResponse:
 
     @property
     def _sole_below_pelvis(self) -> float:
-        return min(float(self.kinematics.at(f"{side}_sole", ca.DM(self.comfort))[0][2]) for side in SIDES)
+        return min(
+            float(self.kinematics.at(f"{side}_sole", ca.DM(self.comfort))[0][2]) for side in SIDES
+        )
 
     def expression(self, q: ca.MX) -> ca.MX:
-        """Return S (32, 6) at `q` (32,) [rad] with no joint locked; world-aligned twist, linear first."""
+        """Return S (32, 6) at `q` (32,) [rad] with no joint locked.
+
+        The twist is world-aligned, linear first.
+        """
         return self.sensitivity()(q, 0)[0]
 
     def sensitivity(self) -> ca.Function:
-        """Return ``(q (32,), locked (32,)) -> (S (32, 6), E (k, 6))``; see `ergoqp.responses.Response`."""
+        """Return ``(q (32,), locked (32,)) -> (S (32, 6), E (k, 6))``.
+
+        See `ergoqp.responses.Response`.
+        """
         return self._functions[0]
 
     def drift(self) -> ca.Function:
-        """Return ``(q (32,), locked (32,)) -> rates (32,)``: relaxing toward comfort without moving hands or soles [rad/s]."""
+        """Return ``(q (32,), locked (32,)) -> rates (32,)`` [rad/s].
+
+        They relax toward comfort without moving hands or soles.
+        """
         return self._functions[1]
 
     def contact(self) -> ca.Function:
-        """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``, in the world that the stance anchors."""
+        """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``.
+
+        Both are in the world that the stance anchors.
+        """
         return self._functions[2]
 
     def grips(self) -> ca.Function:
@@ -210,7 +259,10 @@ class IkResponse:
         return self._functions[3]
 
     def reach(self) -> ca.Function:
-        """Return ``(q (32,), locked (32,), e (6 k,)) -> step (32,)``: the least step that moves the grips by e, world axes."""
+        """Return ``(q (32,), locked (32,), e (6 k,)) -> step (32,)``.
+
+        It is the least step that moves the grips by e, in world axes.
+        """
         return self._functions[4]
 
     @cached_property
@@ -243,12 +295,20 @@ class IkResponse:
 
         def in_joints(rates: ca.SX) -> ca.SX:
             """Spread (pelvis, trunk and arms) over the 32 joints."""
-            spread = stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
+            spread = (
+                stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
+            )
             spread[arms, :] = rates[4:, :]
             return spread
 
         to_pelvis = ca.diagcat(stance.yaw.T, stance.yaw.T)
-        parts = {"K": K.T, "pull": pull, "softness": softness, "wanted": P @ G @ to_pelvis, "legs": stance.legs[_LEGS, :]}
+        parts = {
+            "K": K.T,
+            "pull": pull,
+            "softness": softness,
+            "wanted": P @ G @ to_pelvis,
+            "legs": stance.legs[_LEGS, :],
+        }
         own = ca.vertcat(stance.relax, wish[arms])
         relax = in_joints(own - pull @ (inverse_M @ (K @ own)))
 
@@ -259,9 +319,18 @@ class IkResponse:
         in_pelvis = ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error
         reach = in_joints(pull @ (inverse_M @ (P @ in_pelvis)))
         return (
-            self._sensitivity(ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))), arms),
+            self._sensitivity(
+                ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
+                arms,
+            ),
             ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
-            ca.Function("contact", [q], ca.cse([ca.densify(contact), ca.densify(base)]), ["q"], ["contact", "pelvis"]),
+            ca.Function(
+                "contact",
+                [q],
+                ca.cse([ca.densify(contact), ca.densify(base)]),
+                ["q"],
+                ["contact", "pelvis"],
+            ),
             ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
             ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
         )
@@ -275,7 +344,8 @@ class IkResponse:
         multipliers = inverse(K.T @ pull + softness) @ wanted
         rates = pull @ multipliers
         moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), 0)
-        # The legs follow the pelvis; all others are rates themselves. What neither has stays zero, the last entry.
+        # The legs follow the pelvis; all others are rates themselves. What neither has stays zero,
+        # the last entry.
         height = 4 + len(arms)
         places = np.full((len(JOINTS), 6), moved.numel() - 1)
         places[arms] = np.arange(6 * height).reshape(6, height).T[4:]
@@ -283,15 +353,25 @@ class IkResponse:
         S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
         # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
         E = self.damping**2 * multipliers
-        return ca.Function("sensitivity", [q, locked], [S, ca.densify(E)], ["q", "locked"], ["sensitivity", "unmet"])
+        return ca.Function(
+            "sensitivity",
+            [q, locked],
+            [S, ca.densify(E)],
+            ["q", "locked"],
+            ["sensitivity", "unmet"],
+        )
 
     def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
         if self.stance == "seated":
             return seated(self.seat)
-        return standing(self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time)
+        return standing(
+            self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time
+        )
 
 
-def per_joint(given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str) -> np.ndarray:
+def per_joint(
+    given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str
+) -> np.ndarray:
     """Return one value per joint (32,) from values by name; a name without a side means both sides.
 
     Raises:
@@ -299,11 +379,15 @@ def per_joint(given: Mapping[str, float], defaults: Mapping[str, float], rest: f
     """
     values = np.full(len(JOINTS), rest)
     for table in (defaults, given):
-        # Names with a side come last, so that they win over the name of both sides whatever the order in the file.
+        # Names with a side come last, so that they win over the name of both sides whatever the
+        # order in the file.
         for name in sorted(table, key=lambda key: key in INDEX):
             targets = [name] if name in INDEX else [f"{side}_{name}" for side in SIDES]
             if any(target not in INDEX for target in targets):
-                raise InputError(f"{what}: got {name!r}, allowed a joint such as 'trunk_flexion' or 'elbow_flexion'")
+                raise InputError(
+                    f"{what}: got {name!r}, allowed a joint such as 'trunk_flexion' or"
+                    " 'elbow_flexion'"
+                )
             for target in targets:
                 values[INDEX[target]] = table[name]
     return values

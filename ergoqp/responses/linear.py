@@ -1,4 +1,4 @@
-"""A state that the twist moves by a fixed matrix: points that the robot carries, or a system of one's own."""
+"""A state that the twist moves by a fixed matrix: points the robot carries, or one's own system."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ergoqp.errors import InputError
 class LinearResponse:
     """S is one matrix, whatever the state: dq/dt = S xi.
 
-    With the identity, the six entries of the twist are the velocities of the six coordinates themselves, as in the problem
-    ``forearm``, where they are elbow and wrist.
+    With the identity, the six entries of the twist are the velocities of the six coordinates
+    themselves, as in the problem ``forearm``, where they are elbow and wrist.
 
     Attributes:
         coordinates: names of the entries of the state.
@@ -36,7 +36,9 @@ class LinearResponse:
 
     def __post_init__(self) -> None:
         """Check shapes and numbers."""
-        object.__setattr__(self, "coordinates", names_of("coordinates", self.coordinates, "a list of names"))
+        object.__setattr__(
+            self, "coordinates", names_of("coordinates", self.coordinates, "a list of names")
+        )
         n = len(self.coordinates)
         if len(set(self.coordinates)) < n:
             raise InputError(f"coordinates: got {shown(self.coordinates)}, allowed each name once")
@@ -46,7 +48,9 @@ class LinearResponse:
             ("matrix", np.eye(n, 6) if self.matrix is None else self.matrix, (n, 6)),
             ("comfort", np.zeros(n) if self.comfort is None else self.comfort, (n,)),
         ):
-            object.__setattr__(self, name, read_array(name, value, shape, f"{shape} of finite numbers"))
+            object.__setattr__(
+                self, name, read_array(name, value, shape, f"{shape} of finite numbers")
+            )
         check_number("largest", self.largest, 1e-9, 1e9)
 
     @property
@@ -64,7 +68,10 @@ class LinearResponse:
         return self.sensitivity()(q, 0)[0]
 
     def sensitivity(self) -> ca.Function:
-        """Return ``(q (n,), locked (n,)) -> (S (n, 6), E (1, 6))``; nothing is lost on the way, so E is zero."""
+        """Return ``(q (n,), locked (n,)) -> (S (n, 6), E (1, 6))``.
+
+        Nothing is lost on the way, so E is zero.
+        """
         return self._functions[0]
 
     def contact(self) -> ca.Function:

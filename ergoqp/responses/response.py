@@ -18,7 +18,7 @@ class Response(Protocol):
 
     @property
     def coordinates(self) -> Sequence[str]:
-        """Names of the entries of the state: `ergoqp.JOINTS`, or what the model moves instead of a person."""
+        """Names of the state: `ergoqp.JOINTS`, or what the model moves instead of a person."""
         ...
 
     @property
@@ -37,16 +37,20 @@ class Response(Protocol):
         ...
 
     def expression(self, q: ca.MX) -> ca.MX:
-        """Return the sensitivity S (32, 6) at the posture `q` (32,) [rad], for a world-aligned twist [m/s, rad/s]."""
+        """Return the sensitivity S (32, 6) at the posture `q` (32,) [rad].
+
+        It is for a world-aligned twist [m/s, rad/s].
+        """
         ...
 
     def sensitivity(self) -> ca.Function:
         """Return the function ``(q (32,), locked (32,)) -> (S (32, 6), E (k, 6))``.
 
-        Joints with ``locked`` 1 do not move. ``E @ twist`` is the contact motion that the posture cannot follow.
+        Joints with ``locked`` 1 do not move. ``E @ twist`` is the contact motion that the posture
+        cannot follow.
         """
         ...
 
     def contact(self) -> ca.Function:
-        """Return the function ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``, both in the world."""
+        """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``, both in the world."""
         ...

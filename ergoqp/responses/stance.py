@@ -1,8 +1,8 @@
 """Where the pelvis is: fixed on a seat, or carried by legs whose soles stay on the floor.
 
-The world of a problem is anchored to the stance, so that a posture alone says where the person is. Seated: the origin is on
-the floor below the pelvis, x along its heading. Standing: the origin is on the floor midway between the soles, x along their
-mean heading.
+The world of a problem is anchored to the stance, so that a posture alone says where the person is.
+Seated: the origin is on the floor below the pelvis, x along its heading. Standing: the origin is on
+the floor midway between the soles, x along their mean heading.
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) f
 """The six joints of each leg."""
 
 STRAIGHT_KNEE: Final = 0.10
-"""Knee flexion [rad] below which the legs respond as if bent by this much: at a straight knee its sign is lost."""
+"""Knee flexion [rad] below which the legs respond as if bent by this much.
+
+At a straight knee its sign is lost.
+"""
 
 _LOCK: Final = 1e8
 
@@ -34,7 +37,8 @@ class Stance:
         moves: whether the pelvis moves (standing).
         yaw: rotation of the pelvis in the world (3, 3), about z.
         position: pelvis in the world (3,) [m].
-        weight: (4, 4) what it costs to move the pelvis by x, y, z, yaw: the cost of the leg joints that must follow.
+        weight: (4, 4) what it costs to move the pelvis by x, y, z, yaw: the cost of the leg joints
+            that must follow.
         legs: (32, 4) leg joint rates per pelvis rate.
         relax: (4,) pelvis rates that best serve the legs' own wishes.
     """
@@ -64,8 +68,9 @@ def standing(
 ) -> Stance:
     """Return the stance of a person whose soles stay where they are.
 
-    With the soles fixed, each leg's six rates follow exactly from the four of the pelvis, so the legs and the twelve contact
-    rows disappear from the problem; what remains of them is the weight of moving the pelvis.
+    With the soles fixed, each leg's six rates follow exactly from the four of the pelvis, so the
+    legs and the twelve contact rows disappear from the problem; what remains of them is the weight
+    of moving the pelvis.
 
     Args:
         kinematics: of the person.
@@ -119,10 +124,12 @@ def _leg_rates(kinematics: Kinematics, q: ca.SX, side: str) -> ca.SX:
 
 
 def move_sole(kinematics: Kinematics, q: ca.SX, side: str, motion: ca.SX) -> ca.SX:
-    """Return the leg's joint steps (6, k) that move its sole by `motion` (6, k), given at the hip centre in pelvis axes.
+    """Return the leg's joint steps (6, k) that move its sole by `motion` (6, k).
 
-    Written at the hip centre, which the three hip axes do not move: knee and ankle carry that point, then the hip turns the
-    sole. Two systems of three instead of one of six.
+    The motion is given at the hip centre in pelvis axes.
+
+    Written at the hip centre, which the three hip axes do not move: knee and ankle carry that
+    point, then the hip turns the sole. Two systems of three instead of one of six.
     """
     columns = [INDEX[name] for name in LEG_JOINTS[side]]
     hip = kinematics.at(f"{side}_hip", q)[0]

@@ -50,7 +50,7 @@ class Assessment:
 
     @cached_property
     def outside(self) -> NDArray[np.bool_]:
-        """Finite angles beyond their joint's range, which were scored by the outer band; shape (n, 32)."""
+        """Finite angles beyond their joint's range, scored by the outer band; shape (n, 32)."""
         return (self.postures < LOWER - TIE) | (self.postures > UPPER + TIE)
 
     @cached_property
@@ -60,24 +60,31 @@ class Assessment:
 
     @cached_property
     def arm(self) -> NDArray[np.str_]:
-        """The arm with the higher score B, ``"right"`` or ``"left"`` (right when equal); shape (n,)."""
+        """The arm with higher score B, ``"right"`` or ``"left"`` (right when equal); shape (n,)."""
         return np.where(self._left_is_worse, "left", "right")
 
     @cached_property
     def segments(self) -> dict[str, NDArray[np.int64]]:
-        """Score of each segment, shape (n,): neck, trunk, legs, ``right_*`` and ``left_*`` of the arms.
+        """Score (n,) of each segment: neck, trunk, legs, ``right_*`` and ``left_*`` of the arms.
 
         The arm's segments without a side are those that were carried forward.
         """
-        found = {name: np.where(self.valid, scores, 0).astype(np.int64) for name, scores in self._scored.items()}
+        found = {
+            name: np.where(self.valid, scores, 0).astype(np.int64)
+            for name, scores in self._scored.items()
+        }
         for segment in self._sheet.of_table("B"):
             right, left = (found[segment.label(side)] for side in SIDES)
             whole = self.method.arms == "whole"
-            found[segment.name] = np.where(self._left_is_worse, left, right) if whole else np.maximum(right, left)
+            found[segment.name] = (
+                np.where(self._left_is_worse, left, right) if whole else np.maximum(right, left)
+            )
         return found
 
     def reasons(self, i: int) -> list[str]:
-        """Say where the score of posture `i` comes from: a sentence per segment, then the tables, then warnings.
+        """Say where the score of posture `i` comes from.
+
+        There is a sentence per segment, then the tables, then warnings.
 
         Args:
             i: number of the posture, from 0 (negative: from the end).
@@ -90,18 +97,24 @@ class Assessment:
         if not self.valid[i]:
             missing = ", ".join(spoken(JOINTS[j]) for j in np.flatnonzero(np.isnan(posture)))
             return [f"not scored: no angle for {missing}"]
-        sentences = [self._segment(segment, side, i) for segment in sheet.segments.values() for side in segment.sides]
+        sentences = [
+            self._segment(segment, side, i)
+            for segment in sheet.segments.values()
+            for side in segment.sides
+        ]
         sentences += self._composition(i, task)
         for j in np.flatnonzero(self.outside[i]):
             low, high = np.degrees([LOWER[j], UPPER[j]])
             sentences.append(
-                f"{spoken(JOINTS[j])} {np.degrees(posture[j]):.3g} deg is beyond its range {low:.0f} to {high:.0f}: "
-                "scored by the outer band"
+                f"{spoken(JOINTS[j])} {np.degrees(posture[j]):.3g} deg is beyond its range"
+                f" {low:.0f} to {high:.0f}: scored by the outer band"
             )
         return sentences
 
     def costly(self, i: int) -> list[str]:
-        """Say what makes posture `i` score above 1: segments above their lowest, of the arms the one that counts, and points.
+        """Say what makes posture `i` score above 1.
+
+        It is segments above their lowest, of the arms the one that counts, and points.
 
         Nothing where the score is 1: not every segment above its lowest costs a point.
 
@@ -116,7 +129,9 @@ class Assessment:
             return []
         points = {name: int(value) for name, value in self._task.rows(i).points.items()}
         counts = (str(self.arm[i]),) if self.method.arms == "whole" else SIDES
-        places = [(segment, side) for segment in self._sheet.segments.values() for side in segment.sides]
+        places = [
+            (segment, side) for segment in self._sheet.segments.values() for side in segment.sides
+        ]
         return [
             self._segment(segment, side, i)
             for segment, side in places
@@ -129,7 +144,13 @@ class Assessment:
         return i % len(self.final)
 
     def _segment(self, segment: Segment, side: str, i: int) -> str:
-        return explain_segment(segment, self.postures[i], self._task.rows(i), side, int(self._scored[segment.label(side)][i]))
+        return explain_segment(
+            segment,
+            self.postures[i],
+            self._task.rows(i),
+            side,
+            int(self._scored[segment.label(side)][i]),
+        )
 
     @property
     def _sheet(self) -> Sheet:
@@ -142,10 +163,19 @@ class Assessment:
     def _composition(self, i: int, task: Task) -> list[str]:
         sheet = self._sheet
         scores = {name: int(scores[i]) for name, scores in self.segments.items()}
-        table_a, table_b = (int(sheet.tables[t].cells[tuple(scores[axis] - 1 for axis in sheet.tables[t].axes)]) for t in "AB")
-        load, coupling, activity = (int(task.points[name]) for name in ("load", "coupling", "activity"))
+        table_a, table_b = (
+            int(sheet.tables[t].cells[tuple(scores[axis] - 1 for axis in sheet.tables[t].axes)])
+            for t in "AB"
+        )
+        load, coupling, activity = (
+            int(task.points[name]) for name in ("load", "coupling", "activity")
+        )
         score_c = int(sheet.tables["C"].cells[table_a + load - 1, table_b + coupling - 1])
-        source = f"the {self.arm[i]} arm" if self.method.arms == "whole" else "the worse of both arms per segment"
+        source = (
+            f"the {self.arm[i]} arm"
+            if self.method.arms == "whole"
+            else "the worse of both arms per segment"
+        )
         mass = f"{float(task.load_kg):g} kg{' with shock' if task.shock else ''}"
         final, level = int(self.final[i]), sheet.levels[int(self.band[i])]
         capped = f", at most {final}" if final < score_c + activity else ""
@@ -179,7 +209,11 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         options = task.rows(rows)
         block = score_segments(sheet, angles, options)
         arms = {side: score_side(sheet, block, side) for side in SIDES}
-        worse = np.maximum(*arms.values()) if method.arms == "whole" else score_worse_segments(sheet, block)
+        worse = (
+            np.maximum(*arms.values())
+            if method.arms == "whole"
+            else score_worse_segments(sheet, block)
+        )
         table_a = look_up(sheet, "A", *(block[name] for name in sheet.tables["A"].axes))
         final[rows] = score_final(sheet, table_a, worse, options.points, method.final_max)
         for name, scores in block.items():

@@ -1,7 +1,8 @@
 """A sheet as data: the parts of a posture sheet, read from a TOML file and the values of a method.
 
-Three readings stand on these parts and on nothing else: the exact score (:mod:`ergoqp.sheets.score`), the reasons in words
-(:mod:`ergoqp.sheets.words`) and the smooth score (:mod:`ergoqp.costs.smooth_reba`). Nothing here knows which sheet it is.
+Three readings stand on these parts and on nothing else: the exact score
+(:mod:`ergoqp.sheets.score`), the reasons in words (:mod:`ergoqp.sheets.words`) and the smooth score
+(:mod:`ergoqp.costs.smooth_reba`). Nothing here knows which sheet it is.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ from numpy.typing import NDArray
 from ergoqp.joints import INDEX, SIDES
 
 TIE: Final = 1e-9
-"""Half width of a band end [rad, or the unit of the edge]: 20 deg computed in two ways may differ in its last bits."""
+"""Half width of a band end [rad, or the unit of the edge].
+
+20 deg computed in two ways may differ in its last bits.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,9 @@ class Step:
             values: any shape, in the unit of the edges.
         """
         total = np.full(values.shape, self.scores[0], dtype=np.int8)
-        for threshold, (below, above) in zip(self.rises_at, itertools.pairwise(self.scores), strict=True):
+        for threshold, (below, above) in zip(
+            self.rises_at, itertools.pairwise(self.scores), strict=True
+        ):
             past = np.greater(values, threshold).astype(np.int8)
             total += past if above - below == 1 else np.int8(above - below) * past
         return total
@@ -60,7 +66,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Modifier:
-    """Points for conditions of several joints: together at most one point, or one each when `additive`."""
+    """Points for conditions of several joints: at most one in all, or one each when `additive`."""
 
     conditions: tuple[Step, ...]
     additive: bool
@@ -113,7 +119,10 @@ class Segment:
         return (self.base, *(step for modifier in self.modifiers for step in modifier.conditions))
 
     def joint(self, step: Step, side: str) -> int:
-        """Return the index in a posture of a step's joint on one side (ignored where there is only one)."""
+        """Return the index in a posture of a step's joint on one side.
+
+        The side is ignored where there is only one.
+        """
         paired = self.sided or (self.worse_side and step is self.base)
         return INDEX[f"{side}_{step.joint}" if paired else step.joint]
 
@@ -124,7 +133,10 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table of scores 1, 2, ...: `cells` [score - 1, ...] of the named axes; `plus` is added to what it gives."""
+    """A table of scores 1, 2, ...: `cells` [score - 1, ...] of the named axes.
+
+    `plus` is added to what it gives.
+    """
 
     axes: tuple[str, ...]
     plus: str
@@ -174,29 +186,37 @@ def load_description(name: str) -> dict[str, Any]:
     Args:
         name: file name without its ending, for example ``"reba"``.
     """
-    return tomllib.loads(resources.files("ergoqp.sheets").joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        resources.files("ergoqp.sheets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    )
 
 
-def read_sheet(description: Mapping[str, Any], values: Mapping[str, Any], *, ties: Ties, load_ties: Ties) -> Sheet:
+def read_sheet(
+    description: Mapping[str, Any], values: Mapping[str, Any], *, ties: Ties, load_ties: Ties
+) -> Sheet:
     """Fill the values of a method into a description.
 
     Args:
         description: from :func:`load_description`.
         values: value of every name that edges and alternatives refer to.
-        ties: whether a band end of an angle belongs to the neighbour with the lower or the higher score.
+        ties: whether a band end of an angle belongs to the neighbour with the lower or the higher
+            score.
         load_ties: the same for the load; ``"inner"``: both ends belong to the band between them.
     """
     tables = {
         name: Table(tuple(table["axes"]), table["plus"], np.array(table["cells"], dtype=np.int8))
         for name, table in description["tables"].items()
     }
-    highest = {axis: table.cells.shape[i] for table in tables.values() for i, axis in enumerate(table.axes)}
+    highest = {
+        axis: table.cells.shape[i] for table in tables.values() for i, axis in enumerate(table.axes)
+    }
     load = description["load"]
     levels = description["action_levels"]
     return Sheet(
         name=description["name"],
         segments={
-            name: _read_segment(name, entry, highest[name], values, ties) for name, entry in description["segments"].items()
+            name: _read_segment(name, entry, highest[name], values, ties)
+            for name, entry in description["segments"].items()
         },
         tables=tables,
         points=dict(description["points"]),
@@ -207,7 +227,9 @@ def read_sheet(description: Mapping[str, Any], values: Mapping[str, Any], *, tie
     )
 
 
-def _read_segment(name: str, entry: Mapping[str, Any], highest: int, values: Mapping[str, Any], ties: Ties) -> Segment:
+def _read_segment(
+    name: str, entry: Mapping[str, Any], highest: int, values: Mapping[str, Any], ties: Ties
+) -> Segment:
     skip = entry.get("skipped_by")
     return Segment(
         name=name,
@@ -215,17 +237,25 @@ def _read_segment(name: str, entry: Mapping[str, Any], highest: int, values: Map
         worse_side=entry.get("worse_side", False),
         start=entry.get("start", 0),
         highest=highest,
-        base=next(_read_step(base, values, ties) for base in entry["base"] if _applies(base, values)),
+        base=next(
+            _read_step(base, values, ties) for base in entry["base"] if _applies(base, values)
+        ),
         skipped_by=None if skip is None or values[skip["unless"]] else skip["option"],
         modifiers=tuple(
             Modifier(
-                tuple(_read_step(c, values, ties) for c in modifier["conditions"] if _applies(c, values)),
+                tuple(
+                    _read_step(c, values, ties)
+                    for c in modifier["conditions"]
+                    if _applies(c, values)
+                ),
                 additive="additive" in modifier and values[modifier["additive"]],
             )
             for modifier in entry.get("modifiers", ())
         ),
         options=tuple(
-            OptionPoints(option["option"], option["points"], option.get("not_with"), option["words"])
+            OptionPoints(
+                option["option"], option["points"], option.get("not_with"), option["words"]
+            )
             for option in entry.get("options", ())
         ),
     )
@@ -235,18 +265,24 @@ def _applies(entry: Mapping[str, Any], values: Mapping[str, Any]) -> bool:
     return all(values[name] == value for name, value in entry.get("when", {}).items())
 
 
-def _read_step(entry: Mapping[str, Any], values: Mapping[str, Any], ties: Ties, unit: float = np.pi / 180) -> Step:
+def _read_step(
+    entry: Mapping[str, Any], values: Mapping[str, Any], ties: Ties, unit: float = np.pi / 180
+) -> Step:
     edges = [_number(edge, values) * unit for edge in entry["edges"]]
     scores = entry["scores"]
     thresholds = []
     for i, edge in enumerate(edges):
-        # An argument at the edge stays in the band below it if that band is the one that owns the edge.
+        # An argument at the edge stays in the band below it if that band is the one that owns the
+        # edge.
         rises = scores[i + 1] > scores[i]
         below = {"lower": rises, "higher": not rises, "inner": i == len(edges) - 1}[ties]
         thresholds.append(edge + TIE if below else edge - TIE)
-    # Two edges may coincide (a tolerance of 0); the band between them is then empty, never negative.
+    # Two edges may coincide (a tolerance of 0); the band between them is then empty, never
+    # negative.
     thresholds = np.maximum.accumulate(thresholds).tolist()
-    return Step(entry["joint"], tuple(edges), tuple(scores), tuple(thresholds), tuple(entry["words"]))
+    return Step(
+        entry["joint"], tuple(edges), tuple(scores), tuple(thresholds), tuple(entry["words"])
+    )
 
 
 def _number(edge: str | float, values: Mapping[str, Any]) -> float:

@@ -1,6 +1,9 @@
-"""The simplified sheet behind the EPFL report's data: for comparison with its figures only, never for a person.
+"""The simplified sheet behind the EPFL report's data.
 
-Its scores are about one point below REBA's. The worse of both arms counts in each segment; no load, coupling or activity.
+It is for comparison with the report's figures only, never for a person.
+
+Its scores are about one point below REBA's. The worse of both arms counts in each segment; no load,
+coupling or activity.
 """
 
 from __future__ import annotations
@@ -34,11 +37,18 @@ def interval_sheet() -> Sheet:
 
 @cache
 def interval_ranges() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower and upper ends of the angles in the data, shape (32,) each [rad]; other joints have all their range."""
+    """Return the lower and upper ends of the angles in the data, shape (32,) each [rad].
+
+    Other joints have all their range.
+    """
     lower, upper = LOWER.copy(), UPPER.copy()
     for name, entry in load_description("interval")["segments"].items():
         segment = interval_sheet().segments[name]
-        conditions = (condition for modifier in entry.get("modifiers", ()) for condition in modifier["conditions"])
+        conditions = (
+            condition
+            for modifier in entry.get("modifiers", ())
+            for condition in modifier["conditions"]
+        )
         for step, described in zip(segment.steps, (*entry["base"], *conditions), strict=True):
             joints = [segment.joint(step, side) for side in SIDES]
             lower[joints], upper[joints] = np.radians(described["range"])
@@ -49,8 +59,8 @@ def score_interval(postures: ArrayLike) -> NDArray[np.int64]:
     """Return the final score 1 to 12 of postures by the simplified sheet, shape (n,).
 
     Args:
-        postures: shape (n, 32) or (32,), in the order of :data:`ergoqp.JOINTS`, all finite [rad]. Angles beyond the ranges
-            are scored by the outer band.
+        postures: shape (n, 32) or (32,), in the order of :data:`ergoqp.JOINTS`, all finite [rad].
+            Angles beyond the ranges are scored by the outer band.
 
     Raises:
         InputError: for a wrong shape, NaN, or an angle beyond +-180 deg.
@@ -63,5 +73,7 @@ def score_interval(postures: ArrayLike) -> NDArray[np.int64]:
     task = read_task(sheet, None)
     segments = score_segments(sheet, angles, task)
     table_a = look_up(sheet, "A", *(segments[segment.label("")] for segment in sheet.of_table("A")))
-    final = score_final(sheet, table_a, score_worse_segments(sheet, segments), task.points, FINAL_MAX)
+    final = score_final(
+        sheet, table_a, score_worse_segments(sheet, segments), task.points, FINAL_MAX
+    )
     return final.astype(np.int64)

@@ -1,4 +1,4 @@
-"""REBA's open points as parameters: where implementations disagree, the choice is the user's and has a name."""
+"""REBA's open points as parameters: the user's choice, by name, where implementations disagree."""
 
 from __future__ import annotations
 
@@ -33,24 +33,30 @@ _ASCENDING: Final = (
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """How the REBA sheet is read. The defaults follow the publication; each field is a known point of disagreement.
+    """How the REBA sheet is read.
 
-    The reference of an angle is not a parameter: trunk to the vertical, neck and upper arm to the trunk, forearm to the
-    upper arm, knee 0 when straight. Who measures otherwise converts the angles first.
+    The defaults follow the publication; each field is a known point of disagreement.
+
+    The reference of an angle is not a parameter: trunk to the vertical, neck and upper arm to the
+    trunk, forearm to the upper arm, knee 0 when straight. Who measures otherwise converts the
+    angles first.
 
     Attributes:
-        band_ends: an angle exactly at a band end (within 1e-9 rad) gets the ``"lower"`` of the two scores (20 deg is
-            "0-20") or the ``"higher"``. Holds for modifier thresholds too.
-        load_ends: exactly 5 and 10 kg: ``"inner"`` as printed ("5-10" includes both), else the lower or higher points.
-        additive: twist and side-bend of neck and trunk give one point each, clamped to the table, not one together.
-        trunk_extension: over 20 deg: ``"worksheet"`` 3; ``"capped"`` 2 (as implementations that never test it);
-            ``"mirrored"`` as flexion, so over 60 is 4.
+        band_ends: an angle exactly at a band end (within 1e-9 rad) gets the ``"lower"`` of the two
+            scores (20 deg is "0-20") or the ``"higher"``. Holds for modifier thresholds too.
+        load_ends: exactly 5 and 10 kg: ``"inner"`` as printed ("5-10" includes both), else the
+            lower or higher points.
+        additive: twist and side-bend of neck and trunk give one point each, clamped to the table,
+            not one together.
+        trunk_extension: over 20 deg: ``"worksheet"`` 3; ``"capped"`` 2 (as implementations that
+            never test it); ``"mirrored"`` as flexion, so over 60 is 4.
         adduction: the upper arm drawn across the body counts as abducted does.
         knees_when_seated: bent knees count also when seated.
-        arms: each arm scored ``"whole"`` and the worse score B carried forward, or the worse of both arms in each of its
-            ``"segments"`` (never lower).
+        arms: each arm scored ``"whole"`` and the worse score B carried forward, or the worse of
+            both arms in each of its ``"segments"`` (never lower).
         final_max: upper end of the final score, 15; some implementations stop at 12.
-        neck_extension_deg: extension counts past this; negative: flexion below that amount counts as extension.
+        neck_extension_deg: extension counts past this; negative: flexion below that amount counts
+            as extension.
         neck_flexion_deg: end of the neck's first band.
         neck_side_bend_deg: modifier threshold.
         neck_twist_deg: modifier threshold.
@@ -122,7 +128,9 @@ class Method:
         for names in _ASCENDING:
             values = [getattr(self, name) for name in names]
             if any(low >= high for low, high in itertools.pairwise(values)):
-                raise InputError(f"Method.{', '.join(names)}: got {values}, allowed: ascending values")
+                raise InputError(
+                    f"Method.{', '.join(names)}: got {values}, allowed: ascending values"
+                )
 
     def _check(self, name: str, value: Any) -> None:
         where = f"Method.{name}: got {shown(value)}"
@@ -130,7 +138,11 @@ class Method:
             if not isinstance(value, str) or value not in _CHOICES[name]:
                 raise InputError(f"{where}, allowed: one of {', '.join(map(repr, _CHOICES[name]))}")
         elif name == "final_max":
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 12 <= value <= 15:
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, np.integer))
+                or not 12 <= value <= 15
+            ):
                 raise InputError(f"{where}, allowed: a whole number from 12 to 15")
         elif name not in _DEFAULT:
             if not isinstance(value, (bool, np.bool_)):
@@ -138,7 +150,9 @@ class Method:
         else:
             low = -180.0 if name == "neck_extension_deg" else 0.0
             high = 180.0 if name.endswith("_deg") else 1000.0
-            number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+            number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
+                value, bool
+            )
             if not number or not low <= value <= high:
                 raise InputError(f"{where}, allowed: a number from {low:g} to {high:g}")
 
@@ -157,4 +171,6 @@ def read_method(method: Method | None) -> Method:
 @lru_cache(maxsize=64)
 def sheet_of(method: Method) -> Sheet:
     """Return the REBA sheet with a method's values filled in."""
-    return read_sheet(_DESCRIPTION, asdict(method), ties=method.band_ends, load_ties=method.load_ends)
+    return read_sheet(
+        _DESCRIPTION, asdict(method), ties=method.band_ends, load_ties=method.load_ends
+    )

@@ -22,11 +22,16 @@ def read_postures(postures: ArrayLike) -> NDArray[np.float64]:
     try:
         rows = np.array(postures, dtype=float, order="C")
     except (TypeError, ValueError) as error:
-        raise InputError(f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad") from None
+        raise InputError(
+            f"postures: got no array of numbers ({error}), allowed: shape (n, 32) or (32,) rad"
+        ) from None
     if rows.shape == (len(JOINTS),):
         rows = rows[np.newaxis]
     if rows.ndim != 2 or rows.shape[1] != len(JOINTS):
-        raise InputError(f"postures: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order of JOINTS")
+        raise InputError(
+            f"postures: got shape {rows.shape}, allowed: shape (n, 32) or (32,) rad, in the order"
+            " of JOINTS"
+        )
     rows.setflags(write=False)
     return rows
 
@@ -50,7 +55,7 @@ def check_angles(angles: NDArray[np.float64], first_row: int) -> NDArray[np.bool
         row = int(np.argmax(beyond.any(axis=0)))
         joint = int(np.argmax(beyond[:, row]))
         raise InputError(
-            f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad, allowed: -pi to pi "
-            "(degrees given as radians?)"
+            f"postures: row {first_row + row}, {JOINTS[joint]}: got {angles[joint, row]:g} rad,"
+            " allowed: -pi to pi (degrees given as radians?)"
         )
     return np.logical_not(np.isnan(angles).any(axis=0))

@@ -8,7 +8,8 @@
 >>> assessment.reasons(0)[0]
 'neck 0 deg flexion, 5 extension to 20 flexion: 1'
 
-Source: S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31 (2000) 201-205.
+Source: S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
+(2000) 201-205.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ ACTION_LEVELS: Final[tuple[str, ...]] = sheet_of(Method()).levels
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """What the tables give for segment scores: whole numbers, arrays of the common shape if any argument was one.
+    """What the tables give for segment scores.
+
+    It is whole numbers, or arrays of the common shape if any argument was one.
 
     Attributes:
         table_a: table A of neck, trunk and legs.
@@ -82,20 +85,41 @@ def combine(
         InputError: for a score outside its range, or shapes that do not broadcast.
     """
     sheet = sheet_of(Method())
-    segments = {"neck": neck, "trunk": trunk, "legs": legs, "upper_arm": upper_arm, "lower_arm": lower_arm, "wrist": wrist}
+    segments = {
+        "neck": neck,
+        "trunk": trunk,
+        "legs": legs,
+        "upper_arm": upper_arm,
+        "lower_arm": lower_arm,
+        "wrist": wrist,
+    }
     points = {"load": load, "coupling": coupling, "activity": activity}
     names = [*segments, *points]
-    checked = [whole_numbers(name, value, 1, sheet.segments[name].highest, -1) for name, value in segments.items()]
-    checked += [whole_numbers(name, value, 0, sheet.points[name], -1) for name, value in points.items()]
+    checked = [
+        whole_numbers(name, value, 1, sheet.segments[name].highest, -1)
+        for name, value in segments.items()
+    ]
+    checked += [
+        whole_numbers(name, value, 0, sheet.points[name], -1) for name, value in points.items()
+    ]
     try:
         arrays = dict(zip(names, np.broadcast_arrays(*checked), strict=True))
     except ValueError:
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(names, checked, strict=True))
+        shapes = ", ".join(
+            f"{name} {array.shape}" for name, array in zip(names, checked, strict=True)
+        )
         raise InputError(f"combine: got shapes {shapes}, allowed: shapes that broadcast") from None
     table_a = look_up(sheet, "A", *(arrays[name] for name in sheet.tables["A"].axes))
     table_b = look_up(sheet, "B", *(arrays[name] for name in sheet.tables["B"].axes))
     final = score_final(sheet, table_a, table_b, arrays, highest=15)
-    steps = (table_a, table_a + arrays["load"], table_b, table_b + arrays["coupling"], final - arrays["activity"], final)
+    steps = (
+        table_a,
+        table_a + arrays["load"],
+        table_b,
+        table_b + arrays["coupling"],
+        final - arrays["activity"],
+        final,
+    )
     return Scores(*(step.astype(np.int64)[()] for step in steps))
 
 
@@ -114,23 +138,26 @@ def assess(
 ) -> Assessment:
     """Score postures.
 
-    A finite angle beyond its joint's range is scored by the outer band and flagged in ``outside``. NaN makes that one
-    posture invalid: ``final`` 0.
+    A finite angle beyond its joint's range is scored by the outer band and flagged in ``outside``.
+    NaN makes that one posture invalid: ``final`` 0.
 
     Args:
         postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
         method: how the sheet is read; the default follows the publication.
-        load_kg: mass handled [kg]. This and every option below: one value, or one per posture, shape (n,).
+        load_kg: mass handled [kg]. This and every option below: one value, or one per posture,
+            shape (n,).
         shock: shock or a rapid build-up of force.
         coupling: 0 good, 1 fair, 2 poor, 3 unacceptable.
-        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute, rapid large changes.
+        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute,
+            rapid large changes.
         seated: knees are not counted.
         one_leg: weight on one leg or an unstable stance; not counted when seated.
         arm_supported: (right, left), arm supported or gravity assisted.
         shoulder_raised: (right, left).
 
     Raises:
-        InputError: for a wrong shape, an angle beyond +-180 deg (degrees given as radians?) or an option out of range.
+        InputError: for a wrong shape, an angle beyond +-180 deg (degrees given as radians?) or an
+            option out of range.
     """
     rows = read_postures(postures)
     method = read_method(method)

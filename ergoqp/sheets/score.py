@@ -1,7 +1,7 @@
-"""The exact reading of a sheet, vectorised: angles to segment scores, segment scores through the tables.
+"""The exact reading of a sheet, vectorised: angles to segment scores, these through the tables.
 
-Works on a block of joint angles with one contiguous row per joint, so that every comparison runs over a whole row of
-postures in one go. All scores are int8.
+Works on a block of joint angles with one contiguous row per joint, so that every comparison runs
+over a whole row of postures in one go. All scores are int8.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, sid
         side: ``"right"``, ``"left"`` or ``""``.
     """
     if segment.worse_side:
-        total = np.maximum(*(segment.base.score(angles[segment.joint(segment.base, s)]) for s in SIDES))
+        total = np.maximum(
+            *(segment.base.score(angles[segment.joint(segment.base, s)]) for s in SIDES)
+        )
     else:
         total = segment.base.score(angles[segment.joint(segment.base, side)])
     if segment.skipped_by is not None:
@@ -45,7 +47,10 @@ def score_segment(segment: Segment, angles: NDArray[np.float64], task: Task, sid
 
 
 def score_segments(sheet: Sheet, angles: NDArray[np.float64], task: Task) -> dict[str, Scores8]:
-    """Return every segment's score by its key, ``"neck"`` ... ``"left_wrist"``; arguments as :func:`score_segment`."""
+    """Return every segment's score by its key, ``"neck"`` ... ``"left_wrist"``.
+
+    The arguments are those of :func:`score_segment`.
+    """
     return {
         segment.label(side): score_segment(segment, angles, task, side)
         for segment in sheet.segments.values()
@@ -75,10 +80,16 @@ def score_side(sheet: Sheet, segments: dict[str, Scores8], side: str) -> Scores8
 
 def score_worse_segments(sheet: Sheet, segments: dict[str, Scores8]) -> Scores8:
     """Return what table B gives for the worse of both arms in each segment."""
-    return look_up(sheet, "B", *(np.maximum(*(segments[s.label(side)] for side in SIDES)) for s in sheet.of_table("B")))
+    return look_up(
+        sheet,
+        "B",
+        *(np.maximum(*(segments[s.label(side)] for side in SIDES)) for s in sheet.of_table("B")),
+    )
 
 
-def score_final(sheet: Sheet, table_a: Scores8, table_b: Scores8, points: dict[str, Scores8], highest: int) -> Scores8:
+def score_final(
+    sheet: Sheet, table_a: Scores8, table_b: Scores8, points: dict[str, Scores8], highest: int
+) -> Scores8:
     """Return the final score from what tables A and B gave.
 
     Args:
@@ -90,4 +101,6 @@ def score_final(sheet: Sheet, table_a: Scores8, table_b: Scores8, points: dict[s
     """
     tables = sheet.tables
     score_a, score_b = table_a + points[tables["A"].plus], table_b + points[tables["B"].plus]
-    return np.minimum(look_up(sheet, "C", score_a, score_b) + points[tables["C"].plus], np.int8(highest))
+    return np.minimum(
+        look_up(sheet, "C", score_a, score_b) + points[tables["C"].plus], np.int8(highest)
+    )

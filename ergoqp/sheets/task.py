@@ -1,4 +1,7 @@
-"""What joint angles cannot tell: load, shock, coupling, activity, support, stance. Explicit inputs, checked, never guessed."""
+"""What joint angles cannot tell: load, shock, coupling, activity, support, stance.
+
+These are explicit inputs, checked, never guessed.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 
 
 class TaskOptions(TypedDict, total=False):
-    """The options as keywords, one value for all postures; meanings and defaults as in :func:`ergoqp.sheets.reba.assess`."""
+    """The options as keywords, one value for all postures.
+
+    Meanings and defaults are as in :func:`ergoqp.sheets.reba.assess`.
+    """
 
     load_kg: float
     shock: bool
@@ -88,7 +94,8 @@ def read_task(
         load_kg: mass handled [kg], finite and not negative.
         shock: shock or a rapid build-up of force.
         coupling: 0 good, 1 fair, 2 poor, 3 unacceptable.
-        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute, rapid large changes.
+        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute,
+            rapid large changes.
         seated: knees are not counted.
         one_leg: weight on one leg or an unstable stance.
         arm_supported: (right, left).
@@ -116,7 +123,9 @@ def read_task(
     return Task(points, flags, load, shocks)
 
 
-def whole_numbers(name: str, value: ArrayLike, low: int, high: int, count: int | None) -> NDArray[np.int8]:
+def whole_numbers(
+    name: str, value: ArrayLike, low: int, high: int, count: int | None
+) -> NDArray[np.int8]:
     """Return whole numbers in a range as int8, shape () or (n,).
 
     Args:
@@ -132,7 +141,9 @@ def whole_numbers(name: str, value: ArrayLike, low: int, high: int, count: int |
     numbers = _numbers(name, value, count)
     wrong = ~((numbers >= low) & (numbers <= high) & (numbers == np.round(numbers)))
     if wrong.any():
-        raise InputError(f"{name}: got {numbers[wrong].flat[0]:g}, allowed: a whole number from {low} to {high}")
+        raise InputError(
+            f"{name}: got {numbers[wrong].flat[0]:g}, allowed: a whole number from {low} to {high}"
+        )
     return numbers.astype(np.int8)
 
 
@@ -160,7 +171,11 @@ def _pair(name: str, value: tuple[ArrayLike, ArrayLike], count: int | None) -> P
 def _shaped(name: str, array: NDArray, count: int | None) -> NDArray:
     if array.ndim == 0 or count == -1 or (count is not None and array.shape == (count,)):
         return array
-    allowed = "a single value" if count is None else f"a single value or one per posture, shape ({count},)"
+    allowed = (
+        "a single value"
+        if count is None
+        else f"a single value or one per posture, shape ({count},)"
+    )
     raise InputError(f"{name}: got shape {array.shape}, allowed: {allowed}")
 
 

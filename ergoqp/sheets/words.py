@@ -10,8 +10,12 @@ from ergoqp.sheets.description import Segment, Step
 from ergoqp.sheets.task import Task
 
 
-def explain_segment(segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int) -> str:
-    """Say where a segment's score comes from, for example ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
+def explain_segment(
+    segment: Segment, posture: NDArray[np.float64], task: Task, side: str, score: int
+) -> str:
+    """Say where a segment's score comes from.
+
+    An example is ``"neck 24 deg flexion, over 20: 2; twisted left 15 deg: +1"``.
 
     Args:
         segment: the segment.
@@ -24,10 +28,17 @@ def explain_segment(segment: Segment, posture: NDArray[np.float64], task: Task, 
     angle = float(posture[segment.joint(segment.base, joint_side)])
     base = segment.base.scores[segment.base.band(angle)]
     if segment.skipped_by is not None and task.flag(segment.skipped_by, side):
-        parts, total = [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"], segment.start
+        parts, total = (
+            [f"{segment.label(side)} {segment.skipped_by}: {segment.start}"],
+            segment.start,
+        )
     else:
         total = segment.start + base
-        name = f"{segment.label(side)}, {joint_side} knee" if segment.worse_side else segment.label(side)
+        name = (
+            f"{segment.label(side)}, {joint_side} knee"
+            if segment.worse_side
+            else segment.label(side)
+        )
         parts = [f"{name} {_amount(segment.base, angle)}, {_band(segment.base, angle)}: {total}"]
     for modifier in segment.modifiers:
         met = []
@@ -51,7 +62,9 @@ def explain_segment(segment: Segment, posture: NDArray[np.float64], task: Task, 
 
 def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
     def score(side: str) -> int:
-        return segment.base.scores[segment.base.band(float(posture[segment.joint(segment.base, side)]))]
+        return segment.base.scores[
+            segment.base.band(float(posture[segment.joint(segment.base, side)]))
+        ]
 
     return max(SIDES, key=score)
 
@@ -65,7 +78,10 @@ def _word(step: Step, angle: float) -> str:
 
 
 def _magnitude(step: Step, angle: float) -> str:
-    """Return the angle's size with as few decimals as keep it in its band, so that nobody reads "20, over 20"."""
+    """Return the angle's size with as few decimals as keep it in its band.
+
+    So nobody reads "20, over 20".
+    """
     degrees = float(np.degrees(angle))
     for decimals in range(9):
         shown = round(degrees, decimals)
@@ -86,5 +102,9 @@ def _band(step: Step, angle: float) -> str:
     if high <= 0:
         return f"{-high:.4g} to {-low:.4g}"
     if low < 0:
-        return f"within {high:.4g}" if low == -high else f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
+        return (
+            f"within {high:.4g}"
+            if low == -high
+            else f"{-low:.4g} {step.words[0]} to {high:.4g} {step.words[1]}"
+        )
     return f"{low:.4g} to {high:.4g}"

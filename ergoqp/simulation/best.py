@@ -1,4 +1,4 @@
-"""Where the object could be for one person, by brute force: the yardstick that a closed loop is held against."""
+"""Where the object could be for one person, by brute force: the yardstick for a closed loop."""
 
 from __future__ import annotations
 
@@ -45,10 +45,13 @@ class Map:
         return int(reached.min()) if reached.size else 0
 
 
-def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACING, cache: bool = True) -> Map:
+def workspace_map(
+    problem: Problem, person: Follower, *, spacing: float = SPACING, cache: bool = True
+) -> Map:
     """Return the person's map, from the cache when the same was computed before.
 
-    Every pose is settled from the rest posture of the nearest pose settled before it, outward from the comfort posture.
+    Every pose is settled from the rest posture of the nearest pose settled before it, outward from
+    the comfort posture.
     """
     key = _key(problem, person, spacing)
     path = cache_folder() / "maps" / f"{key}.npz"
@@ -64,7 +67,9 @@ def workspace_map(problem: Problem, person: Follower, *, spacing: float = SPACIN
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             with whole(path) as scratch:
-                np.savez_compressed(scratch, poses=result.poses, postures=result.postures, scores=result.scores)
+                np.savez_compressed(
+                    scratch, poses=result.poses, postures=result.postures, scores=result.scores
+                )
     return _allowed(problem, result)
 
 
@@ -87,8 +92,12 @@ def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
     return Map(poses, postures, scores)
 
 
-def settle_in_order(person: Follower, poses: np.ndarray, start: Start | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,): each from the nearest before it.
+def settle_in_order(
+    person: Follower, poses: np.ndarray, start: Start | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,).
+
+    Each is settled from the nearest before it.
 
     The object is held as in `start`, whose posture is the first to settle from; None: comfort.
     """
@@ -105,13 +114,16 @@ def settle_in_order(person: Follower, poses: np.ndarray, start: Start | None = N
 
 
 def outward(person: Follower, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
-    """Return the order (n,) in which poses (n, 4, 4) are settled: outward from `home`, None: where comfort holds the object."""
+    """Return the order (n,) in which poses (n, 4, 4) are settled: outward from `home`.
+
+    If None, `home` is where comfort holds the object.
+    """
     home = person.contact(person.response.comfort)[0] if home is None else home
     return np.argsort([_distance(pose, home) for pose in poses], kind="stable")
 
 
 def workspace_lines(problem: Problem, spacing: float) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the places of a map along x, y and z [m] and its tilts (k, 3, 3); every combination is a pose."""
+    """Return a map's places along x, y, z [m] and tilts (k, 3, 3); every combination is a pose."""
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     ends = zip(box.lower, box.upper, strict=True)
     lines = [np.linspace(a, b, max(1, round((b - a) / spacing) + 1)) for a, b in ends]
@@ -119,7 +131,7 @@ def workspace_lines(problem: Problem, spacing: float) -> tuple[list[np.ndarray],
 
 
 def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
-    """Return poses (n, 4, 4) over the workspace of a problem: x slowest, then y, then z, tilts fastest."""
+    """Return poses (n, 4, 4) over a problem's workspace: x slowest, then y, z, tilts fastest."""
     lines, rotations = workspace_lines(problem, spacing)
     places = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     poses = np.tile(np.eye(4), (len(places), len(rotations), 1, 1))
@@ -128,12 +140,24 @@ def workspace_poses(problem: Problem, spacing: float) -> np.ndarray:
     return poses.reshape(-1, 4, 4)
 
 
-def tilted_frames(cone: AxisCone, axes: tuple[str, ...] = AXES, shares: tuple[float, ...] = TURNS) -> np.ndarray:
-    """Return contact rotations (n, 3, 3) within a cone: tilts about the frame's y and z, where such turns are allowed."""
+def tilted_frames(
+    cone: AxisCone, axes: tuple[str, ...] = AXES, shares: tuple[float, ...] = TURNS
+) -> np.ndarray:
+    """Return contact rotations (n, 3, 3) within a cone.
+
+    They are tilts about the frame's y and z, where such turns are allowed.
+    """
     middle = frame_of(np.asarray(cone.direction))
     half = np.radians(cone.half_angle_deg)
-    about_y, about_z = (any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz")))
-    tilts = [(a, b) for a in (shares if about_y else (0.0,)) for b in (shares if about_z else (0.0,)) if np.hypot(a, b) <= 0.95]
+    about_y, about_z = (
+        any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz"))
+    )
+    tilts = [
+        (a, b)
+        for a in (shares if about_y else (0.0,))
+        for b in (shares if about_z else (0.0,))
+        if np.hypot(a, b) <= 0.95
+    ]
     return np.stack([middle @ turn_about(1, a * half) @ turn_about(2, b * half) for a, b in tilts])
 
 
@@ -155,11 +179,13 @@ def turn_about(axis: int, angle: float) -> np.ndarray:
     return rotation
 
 
-def draw_starts(problem: Problem, person: Follower, count: int, seed: int, at_least: int, tries: int = 2000) -> list[Start]:
-    """Return starts at rest in random reachable places of the workspace whose score is at least `at_least`.
+def draw_starts(
+    problem: Problem, person: Follower, count: int, seed: int, at_least: int, tries: int = 2000
+) -> list[Start]:
+    """Return starts at rest in random reachable workspace places that score at least `at_least`.
 
-    Places are drawn from the person's map and shifted by up to half its spacing. Fewer than `count` come back when `tries`
-    places do not hold that many.
+    Places are drawn from the person's map and shifted by up to half its spacing. Fewer than `count`
+    come back when `tries` places do not hold that many.
     """
     found = workspace_map(problem, person)
     candidates = np.flatnonzero(found.scores >= at_least)
@@ -171,11 +197,20 @@ def draw_starts(problem: Problem, person: Follower, count: int, seed: int, at_le
     for _ in range(tries if candidates.size else 0):
         chosen = rng.choice(candidates)
         pose = found.poses[chosen].copy()
-        pose[:3, 3] = np.clip(pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING, box.lower, box.upper)
+        pose[:3, 3] = np.clip(
+            pose[:3, 3] + rng.uniform(-0.5, 0.5, 3) * SPACING, box.lower, box.upper
+        )
         posture, reached = person.settle(found.postures[chosen], pose, grasp, soles)
-        if reached and not problem.own_limits.broken(pose, posture) and problem.assess(posture).final[0] >= at_least:
-            # The hand has turned about a free tool: the person holds the object as they hold it now.
-            starts.append(Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles))
+        if (
+            reached
+            and not problem.own_limits.broken(pose, posture)
+            and problem.assess(posture).final[0] >= at_least
+        ):
+            # The hand has turned about a free tool: the person holds the object as they hold it
+            # now.
+            starts.append(
+                Start(posture, pose, np.linalg.solve(pose, _grips(person, posture)), soles)
+            )
             if len(starts) == count:
                 break
     return starts
@@ -199,7 +234,13 @@ def _key(problem: Problem, person: Follower, spacing: float) -> str:
         "lengths": dict(response.body.lengths),
         "weights": response.weight_vector.tolist(),
         "comfort": response.comfort.tolist(),
-        "terms": [response.hands, response.stance, response.seat, response.tool, response.free_about_tool],
+        "terms": [
+            response.hands,
+            response.stance,
+            response.seat,
+            response.tool,
+            response.free_about_tool,
+        ],
         "numbers": [response.balance, response.relaxation_time, response.damping],
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,10 +1,13 @@
-"""The independent checker: every limit judged again in plain numpy, from what was sent and measured alone.
+"""The independent checker: every limit judged again in plain numpy.
 
-It shares no code with the step. What it checks: every twist against speed, acceleration and axes; the object's pose after
-each period against workspace and cone; the model person's predicted posture against joint ranges and rates and against the
-boundary of the data; elbow and wrist against the forearm's length; and limits of the user's own by the distances that they
-declare, which is all that anybody knows of them. What was outside
-may only come in, and what is in stays in: the object's pose is never further out than it ever was.
+It judges from what was sent and measured alone.
+
+It shares no code with the step. What it checks: every twist against speed, acceleration and axes;
+the object's pose after each period against workspace and cone; the model person's predicted posture
+against joint ranges and rates and against the boundary of the data; elbow and wrist against the
+forearm's length; and limits of the user's own by the distances that they declare, which is all that
+anybody knows of them. What was outside may only come in, and what is in stays in: the object's pose
+is never further out than it ever was.
 """
 
 from __future__ import annotations
@@ -44,8 +47,12 @@ class Checker:
         """Set every count to zero, so that a limit that was never broken is reported too."""
         limit = self.problem.twist_limit
         self._speed = np.array([limit.linear_speed] * 3 + [limit.angular_speed] * 3)
-        self._acceleration = np.array([limit.linear_acceleration] * 3 + [limit.angular_acceleration] * 3)
-        self._frozen = np.array([axis not in limit.axes for axis in ("x", "y", "z", "rx", "ry", "rz")])
+        self._acceleration = np.array(
+            [limit.linear_acceleration] * 3 + [limit.angular_acceleration] * 3
+        )
+        self._frozen = np.array(
+            [axis not in limit.axes for axis in ("x", "y", "z", "rx", "ry", "rz")]
+        )
         self._box = self.problem.limit_of(WorkspaceBox)
         self._cone = self.problem.limit_of(AxisCone)
         self._joints = self.problem.limit_of(JointLimit)
@@ -58,7 +65,9 @@ class Checker:
         units |= {"joint range": "rad", "joint rate": "rad/s"} if self._joints else {}
         units |= {"boundary": "log"} if self._boundary else {}
         units |= {"arm length": "m"} if self._length else {}
-        units |= {name: limit.unit for limit in self.problem.own_limits.limits for name in limit.names}
+        units |= {
+            name: limit.unit for limit in self.problem.own_limits.limits for name in limit.names
+        }
         self._least_out: dict[str, np.ndarray] = {}
         self._last: tuple[np.ndarray, float] = (np.zeros(6), self.problem.dt)
         self.units = units
@@ -88,10 +97,12 @@ class Checker:
             rate: how the model person follows (32,) [rad/s].
             dt: period [s].
             observed: (32,) bool, None: all.
-            after: where the object was at the end of the period (4, 4); None: where the twist leads.
+            after: where the object was at the end of the period (4, 4); None: where the twist
+                leads.
             stops: whether the step itself said that it brakes.
-            gave_way: joints whose rate the step itself said it could not keep (its `slack`): soft rows come after twist
-                acceleration and workspace, and such steps are counted by their status, not here.
+            gave_way: joints whose rate the step itself said it could not keep (its `slack`): soft
+                rows come after twist acceleration and workspace, and such steps are counted by
+                their status, not here.
         """
         excess = {
             "speed": float(np.max(np.abs(twist) - self._speed)),
@@ -103,10 +114,17 @@ class Checker:
         after = _moved(pose, twist * dt) if after is None else after
         if self._box:
             low, high = np.asarray(self._box.lower), np.asarray(self._box.upper)
-            excess["workspace"] = self._further_out("workspace", _outside_box(pose, low, high), _outside_box(after, low, high))
+            excess["workspace"] = self._further_out(
+                "workspace", _outside_box(pose, low, high), _outside_box(after, low, high)
+            )
         if self._cone:
             before, behind = (
-                np.array([_angle(frame[:3, 0], self._cone.direction) - np.radians(self._cone.half_angle_deg)])
+                np.array(
+                    [
+                        _angle(frame[:3, 0], self._cone.direction)
+                        - np.radians(self._cone.half_angle_deg)
+                    ]
+                )
                 for frame in (pose, after)
             )
             excess["tool axis"] = self._further_out("tool axis", before, behind)
@@ -117,7 +135,10 @@ class Checker:
             excused = not self._boundary.hard and (stops or self._boundary.name in gave_way)
             excess["boundary"] = 0.0 if excused else self._boundary_excess(posture, rate, dt)
         if self._length and posture is not None:
-            before, behind = (abs(_apart(points) - self._length.length) for points in (posture, posture + rate * dt))
+            before, behind = (
+                abs(_apart(points) - self._length.length)
+                for points in (posture, posture + rate * dt)
+            )
             excess["arm length"] = behind - before
         excess |= self._own_excess(pose, after, posture, rate * dt, stops, gave_way)
         if not np.isfinite(twist).all():
@@ -129,17 +150,24 @@ class Checker:
         return broken
 
     def _jerk_excess(self, acceleration: np.ndarray, dt: float) -> float:
-        """By how much the acceleration changed faster than 2 a / W, from the middle of one period to that of the next."""
+        """By how much the acceleration changed faster than 2 a / W.
+
+        The change is from the middle of one period to that of the next.
+        """
         before, lasted = self._last
         self._last = acceleration, dt
         between = (dt + lasted) / 2
         allowed = 2 * self._acceleration / self.problem.average
-        # An acceleration is the difference of two twists over a period: its rounding is that of the twists.
+        # An acceleration is the difference of two twists over a period: its rounding is that of the
+        # twists.
         rounding = 1e-15 * self._speed / dt
         return float(np.max((np.abs(acceleration - before) - rounding) / between - allowed))
 
     def _further_out(self, name: str, before: np.ndarray, after: np.ndarray) -> float:
-        """How much further out than ever before since it was there: what has come in stays in, over any number of steps."""
+        """How much further out it is than at its nearest so far: what has come in stays in.
+
+        This holds over any number of steps.
+        """
         least = np.minimum(self._least_out.get(name, np.inf), np.maximum(before, 0.0))
         self._least_out[name] = np.minimum(least, np.maximum(after, 0.0))
         return float(np.max(after - least))
@@ -153,7 +181,7 @@ class Checker:
         stops: bool,
         gave_way: Collection[str],
     ) -> dict[str, float]:
-        """How much further outside each row of the user's own limits is, by what they say themselves."""
+        """How much further outside each row of the user's own limits is, as they say themselves."""
         found, own = {}, self.problem.own_limits
         for limit in own.limits:
             if limit.hard:
@@ -161,14 +189,22 @@ class Checker:
                 before, behind = (-own.margins(limit, nowhere, frame) for frame in (pose, after))
                 further = [
                     self._further_out(name, *ends)
-                    for name, *ends in zip(limit.names, before[:, None], behind[:, None], strict=True)
+                    for name, *ends in zip(
+                        limit.names, before[:, None], behind[:, None], strict=True
+                    )
                 ]
             elif posture is None or stops:
                 continue
             else:
-                before, behind = (own.margins(limit, angles, pose) for angles in (posture, posture + moved))
+                before, behind = (
+                    own.margins(limit, angles, pose) for angles in (posture, posture + moved)
+                )
                 further = (np.minimum(before, 0) - behind).tolist()
-            found |= {name: far for name, far in zip(limit.names, further, strict=True) if limit.hard or name not in gave_way}
+            found |= {
+                name: far
+                for name, far in zip(limit.names, further, strict=True)
+                if limit.hard or name not in gave_way
+            }
         return found
 
     def _boundary_excess(self, posture: np.ndarray, rate: np.ndarray, dt: float) -> float:
@@ -178,7 +214,13 @@ class Checker:
         return float(min(before, 0.0) - after)
 
     def _joint_excess(
-        self, posture: np.ndarray, rate: np.ndarray, dt: float, observed: np.ndarray | None, stops: bool, kept: np.ndarray
+        self,
+        posture: np.ndarray,
+        rate: np.ndarray,
+        dt: float,
+        observed: np.ndarray | None,
+        stops: bool,
+        kept: np.ndarray,
     ) -> dict[str, float]:
         low, high = LOWER.copy(), UPPER.copy()
         for name, (least, greatest) in self._joints.ranges_deg.items():

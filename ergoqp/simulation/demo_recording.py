@@ -1,4 +1,4 @@
-"""A recording of the project's own making, for first steps without a file: a stooped person turns a screwdriver."""
+"""A recording of our own, for first steps without a file: a stooped person turns a screwdriver."""
 
 from __future__ import annotations
 
@@ -20,8 +20,16 @@ RATE: Final = 30.0
 """Frames per second [Hz]."""
 
 _STANDING: Final[Mapping[str, float]] = {
-    **{f"{side}_{joint}": angle for side in SIDES for joint, angle in (("shoulder_abduction", 6), ("elbow_flexion", 15))},
-    **{f"{side}_{joint}": angle for side in SIDES for joint, angle in (("hip_flexion", 4), ("knee_flexion", 8))},
+    **{
+        f"{side}_{joint}": angle
+        for side in SIDES
+        for joint, angle in (("shoulder_abduction", 6), ("elbow_flexion", 15))
+    },
+    **{
+        f"{side}_{joint}": angle
+        for side in SIDES
+        for joint, angle in (("hip_flexion", 4), ("knee_flexion", 8))
+    },
     **{f"{side}_ankle_flexion": 4 for side in SIDES},
 }
 _STOOPED: Final[Mapping[str, float]] = {
@@ -33,11 +41,25 @@ _STOOPED: Final[Mapping[str, float]] = {
         "neck_twist": 12,
         "neck_side_bend": 4,
     },
-    **{"right_shoulder_flexion": 68, "right_shoulder_abduction": 26, "right_shoulder_rotation": 14, "right_elbow_flexion": 62},
+    **{
+        "right_shoulder_flexion": 68,
+        "right_shoulder_abduction": 26,
+        "right_shoulder_rotation": 14,
+        "right_elbow_flexion": 62,
+    },
     **{"right_forearm_pronation": 35, "right_wrist_flexion": -22, "right_wrist_deviation": 14},
-    **{"left_shoulder_flexion": 52, "left_shoulder_abduction": 12, "left_shoulder_rotation": 20, "left_elbow_flexion": 48},
+    **{
+        "left_shoulder_flexion": 52,
+        "left_shoulder_abduction": 12,
+        "left_shoulder_rotation": 20,
+        "left_elbow_flexion": 48,
+    },
     **{"left_forearm_pronation": 20, "left_wrist_flexion": -10},
-    **{f"{side}_{joint}": angle for side in SIDES for joint, angle in (("hip_flexion", 14), ("knee_flexion", 28))},
+    **{
+        f"{side}_{joint}": angle
+        for side in SIDES
+        for joint, angle in (("hip_flexion", 14), ("knee_flexion", 28))
+    },
     **{f"{side}_ankle_flexion": 14 for side in SIDES},
 }
 _TURNED: Final[Mapping[str, float]] = {
@@ -54,11 +76,13 @@ _KEYS: Final[tuple[tuple[float, Mapping[str, float]], ...]] = (
     *((1.7 + 0.45 * stroke, _TURNED if stroke % 2 else _STOOPED) for stroke in range(1, 9)),
     (6.0, {**_STOOPED, "trunk_flexion": 46, "neck_flexion": 30}),
 )
-"""Times [s] and postures [deg; what is not named is zero] between which the person moves without jerks."""
+"""Times [s] and postures [deg; zero if not named] between which the person moves without jerks."""
 
 
 def demo_recording(path: str | Path) -> Path:
-    """Write a BVH recording of six seconds: reaching down from standing, then four strokes with a screwdriver.
+    """Write a BVH recording of six seconds.
+
+    It shows reaching down from standing, then four strokes with a screwdriver.
 
     Args:
         path: file to write; give it the ending ``.bvh``.
@@ -73,7 +97,7 @@ def demo_recording(path: str | Path) -> Path:
 
 
 def _minimum_jerk(time: np.ndarray) -> np.ndarray:
-    """Return the postures at the given times, shape (n, 32) [rad]: from key to key, at rest in each."""
+    """Return the postures (n, 32) [rad] at the given times: from key to key, at rest in each."""
     at = np.array([moment for moment, _ in _KEYS])
     keys = np.zeros((len(_KEYS), len(JOINTS)))
     for row, (_, posture) in zip(keys, _KEYS, strict=True):

@@ -1,4 +1,4 @@
-"""The closed loop: a stepper, a robot that moves the object as well as it can, and a person who follows."""
+"""Closed loop: a stepper, a robot that moves the object as well as it can, a person who follows."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ LET_GO = 0.12
 
 @dataclass
 class Trace:
-    """What one loop left behind, sample by sample; see `ergoqp.simulation.run.Run` for the meaning of the fields."""
+    """What one loop left behind, sample by sample.
+
+    See `ergoqp.simulation.run.Run` for the meaning of the fields.
+    """
 
     time: list[float] = field(default_factory=list)
     postures: list[np.ndarray] = field(default_factory=list)
@@ -39,7 +42,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a loop starts: a posture, how the object is held in it, where it is, and where the soles stand."""
+    """A loop's start: a posture, how it holds the object, where that is, where the soles stand."""
 
     posture: np.ndarray
     pose: np.ndarray
@@ -79,7 +82,8 @@ def run_loop(
         observed: (32,) bool, joints that the sensors see; None: all.
         checker: judges every step; None: nobody does.
         stop_when_still: end early after resting for this long [s].
-        robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn by the seed.
+        robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn
+            by the seed.
     """
     senses = senses or Senses()
     stepper = stepper or Stepper(problem)
@@ -111,7 +115,16 @@ def run_loop(
         if checker is not None:
             stops = step.status in ("braking", "invalid")
             checker.check(
-                step.twist, previous, trace.poses[-1], measured, step.posture_rate, dt, observed, step.slack, pose, stops
+                step.twist,
+                previous,
+                trace.poses[-1],
+                measured,
+                step.posture_rate,
+                dt,
+                observed,
+                step.slack,
+                pose,
+                stops,
             )
         previous = step.twist
         late.append(pose)
@@ -127,13 +140,19 @@ def run_loop(
 
 
 def outside_of_range(postures: np.ndarray) -> dict[str, int]:
-    """Return how many samples of each joint are beyond its range, for the joints that ever are; postures (n, 32) [rad]."""
+    """Return how many samples of each joint are beyond its range, for the joints that ever are.
+
+    The postures are (n, 32) [rad].
+    """
     count = ((postures < LOWER - 1e-6) | (postures > UPPER + 1e-6)).sum(axis=0)
     return {joint: int(n) for joint, n in zip(JOINTS, count, strict=True) if n}
 
 
 def settle_time(trace: Trace, still: float = 1.0) -> float:
-    """Return when the object came to rest for good [s]: inf if it was not at rest for the last `still` seconds."""
+    """Return when the object came to rest for good [s].
+
+    It is inf if the object was not at rest for the last `still` seconds.
+    """
     moving = np.flatnonzero(np.abs(trace.twists).max(axis=1) > 1e-9)
     end = trace.time[-1]
     came = trace.time[moving[-1]] if moving.size else 0.0
@@ -141,7 +160,10 @@ def settle_time(trace: Trace, still: float = 1.0) -> float:
 
 
 def power_above(twists: np.ndarray, dt: float, speed: np.ndarray, frequency: float = 3.0) -> float:
-    """Return the share of the twist's power above a frequency [Hz], each axis relative to its speed limit; 0 at standstill."""
+    """Return the share of the twist's power above a frequency [Hz].
+
+    Each axis is relative to its speed limit; at standstill the share is 0.
+    """
     moving = speed > 0
     spectrum = np.abs(np.fft.rfft(twists[:, moving] / speed[moving], axis=0)) ** 2
     total = spectrum.sum()

@@ -43,7 +43,10 @@ _UNITS: Final[dict[str, str]] = {
     "stature": "m",
 }
 _ENDINGS: Final = {"_deg": "deg", "_kg": "kg"}
-_INNER: Final = ("tolerance", "yield_zone")  # of every limit, in its own unit: how rows are built, not what must hold
+_INNER: Final = (
+    "tolerance",
+    "yield_zone",
+)  # of every limit, in its own unit: how rows are built, not what must hold
 
 
 def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
@@ -54,7 +57,11 @@ def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
         solver: name of the QP solver.
     """
     control = _fields(problem.control) | {"average": problem.average}
-    changed = [(name, value) for name, value in _fields(problem.method).items() if value != getattr(Method(), name)]
+    changed = [
+        (name, value)
+        for name, value in _fields(problem.method).items()
+        if value != getattr(Method(), name)
+    ]
     return [
         ("cost", _cost(problem.cost)),
         ("person in the controller", _response(problem.response)),
@@ -62,7 +69,11 @@ def options_of(problem: Problem, solver: str) -> list[tuple[str, str]]:
         *(("task: " + _label(name), _value(name, value)) for name, value in problem.task.items()),
         *(("method: " + _label(name), _value(name, value)) for name, value in changed),
         *(("control: " + _label(name), _value(name, value)) for name, value in control.items()),
-        *(("robot: " + _label(name), _value(name, value)) for name, value in _fields(problem.robot).items() if value),
+        *(
+            ("robot: " + _label(name), _value(name, value))
+            for name, value in _fields(problem.robot).items()
+            if value
+        ),
         ("QP solver", solver),
     ]
 
@@ -81,15 +92,26 @@ def _response(response: Any) -> str:
     where = "standing" if response.stance == "standing" else f"seated at {response.seat:.2g} m"
     hands = " and ".join(response.hands)
     turn = "free to turn about" if response.free_about_tool else "firm on"
-    return f"{response.body.stature:.2f} m, {where}, {hands} hand {turn} the tool ({response.tool} the hand)"
+    return (
+        f"{response.body.stature:.2f} m, {where}, {hands} hand {turn} the tool ({response.tool} the"
+        " hand)"
+    )
 
 
 def _fields(term: Any) -> dict[str, Any]:
-    return {entry.name: getattr(term, entry.name) for entry in fields(term)} if is_dataclass(term) else {}
+    return (
+        {entry.name: getattr(term, entry.name) for entry in fields(term)}
+        if is_dataclass(term)
+        else {}
+    )
 
 
 def _sentence(values: Mapping[str, Any]) -> str:
-    told = {name: value for name, value in values.items() if name not in _INNER and value not in ({}, ())}
+    told = {
+        name: value
+        for name, value in values.items()
+        if name not in _INNER and value not in ({}, ())
+    }
     return "; ".join(f"{_label(name)} {_value(name, value)}" for name, value in told.items())
 
 
@@ -100,12 +122,18 @@ def _label(name: str) -> str:
 
 
 def _value(name: str, value: Any) -> str:
-    unit = _UNITS.get(name) or next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")
+    unit = _UNITS.get(name) or next(
+        (unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), ""
+    )
     return f"{_plain(value)} {unit}".rstrip()
 
 
 def _plain(value: Any) -> str:
-    if isinstance(value, tuple) and len(value) == 2 and all(isinstance(each, bool) for each in value):
+    if (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and all(isinstance(each, bool) for each in value)
+    ):
         sides = [side for side, each in zip(("right", "left"), value, strict=True) if each]
         return " and ".join(sides) or "no"
     if isinstance(value, bool):

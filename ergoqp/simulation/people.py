@@ -1,4 +1,7 @@
-"""Who follows in tests and benchmarks: never the controller's own model, always the same person for the same seed."""
+"""Who follows in tests and benchmarks: never the controller's own model.
+
+It is always the same person for the same seed.
+"""
 
 from __future__ import annotations
 
@@ -53,10 +56,14 @@ class Senses:
         """Check the joints that read wrong."""
         for name, ends in _ENDS.items():
             check_number(name, getattr(self, name), *ends)
-        check_kind("bias_deg", self.bias_deg, Mapping, "a table of joints, each with its error [deg]")
+        check_kind(
+            "bias_deg", self.bias_deg, Mapping, "a table of joints, each with its error [deg]"
+        )
         for name, error in self.bias_deg.items():
             if name not in INDEX:
-                raise InputError(f"bias_deg: got {shown(name)}, allowed a joint such as 'right_knee_flexion'")
+                raise InputError(
+                    f"bias_deg: got {shown(name)}, allowed a joint such as 'right_knee_flexion'"
+                )
             check_number(f"bias_deg of {name}", error, -90.0, 90.0, "deg")
 
     @property
@@ -66,7 +73,10 @@ class Senses:
 
 
 def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Follower:
-    """Return a person for a problem: joint weights times log-uniform 0.5 to 2, stature within 0.10 m of the controller's.
+    """Return a person for a problem.
+
+    Joint weights are multiplied by log-uniform 0.5 to 2; the stature is within 0.10 m of the
+    controller's.
 
     Args:
         problem: its response must be an `IkResponse`.
@@ -78,7 +88,10 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Foll
     """
     response = problem.response
     if not isinstance(response, IkResponse):
-        raise InputError(f"simulated person: got a response of type {type(response).__name__}, allowed IkResponse")
+        raise InputError(
+            f"simulated person: got a response of type {type(response).__name__}, allowed"
+            " IkResponse"
+        )
     rng = np.random.default_rng([seed, 1])
     factors = np.exp(rng.uniform(np.log(0.5), np.log(2.0), len(JOINTS)))
     stature = response.body.stature + rng.uniform(-0.10, 0.10)
@@ -86,12 +99,16 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Foll
     return Follower(replace(response, body=body or Body.of_stature(stature), weights=weights))
 
 
-def frames(senses: Senses, dt: float, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, bool]]:
+def frames(
+    senses: Senses, dt: float, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, bool]]:
     """Yield, for every period, (measurement error (32,) [rad], whether the frame arrives)."""
     keep = np.exp(-dt / senses.drift_time)
     drift = rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
     while True:
-        drift = keep * drift + np.sqrt(1 - keep**2) * rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
+        drift = keep * drift + np.sqrt(1 - keep**2) * rng.normal(size=len(JOINTS)) * np.radians(
+            senses.drift_deg
+        )
         yield (
             senses.bias + drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg),
             bool(rng.random() >= senses.lost),

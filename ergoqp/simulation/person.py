@@ -1,4 +1,4 @@
-"""A person who follows: late, noisy, built differently from the controller's model, and with a will to relax."""
+"""A person who follows: late, noisy, built unlike the controller's model, with a will to relax."""
 
 from __future__ import annotations
 
@@ -23,10 +23,13 @@ REACHED_ANGLE = 0.15
 
 @dataclass(frozen=True)
 class Follower:
-    """The mechanics of one person: which posture follows, and which posture is at rest, when the object is somewhere.
+    """The mechanics of one person: which posture follows, and which posture is at rest.
 
-    The posture moves by the person's own `IkResponse`; errors of the grip and of the soles are fed back, so that nothing
-    drifts. At rest the posture is the one nearest to comfort, in the person's own weights, that keeps contact and ranges.
+    Both depend on where the object is.
+
+    The posture moves by the person's own `IkResponse`; errors of the grip and of the soles are fed
+    back, so that nothing drifts. At rest the posture is the one nearest to comfort, in the person's
+    own weights, that keeps contact and ranges.
 
     Attributes:
         response: the person's own body, weights and comfort.
@@ -35,12 +38,15 @@ class Follower:
     response: IkResponse
 
     def __getstate__(self) -> dict[str, Any]:
-        """Go to another process as the fields: expressions cannot be sent, and are built again there."""
+        """Go to another process as the fields: expressions cannot be sent and are rebuilt there."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @cached_property
     def _step(self) -> ca.Function:
-        """``(q, locked, targets (4, 4 k), soles (4, 8), gain, relax) -> (step (32,), distance, angle)``.
+        """Function of one step of the person toward the targets.
+
+        It is ``(q, locked, targets (4, 4 k), soles (4, 8), gain, relax) -> (step (32,), distance,
+        angle)``.
 
         The distance is the largest of grips and soles from where they should be [m].
         """
@@ -61,32 +67,45 @@ class Follower:
                 axis = self._tool_axis(have)
                 turn = turn - axis * ca.dot(axis, turn)
             angles.append(ca.norm_2(turn))
-        step = response.reach()(q, locked, gain * ca.vertcat(*errors)) + relax * response.drift()(q, locked)
+        step = response.reach()(q, locked, gain * ca.vertcat(*errors)) + relax * response.drift()(
+            q, locked
+        )
         if response.stance == "standing":
             sole_step, slipped = self._sole_step(q, soles)
             step = step + sole_step * (1 - locked)
             distances.append(slipped)
         outputs: list[ca.SX] = [step, ca.mmax(ca.vertcat(*distances)), ca.mmax(ca.vertcat(*angles))]
-        return ca.Function("person", [q, locked, targets, soles, gain, relax], ca.cse([ca.densify(part) for part in outputs]))
+        return ca.Function(
+            "person",
+            [q, locked, targets, soles, gain, relax],
+            ca.cse([ca.densify(part) for part in outputs]),
+        )
 
     def _tool_axis(self, grip: ca.SX) -> ca.SX:
         return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
 
     def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """One Newton step of the legs that brings the soles back to where they stand, and how far off they are [m]."""
+        """Return one Newton step of the legs that brings the soles back to where they stand.
+
+        It comes with how far off they are [m].
+        """
         pelvis = self.response.contact()(q)[1]
         kinematics, bent = self.response.kinematics, with_bent_knees(q)
         step, off = ca.SX(N, 1), ca.SX(0)
         for number, side in enumerate(SIDES):
             position, rotation, _ = kinematics.at(f"{side}_sole", q)
             want = soles[:, 4 * number : 4 * number + 4]
-            local = ca.horzcat(pelvis[:3, :3].T @ want[:3, :3], pelvis[:3, :3].T @ (want[:3, 3] - pelvis[:3, 3]))
+            local = ca.horzcat(
+                pelvis[:3, :3].T @ want[:3, :3], pelvis[:3, :3].T @ (want[:3, 3] - pelvis[:3, 3])
+            )
             error = _pose_error(ca.horzcat(rotation, position), local)
             hip = kinematics.at(f"{side}_hip", q)[0]
             at_hip = ca.vertcat(error[:3] + ca.cross(error[3:], hip - position), error[3:])
             leg = move_sole(kinematics, bent, side, at_hip)
             # Far from where it stands a leg must not jump to the other way of bending.
-            step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * ca.fmin(1, 0.1 / (ca.norm_inf(leg) + 1e-12))
+            step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * ca.fmin(
+                1, 0.1 / (ca.norm_inf(leg) + 1e-12)
+            )
             off = ca.fmax(off, ca.norm_2(error[:3]))
         return step, off
 
@@ -114,12 +133,19 @@ class Follower:
         """Return the grips in the contact frame (k, 4, 4) at a posture: how the object is held."""
         contact = self.contact(posture)[0]
         grips = np.array(self.response.grips()(posture))
-        return np.stack([np.linalg.solve(contact, grip) for grip in np.split(grips, len(self.response.hands), axis=1)])
+        return np.stack(
+            [
+                np.linalg.solve(contact, grip)
+                for grip in np.split(grips, len(self.response.hands), axis=1)
+            ]
+        )
 
     def move(
         self, posture: np.ndarray, targets: np.ndarray, soles: np.ndarray, gain: float, relax: float
     ) -> tuple[np.ndarray, float, float]:
-        """Return (next posture (32,), grip distance [m], tool angle [rad]) after one step toward the grip targets (4, 4 k).
+        """Return (next posture (32,), grip distance [m], tool angle [rad]) after one step.
+
+        The step is toward the grip targets (4, 4 k).
 
         Joints stop at the ends of their ranges and the others go on without them.
         """
@@ -127,7 +153,9 @@ class Follower:
         step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
         for _ in range(3):
             after = posture + step
-            blocked = ((after > UPPER) & (posture >= UPPER - 1e-9)) | ((after < LOWER) & (posture <= LOWER + 1e-9))
+            blocked = ((after > UPPER) & (posture >= UPPER - 1e-9)) | (
+                (after < LOWER) & (posture <= LOWER + 1e-9)
+            )
             newly = blocked & (locked < 0.5)
             if not newly.any():
                 break
@@ -136,9 +164,17 @@ class Follower:
         return np.clip(posture + step, LOWER, UPPER), distance, angle
 
     def settle(
-        self, posture: np.ndarray, pose: np.ndarray, grasp: np.ndarray, soles: np.ndarray, steps: int = 150
+        self,
+        posture: np.ndarray,
+        pose: np.ndarray,
+        grasp: np.ndarray,
+        soles: np.ndarray,
+        steps: int = 150,
     ) -> tuple[np.ndarray, bool]:
-        """Return (posture at rest (32,), whether the object is reached) when the object stays at `pose` (4, 4)."""
+        """Return (posture at rest (32,), whether the object is reached).
+
+        The object stays at `pose` (4, 4).
+        """
         targets = np.hstack([pose @ grip for grip in grasp])
         relax = 0.5 * self.response.relaxation_time
         distance = angle = np.inf
@@ -157,7 +193,8 @@ class Follower:
         inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
         outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
         for i, array in enumerate(inputs):
-            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+            # The stub asks for a length.
+            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(outputs):
             buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
         return buffer, call, inputs, outputs

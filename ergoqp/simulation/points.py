@@ -1,4 +1,7 @@
-"""Closed loops of problems whose state is carried by the robot itself, such as ``forearm``: no person, no delay, no noise."""
+"""Closed loops of problems whose state the robot itself carries, such as ``forearm``.
+
+There is no person, no delay and no noise.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +64,10 @@ def run_points(
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     if not isinstance(problem.response, LinearResponse):
-        raise InputError(f"problem {problem.name}: got a {type(problem.response).__name__}, allowed LinearResponse")
+        raise InputError(
+            f"problem {problem.name}: got a {type(problem.response).__name__}, allowed"
+            " LinearResponse"
+        )
     n = len(problem.coordinates)
     state = read_array("start", start, (n,), f"{n} finite numbers")
     check_number("duration", duration, problem.dt, LONGEST, "s")
@@ -74,7 +80,9 @@ def run_points(
     previous, still = np.zeros(6), 0.0
     for _ in range(round(duration / dt)):
         step = stepper.step(state)
-        checker.check(step.twist, previous, np.eye(4), state, step.posture_rate, dt, gave_way=step.slack)
+        checker.check(
+            step.twist, previous, np.eye(4), state, step.posture_rate, dt, gave_way=step.slack
+        )
         state, previous = state + matrix @ step.twist * dt, step.twist
         states.append(state)
         twists.append(step.twist)
@@ -84,4 +92,6 @@ def run_points(
         if stop_when_still is not None and still >= stop_when_still:
             break
     found = (dict(checker.violations), dict(checker.max_violation))
-    return PointsRun(dt, np.array(states), np.array(twists), tuple(statuses), np.array(cost), *found)
+    return PointsRun(
+        dt, np.array(states), np.array(twists), tuple(statuses), np.array(cost), *found
+    )

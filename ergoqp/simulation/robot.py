@@ -1,4 +1,7 @@
-"""A robot that holds the object: late, not quite as fast as it is told, measured with an error; exact between periods."""
+"""A robot that holds the object: late, not quite as fast as told, measured with an error.
+
+It is exact between periods.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ class RobotKind:
 
     @classmethod
     def of(cls, declared: DeclaredRobot, rng: np.random.Generator, share: float = 1.0) -> Self:
-        """Return a robot that keeps what is declared: `share` of the delays, a gain drawn within its error."""
+        """Return a robot as declared: `share` of the delays, a gain drawn within its error."""
         return cls(
             delay=share * declared.delay,
             lag=share * declared.lag,
@@ -77,16 +80,25 @@ class SimulatedRobot:
         self.pose, self.velocity = pose.copy(), np.zeros(6)
         self._time, self._part = 0.0, _PART if kind.lag else np.inf
         self._coming: deque[tuple[float, np.ndarray]] = deque([(-np.inf, np.zeros(6))])
-        self._seen: deque[tuple[float, np.ndarray, np.ndarray]] = deque([(-np.inf, self.pose, np.zeros(6))])
+        self._seen: deque[tuple[float, np.ndarray, np.ndarray]] = deque(
+            [(-np.inf, self.pose, np.zeros(6))]
+        )
 
     def execute(self, twist: np.ndarray, duration: float) -> Iterator[np.ndarray]:
-        """Be sent a twist (6,) that holds for a duration [s]; yields the true poses on the way, the last one at its end."""
+        """Be sent a twist (6,) that holds for a duration [s].
+
+        It yields the true poses on the way, the last one at its end.
+        """
         self._coming.append((self._time + self.kind.delay, np.array(twist)))
         end = self._time + duration
         while self._time < end - 1e-12:
             while len(self._coming) > 1 and self._coming[1][0] <= self._time + 1e-12:
                 self._coming.popleft()
-            until = min(end, self._time + self._part, *(self._coming[1][0],) if len(self._coming) > 1 else ())
+            until = min(
+                end,
+                self._time + self._part,
+                *(self._coming[1][0],) if len(self._coming) > 1 else (),
+            )
             self._advance(self._coming[0][1], until - self._time)
             self._time = until
             yield self.pose
@@ -125,7 +137,9 @@ def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     if angle > 0:
         x, y, z = displacement[3:] / angle
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        after[:3, :3] = (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)) @ pose[:3, :3]
+        after[:3, :3] = (
+            np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+        ) @ pose[:3, :3]
         # Orthonormal again to rounding, however many periods follow.
         after[:3, :3] = after[:3, :3] @ (1.5 * np.eye(3) - 0.5 * after[:3, :3].T @ after[:3, :3])
     return after

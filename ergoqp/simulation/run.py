@@ -1,4 +1,4 @@
-"""What a closed loop leaves behind: everything that happened, in arrays, ready to be saved, drawn and judged."""
+"""What a closed loop leaves behind: all that happened, as arrays to be saved, drawn and judged."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Run:
         recording: name of the recording that the run started from, None if none.
         start_time: moment of the recording that the run started from [s], None if none.
         unobserved: joints that the controller could not see.
-        reba_standing_still: exact score at which the person would come to rest had the object stayed where it was: what the
-            robot is to be compared with.
+        reba_standing_still: exact score at which the person would come to rest had the object
+            stayed where it was: what the robot is to be compared with.
         settle: when the object came to rest for good [s], None if it was still moving at the end.
         guide: the place that the control step was given to be drawn to, None without one.
     """
@@ -92,7 +92,9 @@ class Run:
     guide: Guide | None = None
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``run.json``, what the run comes down to, and ``run.npz``, every array of it; see ``docs/run_json.md``.
+        """Write ``run.json``, what the run comes down to, and ``run.npz``, every array of it.
+
+        The files are described in ``docs/run_json.md``.
 
         Args:
             folder: where to; it is made if it is not there.
@@ -114,8 +116,14 @@ class Run:
 
 
 def summary_of_run(run: Run) -> dict[str, Any]:
-    """Return what ``run.json`` holds: plain numbers, texts, lists and dicts; what is not known or not finite is None."""
-    before, after = ({name: int(scores[row]) for name, scores in run.assessment.segments.items()} for row in (0, -1))
+    """Return what ``run.json`` holds: plain numbers, texts, lists and dicts.
+
+    What is not known or not finite is None.
+    """
+    before, after = (
+        {name: int(scores[row]) for name, scores in run.assessment.segments.items()}
+        for row in (0, -1)
+    )
     microseconds = 1e6 * run.step_time
     return {
         "version": __version__,
@@ -158,7 +166,10 @@ def summary_of_run(run: Run) -> dict[str, Any]:
 
 
 def arrays_of(run: Run) -> dict[str, np.ndarray]:
-    """Return what ``run.npz`` holds; texts are arrays of fixed-width strings, so that nothing needs pickle."""
+    """Return what ``run.npz`` holds.
+
+    Texts are arrays of fixed-width strings, so that nothing needs pickle.
+    """
     names = sorted({name for active in run.active for name in active})
     return {
         "time": run.time,
@@ -171,7 +182,9 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
         "step_time": run.step_time,
         "statuses": np.array(run.statuses, dtype=np.str_),
         "reasons": np.array(run.reasons, dtype=np.str_),
-        "active": np.array([[name in active for name in names] for active in run.active], dtype=bool),
+        "active": np.array(
+            [[name in active for name in names] for active in run.active], dtype=bool
+        ),
         "active_names": np.array(names, dtype=np.str_),
         "joints": np.array(JOINTS, dtype=np.str_),
     }

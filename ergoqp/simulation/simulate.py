@@ -1,4 +1,4 @@
-"""A closed loop from beginning to end: a problem, a person who starts somewhere, and everything that a `Run` says about it."""
+"""A whole closed loop: a problem, a person who starts somewhere, all that a `Run` says about it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, check_whole, sentences, shown, table_of_numbers, unmasked
+from ergoqp.arguments import (
+    check_called,
+    check_kind,
+    check_number,
+    check_whole,
+    sentences,
+    shown,
+    table_of_numbers,
+    unmasked,
+)
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
@@ -51,7 +60,7 @@ def simulate(
     robot: RobotKind | None = None,
     senses: Senses | None = None,
 ) -> Run:
-    """Close the loop of a problem with a simulated person who is built otherwise than the controller's model.
+    """Close the loop of a problem with a simulated person built unlike the controller's model.
 
     Args:
         problem: the task; its response must be an `IkResponse`.
@@ -64,10 +73,12 @@ def simulate(
         start_time: when it was taken there [s].
         assumptions: sentences on what was taken as given before, for the report.
         progress: called now and then with the share that is done.
-        guide: a place that the control step is drawn to where descent alone comes to rest at a worse one: the optimum of
-            `ergoqp.optimise` or a pose (4, 4), see `ergoqp.step.place.read_guide`; None: descent alone.
+        guide: a place that the control step is drawn to where descent alone comes to rest at a
+            worse one: the optimum of `ergoqp.optimise` or a pose (4, 4), see
+            `ergoqp.step.place.read_guide`; None: descent alone.
         robot: how the robot really does what it is sent; None: as badly as the problem declares it.
-        senses: what lies between person and controller, constant errors of angles too; None: the usual noise.
+        senses: what lies between person and controller, constant errors of angles too; None: the
+            usual noise.
 
     Returns:
         Everything that happened, judged by the independent checker.
@@ -91,7 +102,10 @@ def simulate(
     assumptions = sentences("assumptions", assumptions)
     model = problem.response
     if not isinstance(model, IkResponse):
-        raise InputError(f"problem {problem.name}: got a response of type {type(model).__name__}, allowed IkResponse")
+        raise InputError(
+            f"problem {problem.name}: got a response of type {type(model).__name__}, allowed"
+            " IkResponse"
+        )
     start_posture, beyond = read_posture(posture)
     seen = _read_observed(observed)
     follower = person if isinstance(person, Follower) else sample_person(problem, seed, person)
@@ -100,12 +114,23 @@ def simulate(
     place = None if guide is None else read_guide(problem, guide)
     stepper = Stepper(problem, solver=_SOLVER, guide=place)
     senses = senses or Senses()
-    how = {"duration": duration, "seed": seed, "observed": seen, "checker": checker, "robot": robot, "senses": senses}
+    how = {
+        "duration": duration,
+        "seed": seed,
+        "observed": seen,
+        "checker": checker,
+        "robot": robot,
+        "senses": senses,
+    }
     trace = run_loop(problem, follower, start, stepper=stepper, **how)
     postures = np.array(trace.postures)
     scores = problem.assess(postures).final
     settled = settle_time(trace)
-    unobserved = () if seen is None else tuple(name for name, there in zip(JOINTS, seen, strict=True) if not there)
+    unobserved = (
+        ()
+        if seen is None
+        else tuple(name for name, there in zip(JOINTS, seen, strict=True) if not there)
+    )
     return Run(
         problem=problem.name,
         title=problem.title or problem.name,
@@ -131,7 +156,12 @@ def simulate(
         person_outside=outside_of_range(postures),
         let_go=trace.let_go,
         options=options_of(problem, _SOLVER),
-        assumptions=[*assumptions, *beyond, *_assumptions(model, follower, senses, unobserved, place), *_robot(problem, robot)],
+        assumptions=[
+            *assumptions,
+            *beyond,
+            *_assumptions(model, follower, senses, unobserved, place),
+            *_robot(problem, robot),
+        ],
         recording=None if recording is None else str(recording),
         start_time=start_time,
         unobserved=unobserved,
@@ -182,19 +212,27 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
     try:
         angles = table_of_numbers("posture", posture)
     except InputError:
-        raise InputError(f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} angles in radians") from None
+        raise InputError(
+            f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} angles in radians"
+        ) from None
     if angles.shape != (len(JOINTS),):
-        raise InputError(f"posture: got shape {angles.shape}, allowed ({len(JOINTS)},), in the order of ergoqp.JOINTS")
+        raise InputError(
+            f"posture: got shape {angles.shape}, allowed ({len(JOINTS)},), in the order of"
+            " ergoqp.JOINTS"
+        )
     wrong = np.flatnonzero(~(np.abs(angles) <= np.pi))
     if wrong.size:
         raise InputError(
-            f"posture: got {angles[wrong[0]]:g} for {JOINTS[wrong[0]]}, allowed radians within ±π (degrees given as radians?)"
+            f"posture: got {angles[wrong[0]]:g} for {JOINTS[wrong[0]]}, allowed radians within ±π"
+            " (degrees given as radians?)"
         )
     inside = np.clip(angles, LOWER, UPPER)
     beyond = [spoken(JOINTS[i]) for i in np.flatnonzero(np.abs(angles - inside) > _AT_END)]
     if not beyond:
         return inside, []
-    return inside, [f"The start is beyond the range of {', '.join(beyond)}; the person starts at its end."]
+    return inside, [
+        f"The start is beyond the range of {', '.join(beyond)}; the person starts at its end."
+    ]
 
 
 def _read_observed(observed: ArrayLike | None) -> np.ndarray | None:
@@ -214,9 +252,14 @@ def _robot(problem: Problem, robot: RobotKind | None) -> list[str]:
     declared = _told(problem.robot)
     does = _told(robot) if robot is not None else ""
     return [
-        f"The controller is told of the robot: {declared}."
-        if declared
-        else "The controller is told nothing of the robot: it reckons with one that does at once what it is sent.",
+        (
+            f"The controller is told of the robot: {declared}."
+            if declared
+            else (
+                "The controller is told nothing of the robot: it reckons with one that does at once"
+                " what it is sent."
+            )
+        ),
         "The simulated robot "
         + (
             "does exactly that."
@@ -243,33 +286,49 @@ def _told(robot: DeclaredRobot | RobotKind) -> str:
         elif entry.name in ("gain_error", "speed_noise"):
             words.append(f"{name} {100 * value:g} %")
         else:
-            words.append(f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms")
+            words.append(
+                f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms"
+            )
     return ", ".join(words)
 
 
 def _assumptions(
-    model: IkResponse, person: Follower, senses: Senses, unobserved: tuple[str, ...], place: Guide | None
+    model: IkResponse,
+    person: Follower,
+    senses: Senses,
+    unobserved: tuple[str, ...],
+    place: Guide | None,
 ) -> list[str]:
     own = person.response.body
     sentences = [
-        f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay ({1e3 * senses.delay:.0f} ms) and "
-        f"measurement noise ({senses.noise_deg:g} deg white, {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the "
-        "frames lost) that the controller does not know.",
+        (
+            f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay"
+            f" ({1e3 * senses.delay:.0f} ms) and measurement noise ({senses.noise_deg:g} deg white,"
+            f" {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the frames lost) that the"
+            " controller does not know."
+        ),
         f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
-        f"The hand holds the object at the start as the posture has it, and keeps hold of it; {person.response.footing}.",
+        (
+            "The hand holds the object at the start as the posture has it, and keeps hold of it;"
+            f" {person.response.footing}."
+        ),
     ]
     if place is not None:
         x, y, z = place.pose[:3, 3]
         sentences.append(
-            f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there where descent alone comes "
-            "to rest at a worse one."
+            f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there"
+            " where descent alone comes to rest at a worse one."
         )
     if senses.bias_deg:
-        wrong = ", ".join(f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items())
-        sentences.append(f"The sensors read wrong all the time, and the controller does not know: {wrong}.")
+        wrong = ", ".join(
+            f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items()
+        )
+        sentences.append(
+            f"The sensors read wrong all the time, and the controller does not know: {wrong}."
+        )
     if unobserved:
         sentences.append(
-            f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated person starts with "
-            f"{'it' if len(unobserved) == 1 else 'them'} as given in the start."
+            f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated"
+            f" person starts with {'it' if len(unobserved) == 1 else 'them'} as given in the start."
         )
     return sentences

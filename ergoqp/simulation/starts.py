@@ -1,4 +1,7 @@
-"""Where a run starts when nobody says: at an awkward place that the person reaches, found in a fraction of a second."""
+"""Where a run starts when nobody says: at an awkward place that the person reaches.
+
+It is found in a fraction of a second.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,13 @@ PLACES = 40
 """How many places are tried."""
 
 _EDGE = 0.02
-"""Distance kept from the workspace's ends [m]: the hand comes to rest a little beside where the object is."""
+"""Distance kept from the workspace's ends [m]: the hand comes to rest a little off the object."""
 
 
-def awkward_start(problem: Problem, person: Follower, seed: int, places: int = PLACES) -> np.ndarray:
-    """Return the worst-scored rest posture (32,) [rad] of a person over random places of the object.
+def awkward_start(
+    problem: Problem, person: Follower, seed: int, places: int = PLACES
+) -> np.ndarray:
+    """Return the worst-scored rest posture (32,) [rad] of a person over random object places.
 
     Args:
         problem: its workspace and tool axis say where the object can be.
@@ -27,13 +32,14 @@ def awkward_start(problem: Problem, person: Follower, seed: int, places: int = P
         places: how many to try.
 
     Raises:
-        InputError: if the problem has no workspace or no tool axis, or the person reaches none of the places.
+        InputError: if the problem has no workspace or no tool axis, or the person reaches none of
+            the places.
     """
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     if box is None or cone is None:
         raise InputError(
-            f"problem {problem.name}: has no limits.{'workspace' if box is None else 'tool_axis'}, so nothing says where the "
-            "object may start; give a recording to start from"
+            f"problem {problem.name}: has no limits.{'workspace' if box is None else 'tool_axis'},"
+            " so nothing says where the object may start; give a recording to start from"
         )
     rng = np.random.default_rng([seed, 4])
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
@@ -51,6 +57,7 @@ def awkward_start(problem: Problem, person: Follower, seed: int, places: int = P
             postures.append(posture)
     if not postures:
         raise OutOfReachError(
-            f"problem {problem.name}: the person reaches none of {places} places of the workspace; enlarge it"
+            f"problem {problem.name}: the person reaches none of {places} places of the workspace;"
+            " enlarge it"
         )
     return postures[int(np.argmax(problem.assess(np.array(postures)).final))]

@@ -1,4 +1,4 @@
-"""QP solvers behind one protocol, one file per solver; adding one is a file and a line in `SOLVERS`."""
+"""QP solvers behind one protocol, one file each; adding one is a file and a line in `SOLVERS`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from ergoqp.solvers.piqp import Piqp
 from ergoqp.solvers.solver import QpSolver as QpSolver
 
 SOLVERS: Final[dict[str, type[QpSolver]]] = {solver.name: solver for solver in (Daqp, Piqp, Osqp)}
-"""Solver classes by name, for the control step; `ergoqp.solvers.sessions` has more, for sequences of QPs outside it."""
+"""Solver classes by name, for the control step.
+
+`ergoqp.solvers.sessions` has more, for sequences of QPs outside it.
+"""
 
 
 def solver_named(name: str) -> QpSolver:

@@ -1,4 +1,7 @@
-"""DAQP: dual active-set method (Arnström, Bemporad, Axehill, IEEE TAC 67(8), 2022). Exact at the sizes met here."""
+"""DAQP: dual active-set method (Arnström, Bemporad, Axehill, IEEE TAC 67(8), 2022).
+
+It is exact at the sizes met here.
+"""
 
 from __future__ import annotations
 
@@ -16,4 +19,6 @@ class Daqp:
 
     def function(self, n: int, m: int) -> ca.Function:
         """Return the solver for `n` unknowns and `m` rows; see `QpSolver`."""
-        return plugin_function("daqp", n, m, {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10, "iter_limit": 500}})
+        return plugin_function(
+            "daqp", n, m, {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10, "iter_limit": 500}}
+        )

@@ -1,4 +1,7 @@
-"""Equal bounds as equalities: for solvers that need an inside, or lose multipliers between bounds that meet."""
+"""Equal bounds as equalities, for solvers that need an inside.
+
+It also serves those that lose multipliers between bounds that meet.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,9 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Which bounds of a QP meet, and which are there: what decides the shapes that a solver is set up for.
+    """Which bounds of a QP meet, and which are there.
+
+    This decides the shapes that a solver is set up for.
 
     Attributes:
         fixed_rows: rows whose bounds are equal (m,).
@@ -35,7 +40,9 @@ class Pattern:
     @property
     def key(self) -> bytes:
         """The same for the same pattern."""
-        return np.concatenate([self.fixed_rows, self.fixed, self.above, self.below, self.high, self.low]).tobytes()
+        return np.concatenate(
+            [self.fixed_rows, self.fixed, self.above, self.below, self.high, self.low]
+        ).tobytes()
 
     def equalities(self, qp: Qp) -> tuple[Array, Array]:
         """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
@@ -45,12 +52,19 @@ class Pattern:
     def inequalities(self, qp: Qp) -> tuple[Array, Array]:
         """Return G and h of G x <= h: rows above, rows below, unknowns above, unknowns below."""
         unit = np.eye(len(self.fixed))
-        matrix = np.concatenate([qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]])
-        bounds = (qp.upper[self.above], -qp.lower[self.below], qp.high[self.high], -qp.low[self.low])
+        matrix = np.concatenate(
+            [qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]]
+        )
+        bounds = (
+            qp.upper[self.above],
+            -qp.lower[self.below],
+            qp.high[self.high],
+            -qp.low[self.low],
+        )
         return matrix, np.concatenate(bounds)
 
     def multipliers(self, equal: Array, unequal: Array) -> tuple[Array, Array]:
-        """Return the multipliers of rows and unknowns from those of `equalities` and `inequalities`."""
+        """Return row and unknown multipliers from those of `equalities` and `inequalities`."""
         rows, box = np.zeros(len(self.fixed_rows)), np.zeros(len(self.fixed))
         count = int(self.fixed_rows.sum())
         rows[self.fixed_rows], box[self.fixed] = equal[:count], equal[count:]

@@ -1,7 +1,7 @@
 """Whether an answer of a QP solver is one, in plain NumPy: no solver's word is taken for it.
 
-The three residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity norm; a fourth looks at the
-signs of the multipliers, which those three do not see.
+The three residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity
+norm; a fourth looks at the signs of the multipliers, which those three do not see.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ TOLERANCES: Final = (1e-3, 1e-6, 1e-9)
 """The accuracies of qpbenchmark: low, middle and high."""
 
 SHIFT: Final = 10e-6
-"""Shift of the geometric mean of times [s]: about the fastest solver's time, so that no outlier at either end decides."""
+"""Shift of the geometric mean of times [s]: about the fastest solver's time.
+
+So no outlier at either end decides.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,9 @@ class Residuals:
         primal: by how much rows and bounds are broken.
         dual: largest entry of H x + g + A' rows + box.
         gap: difference of the primal and the dual objective.
-        sign: largest multiplier that pulls from the farther end of its row, or from an end that is not there; where that end
-            is nearer than the multiplier is large, its distance: between ends that all but meet either may pull.
+        sign: largest multiplier that pulls from the farther end of its row, or from an end that is
+            not there; where that end is nearer than the multiplier is large, its distance: between
+            ends that all but meet either may pull.
     """
 
     primal: float
@@ -44,7 +48,10 @@ class Residuals:
         return max(self.primal, self.dual, self.gap, self.sign)
 
     def relative(self, qp: Qp) -> float:
-        """Return the largest of the four with the dual ones relative to 1 + max |g|, as the control step judges."""
+        """Return the largest of the four with the dual ones relative to 1 + max |g|.
+
+        The control step judges in the same way.
+        """
         scale = 1.0 + float(np.abs(qp.g).max())
         return max(self.primal, self.dual / scale, self.gap / scale, self.sign / scale)
 

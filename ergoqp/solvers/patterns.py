@@ -1,4 +1,4 @@
-"""Matrices for solvers that are set up for a sparsity pattern once and take new values in it afterwards."""
+"""Matrices for solvers set up for a sparsity pattern once, which then take new values in it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from ergoqp.solvers.sequence import Array
 
 
 class GrowingPattern:
-    """The entries of a matrix that were ever not zero; those that are zero now are kept, as explicit zeros.
+    """The entries of a matrix that were ever not zero; those zero now are kept as explicit zeros.
 
-    A full pattern would do as well, but the rows of bounds are unit vectors and slack has a column of its own: most solvers'
-    time goes with the entries that there are.
+    A full pattern would do as well, but the rows of bounds are unit vectors and slack has a column
+    of its own: most solvers' time goes with the entries that there are.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class GrowingPattern:
         self._mask = np.zeros((0, 0), dtype=bool)
 
     def grow(self, matrix: Array) -> bool:
-        """Take in a matrix; return whether it has entries that were not there before, or another shape."""
+        """Take in a matrix; return whether it has new entries or another shape."""
         there = matrix != 0
         if there.shape != self._mask.shape:
             self._mask = there

@@ -1,4 +1,4 @@
-"""PIQP: proximal interior point (Schwan, Jiang, Kuhn, Jones, CDC 2023), through its CasADi plugin."""
+"""PIQP: proximal interior point (Schwan, Jiang, Kuhn, Jones, CDC 2023), by its CasADi plugin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import casadi as ca
 
 from ergoqp.solvers.plugin import plugin_function
 
-# With a relative part beside the absolute one it went on to its last iteration where slack is dear, 1e4 to the unit.
+# With a relative part beside the absolute one it went on to its last iteration where slack is dear,
+# 1e4 to the unit.
 _SETTINGS = {
     "verbose": False,
     "eps_abs": 1e-8,
@@ -21,7 +22,10 @@ _SETTINGS = {
 
 
 class Piqp:
-    """Interior point: some times slower than the default, and its time hardly depends on how many rows are active."""
+    """Interior point: some times slower than the default.
+
+    Its time hardly depends on how many rows are active.
+    """
 
     name: ClassVar[str] = "piqp"
 

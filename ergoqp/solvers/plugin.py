@@ -8,7 +8,10 @@ import casadi as ca
 
 
 def plugin_function(plugin: str, n: int, m: int, options: dict[str, Any]) -> ca.Function:
-    """Return ``(h, g, a, lba, uba, lbx, ubx) -> (x, lam_a, lam_x)`` of a CasADi conic plugin that does not raise on failure."""
+    """Return ``(h, g, a, lba, uba, lbx, ubx) -> (x, lam_a, lam_x)`` of a CasADi conic plugin.
+
+    The plugin does not raise on failure.
+    """
     shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
     qp = ca.conic("qp", plugin, shapes, {"error_on_fail": False, **options})
     names = ["h", "g", "a", "lba", "uba", "lbx", "ubx"]

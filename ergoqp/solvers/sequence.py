@@ -56,7 +56,8 @@ class QpSequence:
     Attributes:
         name: where they come from, for example ``screwing.0``.
         qps: one after the other.
-        feasible: whether the QPs have an answer; by construction, or because a certified one is known.
+        feasible: whether the QPs have an answer; by construction, or because a certified one is
+            known.
         follows: whether each is close to the one before, so that a warm start makes sense.
     """
 
@@ -69,7 +70,9 @@ class QpSequence:
         """Check that all are of one size."""
         sizes = {qp.size for qp in self.qps}
         if len(sizes) != 1:
-            raise InputError(f"sequence {self.name!r}: got QPs of {len(sizes)} sizes, allowed exactly one")
+            raise InputError(
+                f"sequence {self.name!r}: got QPs of {len(sizes)} sizes, allowed exactly one"
+            )
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -86,10 +89,16 @@ class QpSequence:
 
     @property
     def family(self) -> str:
-        """What kind of QPs: ``recorded``, or how they were derived; the end of the name after a plus sign."""
+        """What kind of QPs: ``recorded``, or how they were derived.
+
+        It is the end of the name after a plus sign.
+        """
         return self.name.partition("+")[2] or "recorded"
 
     def thinned(self, count: int) -> QpSequence:
-        """Return at most `count` of the QPs: one stretch from the middle, so that each still follows the one before."""
+        """Return at most `count` of the QPs: one stretch from the middle.
+
+        So each still follows the one before.
+        """
         start = max(0, (len(self) - count) // 2)
         return replace(self, qps=self.qps[start : start + count])

@@ -1,4 +1,7 @@
-"""Numeric solvers that stay in memory: for sequences of QPs outside the control step, and for comparing solvers."""
+"""Numeric solvers that stay in memory, for sequences of QPs outside the control step.
+
+They also serve to compare solvers.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,12 @@ from ergoqp.errors import InputError
 from ergoqp.solvers.sequence import PARTS, Array, Qp
 
 FLAGS: Final = ("solved", "infeasible", "stopped", "failed", "not a number", "bounds cross")
-"""What a solver can say: solved; no answer exists; stopped at its limit of iterations; failed for another reason, its numerics
-for example. The last two are said before the solver sees the data: NaN or infinity where a number is needed, and a lower bound
-above the upper one."""
+"""What a solver can say.
+
+Solved; no answer exists; stopped at its limit of iterations; failed for another reason, its
+numerics for example. The last two are said before the solver sees the data: NaN or infinity where a
+number is needed, and a lower bound above the upper one.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +31,8 @@ class QpAnswer:
 
     Attributes:
         x: the answer (n,); NaN where there is none.
-        rows: multipliers of the rows (m,), positive at the upper bound: H x + g + A' rows + box = 0.
+        rows: multipliers of the rows (m,), positive at the upper bound: H x + g + A' rows + box =
+            0.
         box: multipliers of the bounds on x (n,), positive at the upper bound.
         flag: one of `FLAGS`.
         iterations: the solver's own count; None where it does not tell.
@@ -53,7 +60,10 @@ class Backend(Protocol):
         ...
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
-        """Solve finite data whose bounds do not cross; `warm`: start from the last answer, where the solver can."""
+        """Solve finite data whose bounds do not cross.
+
+        With `warm` it starts from the last answer, where the solver can.
+        """
         ...
 
 
@@ -95,7 +105,8 @@ class Session:
             upper: (m,), inf where a row has none.
             low: (n,), -inf allowed.
             high: (n,), inf allowed.
-            warm: start from the last answer, where the solver can; False: as if this were the first QP.
+            warm: start from the last answer, where the solver can; False: as if this were the first
+                QP.
 
         Raises:
             InputError: for a shape that is not the session's.
@@ -103,7 +114,7 @@ class Session:
         return self.solve_qp(Qp(*self._arrays(H, g, A, lower, upper, low, high)), warm)
 
     def solve_qp(self, qp: Qp, warm: bool = True) -> QpAnswer:
-        """Solve a QP whose parts are float arrays of the session's shapes, in C order; see `solve`."""
+        """Solve a QP given as float arrays of the session's shapes in C order; see `solve`."""
         if flag := unusable(qp):
             return no_answer(*qp.size, flag)
         start = time.perf_counter()
@@ -128,7 +139,9 @@ def unusable(qp: Qp) -> str:
     for least, most in ((qp.lower, qp.upper), (qp.low, qp.high)):
         # What is not a number is not in order either; and no value lies between two bounds of inf.
         if not ((least <= most) & (least < math.inf) & (most > -math.inf)).all():
-            return "not a number" if np.isnan(least).any() or np.isnan(most).any() else "bounds cross"
+            return (
+                "not a number" if np.isnan(least).any() or np.isnan(most).any() else "bounds cross"
+            )
     return ""
 
 

@@ -28,7 +28,10 @@ class Account:
 
     @property
     def residuals(self) -> dict[str, float]:
-        """``qp``: largest KKT residual; ``contact``: contact motion the posture cannot follow [m/s, rad/s]; ``accepted``.
+        """Residuals of the step by name: ``qp``, ``contact`` and ``accepted``.
+
+        ``qp`` is the largest KKT residual, ``contact`` the contact motion the posture cannot follow
+        [m/s, rad/s].
 
         The last is the share of the way from braking to the QP's answer that was certified.
         """
@@ -37,5 +40,8 @@ class Account:
 
     @property
     def drawn(self) -> int:
-        """Phase of `ergoqp.step.guide` in which the guide leads: the way there, the wait there, the way back; else 0."""
+        """Phase of `ergoqp.step.guide` in which the guide leads; else 0.
+
+        The guide leads on the way there, in the wait there and on the way back.
+        """
         return int(self("drawn")[0]) if "drawn" in self.parts else 0

@@ -1,4 +1,7 @@
-"""The mean of the plan, and what a late robot has still to do, as weights that follow from the ages of periods alone."""
+"""Weights for the mean of the plan and for what a late robot has still to do.
+
+They follow from the ages of periods alone.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,9 @@ def weights_function(problem: Problem) -> ca.Function:
     """What follows from the ages alone, in scalars.
 
     Returns:
-        Function ``(ages, idle, dt) -> (own, (weights at the end of this period, seconds) (n, 2), weights now (n,), seconds for
-        which what was sent still acts (k,), dt, dt_ok, ages at the end of this period, idled, fits, parked)``.
+        Function ``(ages, idle, dt) -> (own, (weights at the end of this period, seconds) (n, 2),
+        weights now (n,), seconds for which what was sent still acts (k,), dt, dt_ok, ages at the
+        end of this period, idled, fits, parked)``.
     """
     history, W, robot = History.of(problem), problem.average, problem.robot
     ages, idle, given = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
@@ -32,7 +36,9 @@ def weights_function(problem: Problem) -> ca.Function:
         own, weights, now, left = _mean(ends[:n], dt, W)
         of_plan = ca.horzcat(weights, left)
     if owes(problem):
-        remaining = remaining_seconds(ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag)
+        remaining = remaining_seconds(
+            ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag
+        )
     parked = idle >= max(W, robot.dead_time, _AT_ALL)
     outputs = [own, of_plan, now, remaining, dt, dt_ok, (ages + dt)[: history.ages - 1], idle + dt]
     outputs += [_holds_all(problem, ages, dt), parked]
@@ -43,14 +49,15 @@ def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]
     """The mean of the plan over W seconds as weights of its twists.
 
     Returns:
-        At the end of this period: weight of the new twist, and of those before (n,). And now: their weights (n,), and the
-        seconds for which each of them still acts when it is not yet sent (n,), the half of this period that leads away from
-        the last one included.
+        At the end of this period: weight of the new twist, and of those before (n,). And now: their
+        weights (n,), and the seconds for which each of them still acts when it is not yet sent
+        (n,), the half of this period that leads away from the last one included.
     """
     n = ages.numel()
     length, share = _segments(ages + dt, W)
     far = length * share / 2
-    # The last twist is taken to have been there for ever: before the first step the plan was at rest.
+    # The last twist is taken to have been there for ever: before the first step the plan was at
+    # rest.
     rest = W - ca.fmin(ages[n - 1] + dt, W)
     first = ca.fmin(dt, W)
     own = first * (2 - first / dt) / (2 * W)
@@ -70,7 +77,7 @@ def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]
 
 
 def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
-    """Return how much of each segment between two ages is younger than W [s], and as a share of it."""
+    """Return how much of each segment between two ages is younger than W [s], and which share."""
     ends = ca.fmin(ages, W)
     length = ends[1:] - ends[:-1]
     # Segments of before the first step have no length at all.

@@ -1,4 +1,4 @@
-"""The answer of one control step: the twist to send, and the account of it, read when it is asked for."""
+"""The answer of one control step: the twist to send, and its account, read when asked for."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class Step:
     """The answer of one control step.
 
     Attributes:
-        twist: object velocity at the contact frame, world-aligned, linear first (6,) [m/s, rad/s]: send this.
+        twist: object velocity at the contact frame, world-aligned, linear first (6,) [m/s, rad/s]:
+            send this.
         status: ``optimal``, ``settled``, ``relaxed``, ``recovering``, ``braking`` or ``invalid``.
         solve_time: duration of the call [s].
     """
@@ -35,7 +36,12 @@ class Step:
     ) -> None:
         """Keep the account of the step function; what is asked for is read from it then."""
         self.twist, self.status = twist, status
-        self._problem, self._account, self._seen, self._notes = problem, Account(status, account, parts), seen, notes
+        self._problem, self._account, self._seen, self._notes = (
+            problem,
+            Account(status, account, parts),
+            seen,
+            notes,
+        )
         self.solve_time = time.perf_counter() - start
 
     def __repr__(self) -> str:
@@ -69,7 +75,10 @@ class Step:
 
     @property
     def residuals(self) -> dict[str, float]:
-        """``qp``: largest KKT residual; ``contact``: contact motion the posture cannot follow [m/s, rad/s]; ``accepted``.
+        """Residuals of the step by name: ``qp``, ``contact`` and ``accepted``.
+
+        ``qp`` is the largest KKT residual, ``contact`` the contact motion the posture cannot follow
+        [m/s, rad/s].
 
         The last is the share of the way from braking to the QP's answer that was certified.
         """
@@ -77,7 +86,10 @@ class Step:
 
     @property
     def drawn(self) -> int:
-        """Phase of `ergoqp.step.guide` in which the guide leads: the way there, the wait there, the way back; else 0."""
+        """Phase of `ergoqp.step.guide` in which the guide leads; else 0.
+
+        The guide leads on the way there, in the wait there and on the way back.
+        """
         return self._account.drawn
 
     @cached_property
@@ -95,7 +107,11 @@ class Step:
     def slack(self) -> dict[str, float]:
         """By how much each soft row was missed, in its unit per second; only those that were."""
         values = self.account("slack").tolist()
-        return {name: value for name, value in zip(self._problem.row_names, values, strict=True) if value > 1e-7}
+        return {
+            name: value
+            for name, value in zip(self._problem.row_names, values, strict=True)
+            if value > 1e-7
+        }
 
     @cached_property
     def active(self) -> tuple[str, ...]:
@@ -107,4 +123,6 @@ class Step:
     @cached_property
     def locked(self) -> tuple[str, ...]:
         """Joints at their end that the model person holds while the others follow."""
-        return tuple(self._problem.coordinates[i] for i in np.flatnonzero(self.account("locked") > 0.5))
+        return tuple(
+            self._problem.coordinates[i] for i in np.flatnonzero(self.account("locked") > 0.5)
+        )

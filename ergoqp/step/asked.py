@@ -1,4 +1,4 @@
-"""A range that the user narrowed asks a joint back, for twice the time that this should take, and no longer."""
+"""A range that the user narrowed asks a joint back for at most twice the time it should take."""
 
 from __future__ import annotations
 
@@ -10,24 +10,33 @@ from ergoqp.step.bounds import STEADY_RETURN, limit_values
 
 
 def still_asks(asked: ca.MX) -> ca.MX:
-    """Return 1 while rows of the posture may ask to come back: from their state, seconds asked for and seconds allowed (2,)."""
+    """Return 1 while rows of the posture may ask to come back.
+
+    Their state `asked` (2,) holds the seconds asked for and the seconds allowed.
+    """
     return asked[0] <= asked[1]
 
 
 def asked_update(problem: Problem, asked: ca.MX, margins: ca.MX, dt: ca.MX) -> ca.MX:
-    """Return the next state of asking (2,); what was given up is asked for again once nothing is outside.
+    """Return the next state of asking (2,).
+
+    What was given up is asked for again once nothing is outside.
 
     The predicted time is that of the pace at which rows come back, see `ergoqp.step.bounds`.
 
     Args:
         problem: the task.
-        asked: seconds for which a row was asked back, and twice the seconds that it should take [s].
+        asked: seconds for which a row was asked back, and twice the seconds that it should take
+            [s].
         margins: of all rows, where things are (r,).
         dt: period [s].
     """
     limits = problem.row_limits
     soft = limit_values(limits, "returns") * (1 - limit_values(limits, "hard"))
-    time, tolerance = ca.DM(limit_values(limits, "recovery_time")), ca.DM(limit_values(limits, "tolerance"))
+    time, tolerance = (
+        ca.DM(limit_values(limits, "recovery_time")),
+        ca.DM(limit_values(limits, "tolerance")),
+    )
     away = ca.if_else(margins < -tolerance, -margins, 0) * ca.DM(soft)
     steady = STEADY_RETURN * time
     fading = time * (ca.log(ca.fmax(away / steady, 1)) + 1)

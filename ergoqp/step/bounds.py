@@ -1,11 +1,14 @@
-"""From margins to bounds: what each row asks of the twist of this period, so that the whole stop afterwards stays inside.
+"""From margins to bounds: what each row asks of the twist of this period.
 
-The object stops along a straight line, see `ergoqp.limits.stop`: with d left a row holds through the stop if A xi <= d / h with
-h = dt + t_s / 2 for the longest stop t_s that this period can reach.
+It is such that the whole stop afterwards stays inside.
 
-That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h, and the row can only be
-slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before that its tangent parabola v^2 = 2 a d - a^2 h^2.
-And while a hard row is approached at v, no axis may speed up so much that the stop takes longer than 2 (d / v - dt).
+The object stops along a straight line, see `ergoqp.limits.stop`: with d left a row holds through
+the stop if A xi <= d / h with h = dt + t_s / 2 for the longest stop t_s that this period can reach.
+
+That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h,
+and the row can only be slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before
+that its tangent parabola v^2 = 2 a d - a^2 h^2. And while a hard row is approached at v, no axis
+may speed up so much that the stop takes longer than 2 (d / v - dt).
 """
 
 from __future__ import annotations
@@ -28,16 +31,18 @@ _ROOM = 1.5
 """A bent row may come back so many times as fast as it is asked to at most."""
 
 MOVES = 1e-4
-"""A row that all axes together move less than this has no inward target: it would leave a solver with nothing but rounding
-[per unit of the twist]"""
+"""A row that all axes together move less than this has no inward target [per unit of the twist].
+
+It would leave a solver with nothing but rounding.
+"""
 
 CLEARANCE = 1e-8
-"""Rows stop this short of their end, so that a solver's rounding is not taken for a breach [m, rad]."""
+"""Rows stop this short of their end, so a solver's rounding is not taken for a breach [m, rad]."""
 
 
 @dataclass(frozen=True)
 class RowBounds:
-    """Rows over the twist, as the QP takes them (`ergoqp.step.qp.build_qp`), only those that some twist can move."""
+    """Rows over the twist that some twist can move, as `ergoqp.step.qp.build_qp` takes them."""
 
     matrix: Expression
     lower: Expression
@@ -54,8 +59,13 @@ def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
     return ca.sparsify(kept)
 
 
-def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX, stop: Stop) -> ca.SX:
-    """Return the longest stop [s] that the hard rows ahead still have room for; negative: braking is all that is left."""
+def patience(
+    limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX, stop: Stop
+) -> ca.SX:
+    """Return the longest stop [s] that the hard rows ahead still have room for.
+
+    A negative one means that braking is all that is left.
+    """
     longest = ca.SX(FREE)
     for limit in limits:
         if limit.hard:
@@ -71,7 +81,10 @@ def patience(limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt:
 
 
 def unhurried(brake: Braking, longest: ca.SX) -> Braking:
-    """Return the same braking with twist bounds from which no stop takes longer than `longest` [s], see `patience`."""
+    """Return the same braking with bounds from which no stop takes longer than `longest` [s].
+
+    The bounds are those of the twist, see `patience`.
+    """
     most = brake.acceleration * ca.fmax(longest, 0)
     high = ca.fmax(ca.fmin(brake.high, most), brake.twist)
     low = ca.fmin(ca.fmax(brake.low, -most), brake.twist)
@@ -79,7 +92,9 @@ def unhurried(brake: Braking, longest: ca.SX) -> Braking:
 
 
 def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> Rows:
-    """Return bent rows that are outside with the rate at which the object can still stop where it is nearest to the inside.
+    """Return bent rows that are outside with the rate at which the object can still stop.
+
+    The stop is where the object is nearest to the inside.
 
     A turn any further leads away again. Straight rows are returned as they are.
     """
@@ -87,7 +102,10 @@ def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> R
     if not bend:
         return rows
     most = _ROOM * rows.matrix**2 @ ca.DM(twist.speed > 0) / (bend * brake.slowest)
-    return replace(rows, rate=ca.if_else(ca.fmin(rows.below, rows.above) < 0, ca.fmin(rows.rate, most), rows.rate))
+    return replace(
+        rows,
+        rate=ca.if_else(ca.fmin(rows.below, rows.above) < 0, ca.fmin(rows.rate, most), rows.rate),
+    )
 
 
 def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:
@@ -116,29 +134,34 @@ def row_bounds(
         limits: the row limits of the problem.
         rows: the movable rows of all limits, one below the other.
         kept: their numbers among all rows, see `movable_rows`.
-        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then beyond the lower ones; 0
-            for rows that do not ask to come back.
+        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then
+            beyond the lower ones; 0 for rows that do not ask to come back.
         brake: of this period.
         final: 1 in the last pass, in which joints near their end do not yield any more.
     """
     m, kept = len(kept), list(kept)
     if not m:
         return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
-    # An axis that the object cannot choose may still be coming to rest after a push, and counts until then.
+    # An axis that the object cannot choose may still be coming to rest after a push, and counts
+    # until then.
     at_braking = rows.matrix @ brake.twist
     upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final)
     upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
-    # An inward target never asks for more than the other end allows; the slack covers only one side.
+    # An inward target never asks for more than the other end allows; the slack covers only one
+    # side.
     lower = ca.fmax(lower, -FREE)
     upper = ca.if_else(away[:m] > 0, ca.fmax(upper, lower), upper)
     lower = ca.fmin(lower, upper)
     relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
     side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
-    equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[kept]
+    equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[
+        kept
+    ]
     if equal.nnz() and ca.sum1(equal):
         # A surface is an equality, and braking keeps it (`on_surface`).
         upper, lower, cap = (
-            ca.if_else(equal, own, other) for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
+            ca.if_else(equal, own, other)
+            for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
         )
     return RowBounds(rows.matrix, lower, upper, side, cap)
 
@@ -153,7 +176,7 @@ def _ends(
     brake: Braking,
     final: Expression,
 ) -> tuple[Expression, Expression]:
-    """Return (largest rate toward each end, by how much it may be exceeded): first the upper ends, then the lower ones."""
+    """Return (largest rate toward each end, allowed excess): upper ends first, then lower ones."""
 
     def constant(pick: str) -> ca.DM:
         return ca.DM(np.tile(limit_values(limits, pick)[kept], 2))
@@ -171,20 +194,30 @@ def _ends(
     left = distance - twice(rows.reserve + CLEARANCE)
     allowed = brake.fastest(left, slower, constant("hard"))
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
-    # In the zone, and beyond the end, the first passes let the joint go where the QP wants it: outward, it is locked and the
-    # object goes on without it.
+    # In the zone, and beyond the end, the first passes let the joint go where the QP wants it:
+    # outward, it is locked and the object goes on without it.
     zone = constant("yield_zone")
     if zone.nnz():
-        yields = ca.logic_and(ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)), ca.logic_not(final))
+        yields = ca.logic_and(
+            ca.logic_and(away <= 0, distance < ca.if_else(zone > 0, zone, -FREE)),
+            ca.logic_not(final),
+        )
         allowed = ca.if_else(yields, rate, allowed)
-    # A row's own curvature must not carry it further out, on the object side by any amount. A straight one has none, and
-    # between two ends that are both within the noise of a pose it stays where it is.
-    curving = twice(ca.if_else(moves, (rows.reserve + ca.fmin(rows.reserve, CLEARANCE)) / brake.swing, 0))
+    # A row's own curvature must not carry it further out, on the object side by any amount. A
+    # straight one has none, and between two ends that are both within the noise of a pose it stays
+    # where it is.
+    curving = twice(
+        ca.if_else(moves, (rows.reserve + ca.fmin(rows.reserve, CLEARANCE)) / brake.swing, 0)
+    )
     # Where nothing asks to come back, the end only stops what leads further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
-    # At distance / recovery_time the way back would never end, so the last of it goes at a steady pace.
-    pace = ca.fmin(ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt))
-    # Between what is asked of a bent row and what it may do at most there is room, or a solver finds nothing.
+    # At distance / recovery_time the way back would never end, so the last of it goes at a steady
+    # pace.
+    pace = ca.fmin(
+        ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt)
+    )
+    # Between what is asked of a bent row and what it may do at most there is room, or a solver
+    # finds nothing.
     most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
     back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
     outside = ca.logic_and(away > 0, twice(moves))
@@ -202,7 +235,15 @@ def bends(limits: Sequence[Limit]) -> np.ndarray:
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
-    """Return one number per row from the limits' attribute `pick`, which is that of all its rows or one for each."""
+    """Return one number per row from the limits' attribute `pick`.
+
+    A limit's attribute is one number for all its rows or one for each.
+    """
     return np.array(
-        [value for limit in limits for value in np.broadcast_to(getattr(limit, pick), len(limit.names))], dtype=float
+        [
+            value
+            for limit in limits
+            for value in np.broadcast_to(getattr(limit, pick), len(limit.names))
+        ],
+        dtype=float,
     )

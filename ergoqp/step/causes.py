@@ -1,4 +1,4 @@
-"""What a step did, and why it did not do more: the numbers that the step's function gives for them."""
+"""What a step did and why it did not do more, as the numbers that the step's function gives."""
 
 from __future__ import annotations
 

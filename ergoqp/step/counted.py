@@ -51,7 +51,7 @@ def _turns(problem: Problem) -> bool:
 
 
 def _strays(problem: Problem) -> bool:
-    """Whether the way that is under way can turn the object about more than one axis, and a row bends."""
+    """Whether the way under way can turn the object about more than one axis, and a row bends."""
     return problem.average > 0 and any(_bends(problem))
 
 
@@ -68,10 +68,12 @@ class Way:
     Attributes:
         ahead: displacement (6,) [m, rad].
         lost: what cannot be counted on of the distance to the (lower, upper) ends, by hard limit.
-        turn: angle that a robot may have done already, and by which its pose may be mistaken [rad]; None: there is none.
+        turn: angle that a robot may have done already, and by which its pose may be mistaken [rad];
+            None: there is none.
         stray: by which angle it leaves the straight line at most [rad]; None: no row bends.
         raised: which angle a mean that rises adds at most [rad]; None: no row bends.
-        lost_held: as `lost`, where the robot holds on once with what is under way, if that is declared.
+        lost_held: as `lost`, where the robot holds on once with what is under way, if that is
+            declared.
         turn_held: and as `turn`.
     """
 
@@ -93,7 +95,9 @@ def split_way(problem: Problem, way: Any) -> Way:
     bent = iter(parts[2:])
     lost = _by_limit(problem, *parts[:2])
     strays = _strays(problem)
-    turn, stray, raised = (next(bent) if there else None for there in (_turns(problem), strays, strays))
+    turn, stray, raised = (
+        next(bent) if there else None for there in (_turns(problem), strays, strays)
+    )
     if not problem.robot.longest_hold:
         return Way(ahead, lost, turn, stray, raised, lost, turn)
     return Way(ahead, lost, turn, stray, raised, _by_limit(problem, *parts[-3:-1]), parts[-1])
@@ -110,23 +114,30 @@ def _by_limit(problem: Problem, below: Any, above: Any) -> dict[str, tuple[Any, 
 
 
 def way_of(
-    problem: Problem, found: UnderWay, pose: ca.MX, unsure: ca.MX | None = None, shape: Shape = vectors
+    problem: Problem,
+    found: UnderWay,
+    pose: ca.MX,
+    unsure: ca.MX | None = None,
+    shape: Shape = vectors,
 ) -> tuple[ca.MX, ca.MX]:
     """Return (where the object lands (4, 4), what is under way as numbers, see `split_way`).
 
-    A robot is declared by its upper ends: any share of each piece may be done already. So a piece that leads away from an
-    end is not counted on, and one that leads to it counts in full.
+    A robot is declared by its upper ends: any share of each piece may be done already. So a piece
+    that leads away from an end is not counted on, and one that leads to it counts in full.
 
     Args:
         problem: the task.
         found: what is under way.
         pose: as measured, or as far as it is known (4, 4).
-        unsure: how far the object may be behind that, along each axis and against it (6, 2) [m, rad]; None: not at all.
+        unsure: how far the object may be behind that, along each axis and against it (6, 2) [m,
+            rad]; None: not at all.
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
     if not _counts(problem):
         return pose, found.total
-    given = {name: part for name, part in vars(found).items() if name in _PARTS and part is not None}
+    given = {
+        name: part for name, part in vars(found).items() if name in _PARTS and part is not None
+    }
     if unsure is not None:
         given["unsure"] = unsure
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
@@ -154,19 +165,27 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     below, above = up, down
     n = found["weights"].numel() if "weights" in found else 0
     if n:
-        # What a mean that still rises toward the last planned twist adds, see `ergoqp.limits.stop.Stop`.
-        rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (law.stretch * law.longest * found["weights"])
+        # What a mean that still rises toward the last planned twist adds, see
+        # `ergoqp.limits.stop.Stop`.
+        rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (
+            law.stretch * law.longest * found["weights"]
+        )
         below, above = below + rise[many:], above + rise[:many]
     angles = stray = raised = ca.MX(0)
     if robot.longest_hold or _strays(problem):
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
     if _strays(problem):
-        # A way of length L that leads c far leaves its chord by at most sqrt(L^2 - c^2) / 2. Turns do not commute: done one
-        # by one, they differ from the turn of their sum by the area between way and chord.
+        # A way of length L that leads c far leaves its chord by at most sqrt(L^2 - c^2) / 2. Turns
+        # do not commute: done one by one, they differ from the turn of their sum by the area
+        # between way and chord.
         length = angles @ found["seconds"]
         if "tail" in found:
             length += ca.norm_2(found["tail"][3:, 0] + found["tail"][3:, 1])
-        stray = (1 + robot.gain_error) / 2 * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
+        stray = (
+            (1 + robot.gain_error)
+            / 2
+            * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
+        )
         above += (1 + robot.gain_error) * stray * length * ca.DM(_bends(problem))
         turns = found["twists"][3:, :n]
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
@@ -194,15 +213,23 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         held, turned = hold * _most(toward), hold * _most(angles)
         if "clung" in found:
             clung = (1 + robot.gain_error) * found["clung"]
-            held, turned = ca.fmax(held, _along(rows, clung)), ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1]))
+            held, turned = (
+                ca.fmax(held, _along(rows, clung)),
+                ca.fmax(turned, ca.norm_2(clung[3:, 0] + clung[3:, 1])),
+            )
         parts += [below + held[many:], above + held[:many], turn + turned]
     return [landed, ca.densify(ca.vertcat(*parts))]
 
 
 def _along(rows: ca.MX, ways: ca.MX) -> ca.MX:
-    """How far ways along each axis and against it (6, 2) lead to the upper ends of rows (m, 6), and then to the lower ones."""
+    """How far ways (6, 2) lead to the upper ends of rows (m, 6), and then to the lower ones.
+
+    The ways are those along each axis and against it.
+    """
     ahead, back = ca.fmax(rows, 0), ca.fmax(-rows, 0)
-    return ca.vertcat(ahead @ ways[:, 0] + back @ ways[:, 1], ahead @ ways[:, 1] + back @ ways[:, 0])
+    return ca.vertcat(
+        ahead @ ways[:, 0] + back @ ways[:, 1], ahead @ ways[:, 1] + back @ ways[:, 0]
+    )
 
 
 def _most(values: ca.MX) -> ca.MX:
@@ -214,14 +241,21 @@ def _most(values: ca.MX) -> ca.MX:
 
 
 def _hard_rows(problem: Problem) -> ca.Function:
-    """``(pose, displacement under way (6,)) -> (where it lands, matrices of the hard rows there (h, 6))``."""
+    """``(pose, displacement under way (6,)) -> (landed, matrices (h, 6) of hard rows there)``."""
     n = len(problem.coordinates)
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
     landed = shifted(pose, total)
-    situation = Situation(posture, ca.SX.ones(n), landed, S, ca.SX(6, 1), ca.SX(6, 1), surface=problem.surface)
-    rows = ca.densify(ca.vertcat(*(limit.rows(situation).matrix for limit in problem.row_limits if limit.hard)))
+    situation = Situation(
+        posture, ca.SX.ones(n), landed, S, ca.SX(6, 1), ca.SX(6, 1), surface=problem.surface
+    )
+    rows = ca.densify(
+        ca.vertcat(*(limit.rows(situation).matrix for limit in problem.row_limits if limit.hard))
+    )
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
         names = ", ".join(hard_names(problem))
-        raise ProblemError(f"limits: got a hard row among {names} that follows the posture, allowed rows of the object only")
+        raise ProblemError(
+            f"limits: got a hard row among {names} that follows the posture, allowed rows of the"
+            " object only"
+        )
     return ca.Function("hard_rows", [pose, total], [ca.densify(landed), rows])

@@ -1,4 +1,7 @@
-"""What a reported twist shows of a robot, and the name of its fault: looked at only where there is something to explain."""
+"""What a reported twist shows of a robot, and the name of its fault.
+
+It is looked at only where there is something to explain.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +16,70 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.faults import Fault, fault_of
 from ergoqp.step.history import owes
 from ergoqp.step.parts import joined, split
-from ergoqp.step.story import NAMED, REPORTED, SAID, STORY, UNIT, leap_beyond, length, symbols_of, watch_blocks
+from ergoqp.step.story import (
+    NAMED,
+    REPORTED,
+    SAID,
+    STORY,
+    UNIT,
+    leap_beyond,
+    length,
+    symbols_of,
+    watch_blocks,
+)
 
 _MEMORY: Final = 0.3
 """How far back the motion is looked at to name a fault [s]."""
 
 _FORGETS: Final = 0.5
-"""Standing still, a reported twist is summed over so long: what a sensor reads at rest adds up to nothing [s]."""
+"""Time over which a reported twist is summed while standing still [s].
+
+So what a sensor reads at rest adds up to nothing.
+"""
 
 _CERTAIN: Final = 6.0
 """Noise of a reported twist counts as none up to so many standard deviations of its sum."""
 
 
 _EARLY: Final = 0.75
-"""A difference is one from this share of `UNIT` on, beyond what is noise: so that noise does not hide it up to `UNIT`."""
+"""A difference counts from this share of `UNIT` on, beyond what is noise.
+
+So noise does not hide it up to `UNIT`.
+"""
 
 
 def explained_function(problem: Problem) -> ca.Function:
-    """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault, made anew at every step."""
-    names = ("told", "faulty", "started", "measured", "went", "executed", "sent", "lasted", "slowest", "fastest", "up", "down")
+    """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault.
+
+    The name is made anew at every step.
+    """
+    names = (
+        "told",
+        "faulty",
+        "started",
+        "measured",
+        "went",
+        "executed",
+        "sent",
+        "lasted",
+        "slowest",
+        "fastest",
+        "up",
+        "down",
+    )
     holds = problem.robot.longest_hold > 0 and owes(problem)
-    given = symbols_of(problem, *names, "parked", "enable", "now_rests", "story", "said", *(["compared"] if holds else []))
-    # One sample over a period that is too long shows nothing: what noise does in that time is more than a fault.
+    given = symbols_of(
+        problem,
+        *names,
+        "parked",
+        "enable",
+        "now_rests",
+        "story",
+        "said",
+        *(["compared"] if holds else []),
+    )
+    # One sample over a period that is too long shows nothing: what noise does in that time is more
+    # than a fault.
     told = ca.logic_and(is_set(given["told"]), given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
     faulty = is_set(given["faulty"])
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
@@ -52,30 +97,40 @@ def explained_function(problem: Problem) -> ca.Function:
     fault = ca.if_else(faulty, named.pop("fault"), 0)
     story = ca.vertcat(told_now, joined(NAMED, named))
     outputs = ca.cse(dense([story, ca.vertcat(signs, fault)]))
-    return ca.Function("explained", list(given.values()), outputs, list(given), ["next_story", "next_said"])
+    return ca.Function(
+        "explained", list(given.values()), outputs, list(given), ["next_story", "next_said"]
+    )
 
 
 def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.SX]:
-    """Compare the integral of the reported twist with what was sent: what to keep of it, and the signs of a fault."""
+    """Compare the integral of the reported twist with what was sent.
+
+    Return what to keep of it, and the signs of a fault.
+    """
     gain, unit = problem.robot.gain_error, ca.DM(UNIT)
     sent, lasted = now["sent"], now["lasted"] * now["started"]
     fresh = now["now_rests"] > now["rested"]
     keeps = ca.if_else(is_set(now["parked"]), ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
     surprise = now["executed"] - sent
-    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to sample counts as noise, and
-    # of that what comes back with the next sample. A robot that is late changes steadily. Of few samples that may be nothing by
-    # chance, so it is no less than what the second differences say, which a steady change does not count for either.
-    credible = ca.DM(0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3))
+    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to
+    # sample counts as noise, and of that what comes back with the next sample. A robot that is late
+    # changes steadily. Of few samples that may be nothing by chance, so it is no less than what the
+    # second differences say, which a steady change does not count for either.
+    credible = ca.DM(
+        0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3)
+    )
     change = ca.fmax(-credible, ca.fmin(credible, surprise - now["surprise"][:, 0]))
     back = -change * now["surprise"][:, 1]
     gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
     blurs = ca.horzcat(back, (change - now["surprise"][:, 1]) ** 2 / 6) * lasted**2
     summed = {"drift": surprise * lasted, "blur": blurs, "path": gone}
     # Where the comparison begins everything counts anew, but what a late robot still owes then.
-    drift, blur, path = (ca.if_else(fresh, 0, keeps * now[name] + part) for name, part in summed.items())
+    drift, blur, path = (
+        ca.if_else(fresh, 0, keeps * now[name] + part) for name, part in summed.items()
+    )
     due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
-    # A twist may be reported as it is at the end of the period, and not as its mean: an integral of samples is off by half
-    # a period.
+    # A twist may be reported as it is at the end of the period, and not as its mean: an integral of
+    # samples is off by half a period.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
@@ -84,22 +139,36 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
         # How it followed while a call was late was reported to nobody.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
         unheard = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
-    late = ca.fmax(drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1]))
+    late = ca.fmax(
+        drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
+    )
     by_twist = length((late - slack - unheard) / (_EARLY * unit))
     if owes(problem):
         # What it is sent does not say yet how fast it is, only how fast it can be.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
-    kept = {"drift": drift, "path": path, "blur": blur, "surprise": ca.horzcat(now["executed"] - sent, change), "due": due}
+    kept = {
+        "drift": drift,
+        "path": path,
+        "blur": blur,
+        "surprise": ca.horzcat(now["executed"] - sent, change),
+        "due": due,
+    }
     return kept | {"rested": now["now_rests"]}, ca.vertcat(by_twist, strike)
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
     """The name of the fault that fits best to what moved since it is there."""
-    sent, lasted, forget = now["sent"], now["lasted"] * now["started"], ca.fmax(0, 1 - now["lasted"] / _MEMORY)
+    sent, lasted, forget = (
+        now["sent"],
+        now["lasted"] * now["started"],
+        ca.fmax(0, 1 - now["lasted"] / _MEMORY),
+    )
     done, told = sent * lasted, now["executed"] * lasted
-    seen = ca.if_else(is_set(now["measured"]), now["went"], ca.if_else(is_set(now["told"]), told, done))
+    seen = ca.if_else(
+        is_set(now["measured"]), now["went"], ca.if_else(is_set(now["told"]), told, done)
+    )
     changed = ca.if_else(is_set(now["fault"][0]), sent - now["last"], 0)
     # What there was to name before this fault is over.
     goes_on = forget * is_set(now["fault"][0])
@@ -108,7 +177,10 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     products = ca.vertcat(ca.dot(Y, Y), ca.dot(Y, s), ca.dot(s, s), ca.dot(Y, y), ca.dot(s, y))
     fit = goes_on * now["fit"] + products
     leap = leap_beyond(now, now["went"])
-    shift, turn = ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])), ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:]))
+    shift, turn = (
+        ca.vertcat(int(Fault.pose_jumps), ca.norm_2(leap[:3])),
+        ca.vertcat(int(Fault.pose_turns), ca.norm_2(leap[3:])),
+    )
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
     # What was sudden keeps its name, and what a second sudden thing adds is only its coming back.

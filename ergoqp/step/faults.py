@@ -1,4 +1,4 @@
-"""What a robot does other than it was sent, as a name and an amount, and the sentence for people."""
+"""What a robot does other than it was sent: a name, an amount, and the sentence for people."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _SAME: Final = 0.005
 
 
 class Fault(IntEnum):
-    """What the robot does other than declared; the amount beside it is a factor, seconds, metres or radians."""
+    """What the robot does other than declared.
+
+    The amount beside it is a factor, seconds, metres or radians.
+    """
 
     none = 0
     stands_still = 1
@@ -37,7 +40,9 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
     along = ca.dot(y, Y) / ca.fmax(ca.dot(Y, Y), 1e-18)
     aside = ca.norm_2(y - along * Y) > 0.5 * ca.norm_2(Y)
     is_late = ca.logic_and(late > 0, late * ca.sqrt(ss) > ca.fabs(gain - 1) * ca.sqrt(YY))
-    other = ca.if_else(gain < 0.15, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain))
+    other = ca.if_else(
+        gain < 0.15, ca.vertcat(int(Fault.stands_still), 0), ca.vertcat(int(Fault.factor), gain)
+    )
     other = ca.if_else(is_late, ca.vertcat(int(Fault.late), late), other)
     other = ca.if_else(aside, ca.vertcat(int(Fault.another_axis), 0), other)
     return ca.if_else(ca.dot(y, y) >= YY / 1e-6, ca.vertcat(int(Fault.unasked), 0), other)

@@ -1,4 +1,7 @@
-"""The control step as one pure CasADi function: posture, pose and last twist in; a certified twist and its account out."""
+"""The control step as one pure CasADi function.
+
+Posture, pose and last twist go in; a certified twist and its account come out.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +33,17 @@ PASSES: Final = 3
 """Locking passes: solve, lock joints that would leave their range, solve again."""
 
 
-def step_function(problem: Problem, solver: str = "daqp", compiled: bool = False, *, guided: bool = False) -> ca.Function:
+def step_function(
+    problem: Problem, solver: str = "daqp", compiled: bool = False, *, guided: bool = False
+) -> ca.Function:
     """Return the whole control step of a problem as one pure CasADi function; see `build_step`.
 
     Args:
         problem: the task.
         solver: name of the QP solver, see `ergoqp.solvers`.
         compiled: through the C compiler into the user's cache; the solver is then DAQP.
-        guided: with the inputs of a step that can be drawn toward a given place, see `ergoqp.step.guide`.
+        guided: with the inputs of a step that can be drawn toward a given place, see
+            `ergoqp.step.guide`.
 
     Raises:
         InputError: if the solver is unknown, or not the one that is compiled.
@@ -52,25 +58,31 @@ def step_function(problem: Problem, solver: str = "daqp", compiled: bool = False
 
 
 def build_step(
-    problem: Problem, solver: QpSolver, name: str = "step", guided: bool = False, unrolled: bool = False
+    problem: Problem,
+    solver: QpSolver,
+    name: str = "step",
+    guided: bool = False,
+    unrolled: bool = False,
 ) -> ca.Function:
     """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
 
-    Inputs that may be absent come with a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or 1); ``ask`` is 1
-    when only the braking twist is wanted. All state is passed in and out, see `ergoqp.step.state`: the same inputs give the
-    same outputs, always.
+    Inputs that may be absent come with a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``:
+    0 or 1); ``ask`` is 1 when only the braking twist is wanted. All state is passed in and out, see
+    `ergoqp.step.state`: the same inputs give the same outputs, always.
 
-    ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow [m/s, rad/s in one
-    norm] and the share of the way from braking to the QP's answer that was accepted.
+    ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow
+    [m/s, rad/s in one norm] and the share of the way from braking to the QP's answer that was
+    accepted.
 
     Args:
         problem: the task.
         solver: of the QP.
         name: of the function.
-        guided: whether the step can be drawn toward a given place: it then has `GUIDE_INPUTS` and `GUIDE_OUTPUTS` too, and is
-            the same step to the last bit where ``guided`` is 0. See `ergoqp.step.guide`.
-        unrolled: every operation on its own instead of vectors: what a compiler makes the fastest code of, and an interpreter
-            the slowest.
+        guided: whether the step can be drawn toward a given place: it then has `GUIDE_INPUTS` and
+            `GUIDE_OUTPUTS` too, and is the same step to the last bit where ``guided`` is 0. See
+            `ergoqp.step.guide`.
+        unrolled: every operation on its own instead of vectors: what a compiler makes the fastest
+            code of, and an interpreter the slowest.
     """
     shape = scalars if unrolled else vectors
     raw = {key: ca.MX.sym(key, *size) for key, size in input_sizes(problem, guided).items()}
@@ -78,7 +90,12 @@ def build_step(
     sizes = state_sizes(problem, guided)
     state = split(sizes, raw["state"])
     known = known_of(problem, raw, state, shape)
-    posture, seen, dt, usable = known.posture, raw["observed"], known.dt, ca.logic_not(is_set(known.causes))
+    posture, seen, dt, usable = (
+        known.posture,
+        raw["observed"],
+        known.dt,
+        ca.logic_not(is_set(known.causes)),
+    )
     value, total, gradient = cost_function(problem)(posture, seen)
     one_pass, movable = _one_pass(problem, solver, guided, shape)
     readings = readings_function(problem)(posture)
@@ -89,42 +106,110 @@ def build_step(
     fixed = [*place, known.previous, dt, away, total, gradient, stalled(state["rest"])]
     trial, drawn = [], None
     if guided:
-        *pull, distance, on, drawn = pull_function(problem)(known.landed, lead["guide"], lead["guided"], state["trial"])
+        *pull, distance, on, drawn = pull_function(problem)(
+            known.landed, lead["guide"], lead["guided"], state["trial"]
+        )
         fixed, trial = [*fixed, *pull], [lead["promise"], value, state["trial"], distance, on]
     first = written_out(one_pass, *fixed, ca.MX(ca.DM.zeros(posture.numel())), 0)
     result = written_out(_further_passes(one_pass, 1), *fixed, *first)
     xi, S, E, slack, multipliers, residual, locked, _, shift = result
     pattern = sensitivity_pattern(problem)
-    judge, shorten = shape(judge_function(problem, pattern, guided)), shorten_function(problem, pattern)
+    judge, shorten = (
+        shape(judge_function(problem, pattern, guided)),
+        shorten_function(problem, pattern),
+    )
     account = shape(account_function(problem, pattern, movable))
     gain = gain_function(problem)(posture, total, xi, S)
-    judged = (posture, seen, readings, known.pose, known.landed, known.way, shift, known.previous, dt, away, gain, total, xi, S)
+    judged = (
+        posture,
+        seen,
+        readings,
+        known.pose,
+        known.landed,
+        known.way,
+        shift,
+        known.previous,
+        dt,
+        away,
+        gain,
+        total,
+        xi,
+        S,
+    )
     judged = (*judged, residual, usable, state["rest"], *trial)
     wanted, brake, now, solved, outside, rest, whole, *next_trial = written_out(judge, *judged)
     nothing_to_shorten = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
-    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(whole, *place, shift, dt, S, wanted, brake, now)
-    here = (posture, seen, readings, known.pose, dt, S, residual, usable, E, slack, multipliers, known.causes)
+    share = ca.Function.if_else("shorten_or_not", nothing_to_shorten, shorten)(
+        whole, *place, shift, dt, S, wanted, brake, now
+    )
+    here = (
+        posture,
+        seen,
+        readings,
+        known.pose,
+        dt,
+        S,
+        residual,
+        usable,
+        E,
+        slack,
+        multipliers,
+        known.causes,
+    )
     under_way = known.under_way
-    here = (*here, wanted, brake, now, solved, outside, rest, share, under_way.begun, under_way.own, under_way.sent)
-    planned, twist, still, rate, status, causes, slack, multipliers, residuals = written_out(account, *here)
-    after = {"history": ca.vertcat(*next_history(problem, state["history"], under_way, planned, twist, still))}
+    here = (
+        *here,
+        wanted,
+        brake,
+        now,
+        solved,
+        outside,
+        rest,
+        share,
+        under_way.begun,
+        under_way.own,
+        under_way.sent,
+    )
+    planned, twist, still, rate, status, causes, slack, multipliers, residuals = written_out(
+        account, *here
+    )
+    after = {
+        "history": ca.vertcat(
+            *next_history(problem, state["history"], under_way, planned, twist, still)
+        )
+    }
     after |= {"stored": known.pose, "started": known.started, "rest": rest, **known.watched}
     if asks_back(problem):
         after["asked"] = asked_update(problem, state["asked"], now, dt)
     if guided:
         after["trial"] = next_trial[0]
-    outputs = [twist, known.pose, joined(sizes, after), rate, status, causes, known.watched["said"][-2:]]
+    outputs = [
+        twist,
+        known.pose,
+        joined(sizes, after),
+        rate,
+        status,
+        causes,
+        known.watched["said"][-2:],
+    ]
     outputs += [value, gain, now, slack, multipliers, locked, outside, residuals]
     if drawn is None:
         return ca.Function(name, list(raw.values()), once(outputs), list(INPUTS), list(OUTPUTS))
     outputs = once([*outputs, drawn])
-    return ca.Function(name, [*raw.values(), *lead.values()], outputs, [*INPUTS, *GUIDE_INPUTS], [*OUTPUTS, *GUIDE_OUTPUTS])
+    return ca.Function(
+        name,
+        [*raw.values(), *lead.values()],
+        outputs,
+        [*INPUTS, *GUIDE_INPUTS],
+        [*OUTPUTS, *GUIDE_OUTPUTS],
+    )
 
 
 def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
-    """``(inputs of a pass, its result) -> result`` after the further passes that joints to be locked ask for.
+    """``(inputs of a pass, its result) -> result`` after further passes for joints to be locked.
 
-    Each is inside the branch of the one before, so that a step without such a joint only looks once.
+    Each is inside the branch of the one before, so that a step without such a joint only looks
+    once.
     """
     inputs = [ca.MX.sym("i", one_pass.sparsity_in(i)) for i in range(one_pass.n_in() - 2)]
     result = [ca.MX.sym("r", one_pass.sparsity_out(i)) for i in range(one_pass.n_out())]
@@ -134,17 +219,26 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
     again = ca.Function("again", [*inputs, *result], after)
     enough = ca.Function("enough", [*inputs, *result], result)
     choose = ca.Function.if_else("next_pass", again, enough)
-    return ca.Function("further_passes", [*inputs, *result], list(choose(result[7], *inputs, *result)))
+    return ca.Function(
+        "further_passes", [*inputs, *result], list(choose(result[7], *inputs, *result))
+    )
 
 
-def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) -> tuple[ca.Function, list[int]]:
-    """One QP with a given lock set, of what `pass_data` takes: ``(..., stalled, locked, final) -> result``.
+def _one_pass(
+    problem: Problem, solver: QpSolver, guided: bool, shape: Shape
+) -> tuple[ca.Function, list[int]]:
+    """One QP with a given lock set, of what `pass_data` takes.
 
-    Guided, ``(..., stalled, H, g, locked, final)``: the last two of these are added to the objective.
+    It is ``(..., stalled, locked, final) -> result``.
+
+    Guided, ``(..., stalled, H, g, locked, final)``: the last two of these are added to the
+    objective.
     """
     data, movable = pass_data(problem)
     data = shape(data)
-    mx = {data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())}
+    mx = {
+        data.name_in(i): ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())
+    }
     *qp, S, E, shift = written_out(data, *mx.values())
     inputs = list(mx.values())
     if guided:
@@ -152,7 +246,9 @@ def _one_pass(problem: Problem, solver: QpSolver, guided: bool, shape: Shape) ->
         qp[:2] = [qp[0] + pull[0], qp[1] + pull[1]]
         inputs[-2:-2] = pull
     exact = np.flatnonzero(limit_values(problem.row_limits, "hard")[movable])
-    xi, slack, multipliers, residual = written_out(build_qp(solver, len(movable), shape, exact.tolist()), *qp)
+    xi, slack, multipliers, residual = written_out(
+        build_qp(solver, len(movable), shape, exact.tolist()), *qp
+    )
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
     xi = ca.fmin(ca.fmax(xi, qp[7]), qp[8])
     seen = (mx["posture"], mx["observed"], mx["readings"], mx["locked"], S, xi, residual)
@@ -179,4 +275,6 @@ def _newly_locked(problem: Problem) -> ca.Function:
         down = ca.logic_and(rows.below < limit.yield_zone, rate < -1e-6)
         outward = ca.logic_or(outward, ca.logic_or(up, down))
     newly = ca.logic_and(ca.logic_and(outward, ca.logic_not(is_set(locked))), residual < TOLERANCE)
-    return ca.Function("newly_locked", [q, observed, readings, locked, S, xi, residual], [ca.densify(newly)])
+    return ca.Function(
+        "newly_locked", [q, observed, readings, locked, S, xi, residual], [ca.densify(newly)]
+    )

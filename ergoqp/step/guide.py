@@ -1,15 +1,20 @@
-"""The step drawn toward a given place: where descent alone came to rest, and the place promises to be clearly better.
+"""The step drawn toward a given place.
 
-Descent knows only what lies downhill. So the step goes by descent first; where that would come to rest, and the given place is
-promised to be clearly better than here, the object travels there and rests until the person does. If the place is worth what
-was promised, that is the end of it; if not, descent takes over: the place is the optimum of a model, and the person is another.
-Where that ends worse than where the journey began, or the way there costs the person too much, the object goes back. What the
-place turned out to be worth is remembered, so that it is not tried again for nothing.
+It is drawn where descent alone came to rest, and the place promises to be clearly better.
 
-It does not go there at once: that is quicker, but the place is the best one of a model, and people who are not the model end
-worse more often than after a descent of their own.
+Descent knows only what lies downhill. So the step goes by descent first; where that would come to
+rest, and the given place is promised to be clearly better than here, the object travels there and
+rests until the person does. If the place is worth what was promised, that is the end of it; if not,
+descent takes over: the place is the optimum of a model, and the person is another. Where that ends
+worse than where the journey began, or the way there costs the person too much, the object goes
+back. What the place turned out to be worth is remembered, so that it is not tried again for
+nothing.
 
-Travelling changes the objective of the QP and nothing else, so that rows, certification and braking are those of every step.
+It does not go there at once: that is quicker, but the place is the best one of a model, and people
+who are not the model end worse more often than after a descent of their own.
+
+Travelling changes the objective of the QP and nothing else, so that rows, certification and braking
+are those of every step.
 """
 
 from __future__ import annotations
@@ -32,12 +37,19 @@ GUIDE_OUTPUTS: Final = ("drawn",)
 """Which phase drew this step's twist, 0 for none."""
 
 TRIAL: Final = 13
-"""Size of the trial's state: phase; whether the place was tried; cost that it turned out to have; cost where the journey began;
-distance to go when it last clearly shrank [s]; seconds since then, or since the phase began; filtered cost; position and tool
-axis where the journey began (6,). All zero at the start."""
+"""Size of the trial's state.
+
+Its entries are: phase; whether the place was tried; cost that it turned out to have; cost where the
+journey began; distance to go when it last clearly shrank [s]; seconds since then, or since the
+phase began; filtered cost; position and tool axis where the journey began (6,). All zero at the
+start.
+"""
 
 DESCENT, THERE, LOOK, AFTER, BACK = range(5)
-"""Phases: descent; travelling to the place; at rest there, until the person is too; descent from the place; travelling back."""
+"""Phases: descent, travel to the place, rest there, descent from the place, travel back.
+
+The rest there lasts until the person is at rest too.
+"""
 
 UNKNOWN: Final = -1e9
 """Promise of a place of which nothing is known: it is worth a trial."""
@@ -73,14 +85,18 @@ def guide_sizes() -> dict[str, tuple[int, int]]:
 
 
 def pull_function(problem: Problem) -> ca.Function:
-    """``(pose, guide, guided, trial) -> (H (6, 6), g (6,), distance [s], on, drawn)``: what is added to the objective.
+    """Return the function that gives what a guide adds to the objective.
 
-    On a journey 1/2 |xi - v|^2 in the norm of effort, times `Control.guide_weight`, where the velocity v leads to the place
-    along a straight line: all axes arrive together, none is faster than its speed, and all slow down in time. Only position and
-    the tool's axis are led; turning about the axis is nobody's business. H is positive semidefinite.
+    It is ``(pose, guide, guided, trial) -> (H (6, 6), g (6,), distance [s], on, drawn)``.
 
-    `distance` is the time to the present goal at full speed, of the slowest axis; `on` is 1 if there is a place to be drawn to,
-    and `drawn` the phase if it is a journey or the wait at its end, else 0.
+    On a journey 1/2 |xi - v|^2 in the norm of effort, times `Control.guide_weight`, where the
+    velocity v leads to the place along a straight line: all axes arrive together, none is faster
+    than its speed, and all slow down in time. Only position and the tool's axis are led; turning
+    about the axis is nobody's business. H is positive semidefinite.
+
+    `distance` is the time to the present goal at full speed, of the slowest axis; `on` is 1 if
+    there is a place to be drawn to, and `drawn` the phase if it is a journey or the wait at its
+    end, else 0.
     """
     control, limit = problem.control, problem.twist_limit
     pose, guide, guided = ca.SX.sym("pose", 4, 4), ca.SX.sym("guide", 4, 4), ca.SX.sym("guided")
@@ -102,7 +118,9 @@ def pull_function(problem: Problem) -> ca.Function:
     travels = ca.logic_and(on, _travels(trial[0]))
     drawn = on * ca.logic_or(_travels(trial[0]), trial[0] == LOOK) * trial[0]
     outputs = [travels * weight, -(travels * (weight @ velocity)), distance, on, drawn]
-    return ca.Function("pull", [pose, guide, guided, trial], ca.cse([ca.densify(part) for part in outputs]))
+    return ca.Function(
+        "pull", [pose, guide, guided, trial], ca.cse([ca.densify(part) for part in outputs])
+    )
 
 
 def place_of(pose: ca.SX) -> ca.SX:
@@ -111,7 +129,7 @@ def place_of(pose: ca.SX) -> ca.SX:
 
 
 def _way(pose: ca.SX, goal: ca.SX) -> ca.SX:
-    """Displacement (6,) from a pose to a place: straight, and turning the tool's axis the short way."""
+    """Displacement (6,) from a pose to a place: straight, the tool's axis turned the short way."""
     axis, wanted = pose[:3, 0], goal[3:]
     normal = ca.cross(axis, wanted)
     sine = ca.sqrt(ca.sumsqr(normal) + 1e-18)
@@ -174,11 +192,17 @@ def trial_update(
     after = ca.if_else(judged, ca.if_else(returns, BACK, DESCENT), after)
     changes = after != phase
     following = ca.vertcat(
-        *(after, ca.logic_or(tried, judged), ca.if_else(judged, cost, worth), ca.if_else(leaves, cost, before)),
-        *(ca.if_else(changes, 1e9, ca.if_else(closer, distance, closest)), ca.if_else(changes, 0, waited), cost),
+        after,
+        ca.logic_or(tried, judged),
+        ca.if_else(judged, cost, worth),
+        ca.if_else(leaves, cost, before),
+        ca.if_else(changes, 1e9, ca.if_else(closer, distance, closest)),
+        ca.if_else(changes, 0, waited),
+        cost,
         ca.if_else(leaves, place_of(pose), trial[7:]),
     )
-    # On a journey there is no rest, at its end there is, and what comes after it is judged by itself.
+    # On a journey there is no rest, at its end there is, and what comes after it is judged by
+    # itself.
     still = ca.logic_or(after == LOOK, ca.logic_and(arrives, phase == BACK))
     moving = ca.logic_or(_travels(after), ca.logic_and(seen, after == AFTER))
     afresh = ca.vertcat(still, 0, rest[2], rest[3], rest[3], 0)

@@ -20,7 +20,10 @@ LONGEST_DT: Final = 1.0
 """What is longer is no control period [s]."""
 
 _SPARE: Final = 1.5
-"""The history holds this many times its seconds at the problem's period: periods may be that much shorter on average."""
+"""The history holds this many times its seconds at the problem's period.
+
+So periods may be that much shorter on average.
+"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,12 @@ class History:
 def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
     """Return the shape of every part of the state that is history; see `initial_history`."""
     history = History.of(problem)
-    sizes = {"planned": (6, history.planned), "sent": (6, history.sent), "ages": (history.ages, 1), "idle": (1, 1)}
+    sizes = {
+        "planned": (6, history.planned),
+        "sent": (6, history.sent),
+        "ages": (history.ages, 1),
+        "idle": (1, 1),
+    }
     if problem.robot.lag:
         sizes["tail"], sizes["swift"] = (6, 2), (6, 2)
         if problem.robot.longest_hold:
@@ -78,5 +86,7 @@ def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
     """Seconds for which twists sent between two ages still act."""
     seconds = ca.fmin(older, dead) - ca.fmin(younger, dead)
     if lag:
-        seconds += lag * (ca.exp(-ca.fmax(younger - dead, 0) / lag) - ca.exp(-ca.fmax(older - dead, 0) / lag))
+        seconds += lag * (
+            ca.exp(-ca.fmax(younger - dead, 0) / lag) - ca.exp(-ca.fmax(older - dead, 0) / lag)
+        )
     return seconds

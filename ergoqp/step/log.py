@@ -15,10 +15,12 @@ from ergoqp.step.stepper import Stepper
 
 
 def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
-    """Return the steps that a logged loop took, from its log alone: the same inputs give the same answers, bit for bit.
+    """Return the steps that a logged loop took, from its log alone.
 
-    Period, solver and whether the step was compiled are those of the logged loop. Every entry holds the whole state, so steps
-    that are missing in the log do not change the others.
+    The same inputs give the same answers, bit for bit.
+
+    Period, solver and whether the step was compiled are those of the logged loop. Every entry holds
+    the whole state, so steps that are missing in the log do not change the others.
 
     Args:
         problem: the problem of the logged loop.
@@ -38,12 +40,15 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
             guided = "guide" in entry
             stepper = steppers.get(key := repr((sorted(loop.items()), guided)))
             if stepper is None:
-                stepper = steppers[key] = Stepper(problem, **loop, guide=RECORDED if guided else None)
+                stepper = steppers[key] = Stepper(
+                    problem, **loop, guide=RECORDED if guided else None
+                )
             for name, values in stepper._inputs.items():
                 values[:] = entry[name]
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"log: entry {number} is not one of a loop of this problem ({error}), allowed the dicts that its log sink got"
+                f"log: entry {number} is not one of a loop of this problem ({error}), allowed the"
+                " dicts that its log sink got"
             ) from None
         stepper._call()
         steps.append(stepper._answer(notes, time.perf_counter()))

@@ -1,7 +1,7 @@
 """All rows of a step at once, as vectors; what is curved goes through functions of scalars.
 
-An interpreter runs a vector of forty numbers in the time of four scalars, and a curved row's few dozen operations as scalars in
-the time of one vector.
+An interpreter runs a vector of forty numbers in the time of four scalars, and a curved row's few
+dozen operations as scalars in the time of one vector.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class StepRows:
 
         Args:
             problem: the task.
-            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins` also ``landed``, ``way``
-                and ``shift``.
+            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins`
+                also ``landed``, ``way`` and ``shift``.
             S: sensitivity (n, 6), dense.
         """
         self._problem, self._known, self._S = problem, known, S
@@ -57,7 +57,10 @@ class StepRows:
         self.now = ca.vertcat(*still)
 
     def margins(self, ways: ca.MX) -> ca.MX:
-        """Return the smallest margin (r,) of every row on the straight ways to further displacements, see `Stop.ways`."""
+        """Return each row's smallest margin (r,) on the straight ways to further displacements.
+
+        See `Stop.ways`.
+        """
         situations = situations_of(self._problem, self._known, self._S, ways)
         place = [*(self._known[name] for name in _LANDED), self._S]
         found = []
@@ -70,7 +73,7 @@ class StepRows:
 
 
 def _linear(limit: Limit) -> bool:
-    """Whether a limit's rows and margins may be asked for as matrices: see `ergoqp.limits.limit.Limit`."""
+    """Whether rows and margins may be asked for as matrices: see `ergoqp.limits.limit.Limit`."""
     return getattr(limit, "linear", False)
 
 
@@ -91,17 +94,29 @@ def _curved_ahead(problem: Problem, limit: Limit, count: int) -> ca.Function:
     return ca.Function("curved_ahead", [*place, ways], ca.cse(dense([margins])))
 
 
-def situations_of(problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression) -> tuple[Situation, ...]:
-    """Return the situation for each of `Stop.ways`: a robot that holds on does so with what is under way, or with the twist."""
+def situations_of(
+    problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression
+) -> tuple[Situation, ...]:
+    """Return the situation for each of `Stop.ways`.
+
+    A robot that holds on does so with what is under way, or with the twist.
+    """
     law = problem.stop
-    found = [situation_of(problem, known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
+    found = [
+        situation_of(problem, known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]
+    ]
     if law.average:
         found = [replace(situation, lead=ways[:, -2], most=ways[:, -1]) for situation in found]
     return tuple(found)
 
 
-def smallest_margins(limit: Limit, situations: tuple[Situation, ...], ways: Expression) -> Expression:
-    """Return a limit's smallest margins (m,) on `Stop.ways`; the posture of the model is not held on to."""
+def smallest_margins(
+    limit: Limit, situations: tuple[Situation, ...], ways: Expression
+) -> Expression:
+    """Return a limit's smallest margins (m,) on `Stop.ways`.
+
+    The posture of the model is not held on to.
+    """
     margins = None
     for column, situation in enumerate(situations if limit.hard else situations[:1]):
         on = limit.margins(situation, ways[:, column])
@@ -109,10 +124,17 @@ def smallest_margins(limit: Limit, situations: tuple[Situation, ...], ways: Expr
     return margins
 
 
-def _scalars(problem: Problem, names: tuple[str, ...]) -> tuple[list[ca.SX], dict[str, ca.SX], ca.SX]:
+def _scalars(
+    problem: Problem, names: tuple[str, ...]
+) -> tuple[list[ca.SX], dict[str, ca.SX], ca.SX]:
     """Symbols as inputs, the same by name, and S with its pattern."""
     n = len(problem.coordinates)
-    sizes = {"readings": (readings_size(problem), 1), "pose": (4, 4), "landed": (4, 4), "way": (way_size(problem), 1)}
+    sizes = {
+        "readings": (readings_size(problem), 1),
+        "pose": (4, 4),
+        "landed": (4, 4),
+        "way": (way_size(problem), 1),
+    }
     known = {name: ca.SX.sym(name, *sizes.get(name, (n, 1))) for name in names}
     S = ca.SX.sym("S", n, 6)
     return [*known.values(), S], known, with_pattern(S, sensitivity_pattern(problem))

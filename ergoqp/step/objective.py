@@ -1,4 +1,7 @@
-"""What the step minimises: the cost and a little comfort over the look-ahead, effort, smoothing, and lost contact."""
+"""What the step minimises: cost, a little comfort, effort, smoothing and lost contact.
+
+Cost and comfort are those over the look-ahead.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +20,19 @@ from ergoqp.step.rest import HUNTING
 _CAUTION_EPS: Final = 0.1
 
 _HESITATES: Final = 0.25
-"""After so many times `Control.stall_after` without an improvement moving gets dearer, after as long again it is twice as dear.
-A cost with steps, a person who follows late, and an object that always goes as fast would swing about the edge of a step."""
+"""Moving gets dearer after so many times `Control.stall_after` without an improvement.
+
+After as long again it is twice as dear.
+
+A cost with steps, a person who follows late, and an object that always goes as fast would swing
+about the edge of a step."""
 
 _LOOKS: Final = (0.1, 1.0)
-"""Seconds at full speed after which the improvement is looked up; every look is as dear as the cost itself. The near one sees
-what lies within a few centimetres: without it objects come to rest on the way."""
+"""Seconds at full speed after which the improvement is looked up.
+
+Every look is as dear as the cost itself. The near one sees what lies within a few centimetres:
+without it objects come to rest on the way.
+"""
 
 _DENSE_LOOKS: Final = (0.3, 1.0)
 """For costs of large matrices, which do not turn within a few centimetres."""
@@ -35,7 +45,10 @@ def sensitivity_pattern(problem: Problem) -> ca.SX:
 
 
 def with_pattern(dense: ca.SX, pattern: ca.SX) -> ca.SX:
-    """Return `dense` with the entries that are zero in `pattern` dropped: rows of joints that never move vanish."""
+    """Return `dense` with the entries that are zero in `pattern` dropped.
+
+    Rows of joints that never move vanish.
+    """
     kept = ca.SX(*pattern.shape)
     for row in range(pattern.shape[0]):
         if not all(pattern[row, column].is_zero() for column in range(pattern.shape[1])):
@@ -44,7 +57,9 @@ def with_pattern(dense: ca.SX, pattern: ca.SX) -> ca.SX:
 
 
 def cost_function(problem: Problem) -> ca.Function:
-    """``(posture, observed) -> (V, V with comfort, its gradient)``; what is not seen, or cannot be moved, does not pull.
+    """``(posture, observed) -> (V, V with comfort, its gradient)``.
+
+    What is not seen, or cannot be moved, does not pull.
 
     Comfort: where the sheet is flat, the posture that the person would relax to leads the way.
     """
@@ -66,22 +81,29 @@ def cost_function(problem: Problem) -> ca.Function:
 
 def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
     if _is_dense(problem):
-        return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue] (what dense costs have)
+        # What dense costs have.
+        return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue]
     value = problem.cost.expression(q)
     if getattr(value, "shape", None) != (1, 1):
-        raise ProblemError(f"cost: got the expression {shown(value)} of {problem.cost.name}, allowed a scalar of CasADi")
+        raise ProblemError(
+            f"cost: got the expression {shown(value)} of {problem.cost.name}, allowed a scalar of"
+            " CasADi"
+        )
     return value, ca.gradient(value, q)
 
 
 def _values(problem: Problem, states: ca.MX) -> ca.MX:
     """V (1, k) at several states (n, k)."""
     if _is_dense(problem) and hasattr(problem.cost, "values"):
-        return problem.cost.values(states[problem.cost.coordinates.indices, :])  # pyright: ignore[reportAttributeAccessIssue]
+        return problem.cost.values(states[problem.cost.coordinates.indices, :])  # pyright: ignore
     return ca.horzcat(*(problem.cost.expression(state) for state in ca.horzsplit(states)))
 
 
 def _is_dense(problem: Problem) -> bool:
-    """Whether the cost is made of large matrices, which stay matrices: see `ergoqp.costs.learned.LearnedCost`."""
+    """Whether the cost is made of large matrices, which stay matrices.
+
+    See `ergoqp.costs.learned.LearnedCost`.
+    """
     return getattr(problem.cost, "dense", False)
 
 
@@ -91,7 +113,9 @@ def _comfort(problem: Problem) -> ca.DM:
 
 
 def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Gauss-Newton on V - V_min over the look-ahead, effort, smoothing, and the contact that the person could not keep.
+    """Gauss-Newton on V - V_min over the look-ahead, effort, smoothing and contact.
+
+    The contact is the one that the person could not keep.
 
     Args:
         problem: the task.
@@ -112,22 +136,35 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
     S = S[moved, :]
     slope = S.T @ known["gradient"][moved]
     excess = ca.fmax(known["value"] - problem.cost.minimum, 0) + _CAUTION_EPS
-    weighted = S * ca.repmat(ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6)
+    weighted = S * ca.repmat(
+        ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6
+    )
     # Products of a matrix with its own transpose: symmetric to the last bit.
-    H = weighted.T @ weighted + control.contact * (E.T @ E) + (ahead**2 / 2 / excess) * (slope @ slope.T)
-    return H + ca.diag(effort * (1 + hesitates**2 + smoothing)), ahead * slope - smoothing * effort * known["previous"]
+    H = (
+        weighted.T @ weighted
+        + control.contact * (E.T @ E)
+        + (ahead**2 / 2 / excess) * (slope @ slope.T)
+    )
+    return (
+        H + ca.diag(effort * (1 + hesitates**2 + smoothing)),
+        ahead * slope - smoothing * effort * known["previous"],
+    )
 
 
 def gain_function(problem: Problem) -> ca.Function:
-    """``(posture, V, xi, S) -> best improvement within one second at full speed along the answer [points]``.
+    """``(posture, V, xi, S) -> best improvement along the answer [points]``.
 
-    The cost itself is looked up on the way: its slope alone would promise a point for every band end within the noise.
+    It is within one second at full speed.
+
+    The cost itself is looked up on the way: its slope alone would promise a point for every band
+    end within the noise.
     """
     n, speed = len(problem.coordinates), problem.twist_limit.speed
     q, xi, S = ca.SX.sym("q", n), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
-    # Joints that the object cannot move stay the same expression at every look, and what the cost makes of them is shared.
+    # Joints that the object cannot move stay the same expression at every look, and what the cost
+    # makes of them is shared.
     full = with_pattern(S, sensitivity_pattern(problem)) @ (xi / (relative + 1e-9))
     looks = _DENSE_LOOKS if _is_dense(problem) else _LOOKS
     places = [_reached(problem, q, seconds * full) for seconds in looks]
@@ -146,7 +183,7 @@ def gain_function(problem: Problem) -> ca.Function:
 
 
 def _reached(problem: Problem, q: ca.SX, way: ca.SX) -> ca.SX:
-    """The state at the end of a straight way, or of its projection onto the surface that the state stays on."""
+    """The state at the end of a straight way, or of its projection onto the state's surface."""
     if problem.surface is None:
         return q + way
     return q + problem.surface.retract(q, way, ca.SX(1), ca.DM([0.0]))

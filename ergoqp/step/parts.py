@@ -1,4 +1,4 @@
-"""Several arrays as one vector and back: what is handed on as a block costs an interpreter one copy."""
+"""Several arrays as one vector and back: a block handed on costs an interpreter one copy."""
 
 from __future__ import annotations
 

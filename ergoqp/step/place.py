@@ -1,4 +1,7 @@
-"""A place to be drawn to, as users give it: an optimum, or a pose; read and checked against the problem."""
+"""A place to be drawn to, as users give it: an optimum or a pose.
+
+It is read and checked against the problem.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,10 @@ class Guide:
     """A place for the object.
 
     Attributes:
-        pose: of the contact frame in the world (4, 4) [m]; what counts of it is its position and its x, the tool's axis.
-        promise: cost that the model person has there [points]; None: nobody knows, and the place is tried to see.
+        pose: of the contact frame in the world (4, 4) [m]; what counts of it is its position and
+            its x, the tool's axis.
+        promise: cost that the model person has there [points]; None: nobody knows, and the place is
+            tried to see.
     """
 
     pose: np.ndarray
@@ -46,18 +51,22 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
 
     Args:
         problem: whose object is drawn there.
-        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of `ergoqp.optimise`; if it has a ``.posture``
-            too, the cost of that posture is what the place promises. An `Optimum` must be of this problem, and of the mode
-            ``"stackelberg"``: in the other one the posture is chosen, and nobody keeps its promise.
+        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of `ergoqp.optimise`;
+            if it has a ``.posture`` too, the cost of that posture is what the place promises. An
+            `Optimum` must be of this problem, and of the mode ``"stackelberg"``: in the other one
+            the posture is chosen, and nobody keeps its promise.
 
     Raises:
-        InputError: if it is not a rigid pose, is outside the problem's workspace or cone, is of another problem or mode, or the
-            problem does not move a pose.
+        InputError: if it is not a rigid pose, is outside the problem's workspace or cone, is of
+            another problem or mode, or the problem does not move a pose.
     """
     if guide is RECORDED:
         return guide
     if tuple(problem.coordinates) != JOINTS:
-        raise InputError(f"guide: problem {problem.name} moves {', '.join(problem.coordinates)}, allowed problems of a person")
+        raise InputError(
+            f"guide: problem {problem.name} moves {', '.join(problem.coordinates)}, allowed"
+            " problems of a person"
+        )
     _check_origin(problem, guide)
     pose = read_pose("guide", getattr(guide, "pose", guide))
     _check_place(problem, pose)
@@ -68,16 +77,23 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     posture = getattr(guide, "posture", None)
     if posture is None:
         return Guide(pose)
-    angles = read_array("guide.posture", posture, (len(JOINTS),), f"{len(JOINTS)} finite angles in radians")
+    angles = read_array(
+        "guide.posture", posture, (len(JOINTS),), f"{len(JOINTS)} finite angles in radians"
+    )
     return Guide(pose, float(problem.cost(angles)[0]))
 
 
 def _check_origin(problem: Problem, guide: Any) -> None:
     found, mode = getattr(guide, "problem", problem.name), getattr(guide, "mode", "stackelberg")
     if found != problem.name:
-        raise InputError(f"guide: got a place of problem {shown(found)}, allowed one of problem {problem.name}")
+        raise InputError(
+            f"guide: got a place of problem {shown(found)}, allowed one of problem {problem.name}"
+        )
     if mode != "stackelberg":
-        raise InputError(f"guide: got a place of mode {mode}, whose posture nobody has to take, allowed stackelberg")
+        raise InputError(
+            f"guide: got a place of mode {mode}, whose posture nobody has to take, allowed"
+            " stackelberg"
+        )
 
 
 def _check_place(problem: Problem, pose: np.ndarray) -> None:
@@ -86,15 +102,22 @@ def _check_place(problem: Problem, pose: np.ndarray) -> None:
         lower, upper = np.asarray(box.lower), np.asarray(box.upper)
         if not np.all((place >= lower - _ROUNDING) & (place <= upper + _ROUNDING)):
             raise InputError(
-                f"guide: got the place {_short(place)} m, allowed the workspace {_short(lower)} to {_short(upper)} m"
+                f"guide: got the place {_short(place)} m, allowed the workspace {_short(lower)} to"
+                f" {_short(upper)} m"
             )
     if cone is not None:
         angle = np.degrees(np.arccos(np.clip(pose[:3, 0] @ np.asarray(cone.direction), -1, 1)))
         if angle > cone.half_angle_deg + np.degrees(_ROUNDING):
             allowed = f"at most {cone.half_angle_deg:g} deg"
-            raise InputError(f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed {allowed}")
+            raise InputError(
+                f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed"
+                f" {allowed}"
+            )
     if name := problem.own_limits.broken(pose):
-        raise InputError(f"guide: got the place {_short(place)} m, which is outside {name}, allowed within all limits")
+        raise InputError(
+            f"guide: got the place {_short(place)} m, which is outside {name}, allowed within all"
+            " limits"
+        )
 
 
 def _short(point: Any) -> str:

@@ -1,4 +1,7 @@
-"""The step's QP: bounds on the twist, rows through S, an exact L1 penalty where braking itself needs room; and its check."""
+"""The step's QP with bounds on the twist and rows through S, and its check.
+
+An exact L1 penalty is added where braking itself needs room.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,19 @@ from ergoqp.expressions.linear import Shape, vectors, written_out
 from ergoqp.solvers import QpSolver
 
 PENALTY: Final = 1e4
-"""Weight of one unit of slack: above every multiplier that the objective can bring about, so that slack stays zero whenever
-the rows allow it (exact penalty: Nocedal and Wright, section 17.2)."""
+"""Weight of one unit of slack: above every multiplier that the objective can bring about.
+
+So slack stays zero whenever the rows allow it (exact penalty: Nocedal and Wright, section 17.2).
+"""
 
 FREE: Final = 1e9
-"""Stands for "no bound": large against every quantity here, and finite, so that residuals stay numbers."""
+"""Stands for "no bound": large against all quantities here, yet finite: residuals stay numbers."""
 
 ELBOW: Final = 1e-6
-"""Part of every cap that nobody needs, so that the feasible set has an inside even where braking is all that is left."""
+"""Part of every cap that nobody needs, so that the feasible set has an inside.
+
+It has one even where braking is all that is left.
+"""
 
 _FAR: Final = 1e3
 
@@ -26,10 +34,15 @@ TOLERANCE: Final = 1e-6
 """Largest primal, dual and gap residual of an accepted answer."""
 
 
-def build_qp(solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[int] = ()) -> ca.Function:
-    """Return the QP over a twist xi (6,) and m rows, each relaxed by at most `cap` in the direction `side`.
+def build_qp(
+    solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[int] = ()
+) -> ca.Function:
+    """Return the QP over a twist xi (6,) and m rows.
 
-    min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lower <= A xi - side s <= upper,  0 <= s <= cap,  low <= xi <= high.
+    Each row is relaxed by at most `cap` in the direction `side`.
+
+    min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lower <= A xi - side s <= upper,  0 <= s <= cap,
+    low <= xi <= high.
 
     Where no row has a cap (almost always) this is a QP in six unknowns and solved as one.
 
@@ -37,11 +50,13 @@ def build_qp(solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[i
         solver: of the QP.
         m: number of rows.
         shape: how the judgement of the answer is written, see `ergoqp.expressions.linear`.
-        exact: rows that give back what they used of `ELBOW`: xi moves across them by as much, at most.
+        exact: rows that give back what they used of `ELBOW`: xi moves across them by as much, at
+            most.
 
     Returns:
-        Function ``(H, g, A, lower, upper, side, cap, low, high) -> (xi (6,), slack (m,), multipliers (m,), residual)`` where
-        the residual is the largest of primal, dual, gap and multiplier-sign residual in the infinity norm.
+        Function ``(H, g, A, lower, upper, side, cap, low, high) -> (xi (6,), slack (m,),
+        multipliers (m,), residual)`` where the residual is the largest of primal, dual, gap and
+        multiplier-sign residual in the infinity norm.
     """
     names = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
     shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
@@ -57,19 +72,26 @@ def build_qp(solver: QpSolver, m: int, shape: Shape = vectors, exact: Sequence[i
 def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
     H, g, A, lower, upper, _, _, low, high = inputs
     x, rows, box = solver.function(6, m)(H, g, A, lower, upper, low, high)
-    residual = written_out(shape(_residual(6, m)), H, g, A, lower, upper, low, high, x, rows, box)[0]
+    residual = written_out(shape(_residual(6, m)), H, g, A, lower, upper, low, high, x, rows, box)[
+        0
+    ]
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
-def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]) -> ca.Function:
+def _relaxed(
+    solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
+) -> ca.Function:
     H, g, A, lower, upper, side, cap, low, high = inputs
-    # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between equal bounds instead, DAQP
-    # was seen to lose a multiplier.
+    # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between
+    # equal bounds instead, DAQP was seen to lose a multiplier.
     loose = ca.if_else(cap > 0, 1.0, 0.0)
     full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
     full_g = ca.vertcat(g, PENALTY * loose)
     full_A = ca.horzcat(A, -ca.diag(side * loose))
-    full_low, full_high = ca.vertcat(low, ca.MX(ca.DM.zeros(m))), ca.vertcat(high, ca.if_else(cap > 0, cap, 1.0))
+    full_low, full_high = (
+        ca.vertcat(low, ca.MX(ca.DM.zeros(m))),
+        ca.vertcat(high, ca.if_else(cap > 0, cap, 1.0)),
+    )
     n = 6 + m
     data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
     x, rows, box = solver.function(n, m)(*data)
@@ -83,11 +105,13 @@ def _relaxed(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact:
 
 
 def _residual(n: int, m: int) -> ca.Function:
-    """The largest of primal residual, dual residual and gap; a multiplier of the wrong sign or of an absent bound shows.
+    """The largest of primal residual, dual residual and gap.
 
-    As in qpbenchmark, but the gap is written as complementarity, sum of multiplier times distance to its bound: the same
-    number where the dual residual is zero, and a multiplier of an absent bound cannot hide in it. Dual quantities are
-    relative to the size of the objective.
+    A multiplier of the wrong sign or of an absent bound shows.
+
+    As in qpbenchmark, but the gap is written as complementarity, sum of multiplier times distance
+    to its bound: the same number where the dual residual is zero, and a multiplier of an absent
+    bound cannot hide in it. Dual quantities are relative to the size of the objective.
     """
     names = ("H", "g", "A", "lba", "uba", "lbx", "ubx", "x", "rows", "box")
     shapes = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1), (n, 1), (m, 1), (n, 1))
@@ -100,7 +124,8 @@ def _residual(n: int, m: int) -> ca.Function:
     dual = ca.mmax(ca.fabs(stationary))
     multiplier = ca.vertcat(rows, box)
     up, down = ca.fmax(multiplier, 0), ca.fmax(-multiplier, 0)
-    # A distance beyond reach counts as `_FAR`: enough to show a multiplier that should be zero, not a solver's last digit.
+    # A distance beyond reach counts as `_FAR`: enough to show a multiplier that should be zero, not
+    # a solver's last digit.
     gap = ca.fabs(ca.dot(up, ca.fmin(above, _FAR)) + ca.dot(down, ca.fmin(below, _FAR)))
     residual = ca.fmax(0, ca.fmax(primal, ca.fmax(dual, gap) / (1 + ca.mmax(ca.fabs(g)))))
     # fmax and mmax drop NaN; a sum of squares keeps it, and NaN is not below infinity either.

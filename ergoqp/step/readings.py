@@ -1,4 +1,7 @@
-"""What the limits measure at a posture, once per step and as it is, and the situations in which they are asked."""
+"""What the limits measure at a posture, and the situations in which they are asked.
+
+They measure once per step, at the posture as it is.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,9 @@ def readings_function(problem: Problem) -> ca.Function:
     """Return ``posture -> readings (r,)``: those of all limits, one below the other."""
     posture = ca.MX.sym("posture", len(problem.coordinates))
     measured = [measure(posture) for _, measure in _measures(problem)]
-    return ca.Function("readings", [posture], [ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)])
+    return ca.Function(
+        "readings", [posture], [ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)]
+    )
 
 
 def readings_size(problem: Problem) -> int:
@@ -26,20 +31,27 @@ def readings_size(problem: Problem) -> int:
 
 
 def situation_of(
-    problem: Problem, known: Mapping[str, Expression], S: Expression, brake: Braking | None = None, held: bool = False
+    problem: Problem,
+    known: Mapping[str, Expression],
+    S: Expression,
+    brake: Braking | None = None,
+    held: bool = False,
 ) -> Situation:
     """Return where things are, from the symbols of a function of the step.
 
     Args:
         problem: the task.
-        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are ``previous``, and either ``pose``
-            for where things are, or ``landed``, ``way`` and ``shift`` for where they come to rest.
+        known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are
+            ``previous``, and either ``pose`` for where things are, or ``landed``, ``way`` and
+            ``shift`` for where they come to rest.
         S: sensitivity, only with the entries that can differ from zero.
         brake: of this period, for how far rows must look ahead; None: only the moment counts.
         held: whether the robot holds on once with what is under way, if that is declared.
     """
     still = ca.SX(6, 1)
-    swing, change = (still, still) if brake is None else (known["previous"] * brake.swing, brake.change)
+    swing, change = (
+        (still, still) if brake is None else (known["previous"] * brake.swing, brake.change)
+    )
     readings, start = {}, 0
     for limit, measure in _measures(problem):
         size = measure.numel_out(0)
@@ -48,10 +60,33 @@ def situation_of(
     now = (known["posture"], known["observed"])
     if "landed" not in known:
         still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
-        return Situation(*now, known.get("pose", ca.SX.eye(4)), S, swing, change, readings, problem.surface, still, stays)
+        return Situation(
+            *now,
+            known.get("pose", ca.SX.eye(4)),
+            S,
+            swing,
+            change,
+            readings,
+            problem.surface,
+            still,
+            stays,
+        )
     way = split_way(problem, known["way"])
-    lost, turn = (way.lost_held, way.turn_held) if held else (way.lost, way.turn_held if brake is not None else way.turn)
-    place = (known["landed"], S, swing, change, readings, problem.surface, way.ahead, known["shift"])
+    lost, turn = (
+        (way.lost_held, way.turn_held)
+        if held
+        else (way.lost, way.turn_held if brake is not None else way.turn)
+    )
+    place = (
+        known["landed"],
+        S,
+        swing,
+        change,
+        readings,
+        problem.surface,
+        way.ahead,
+        known["shift"],
+    )
     most = brake.stop.most(brake.dt) if brake is not None and problem.average else None
     return Situation(*now, *place, lost, turn, way.stray, way.raised, most=most)
 

@@ -23,7 +23,14 @@ _DRAWN: Final = {
 }
 
 
-def reason_of(problem: Problem, account: Account, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]) -> str:
+def reason_of(
+    problem: Problem,
+    account: Account,
+    posture: np.ndarray,
+    dt: float,
+    age: float,
+    notes: Mapping[str, str],
+) -> str:
     """Return the sentence of a step; empty for a plain optimal one.
 
     Args:
@@ -46,24 +53,35 @@ def reason_of(problem: Problem, account: Account, posture: np.ndarray, dt: float
     names = problem.row_names
     outside = np.flatnonzero(account("outside") > 0.5).tolist()
     if outside:
-        parts.append("outside, coming back: " + ", ".join(_beyond(names[i], margins[i]) for i in outside))
+        parts.append(
+            "outside, coming back: " + ", ".join(_beyond(names[i], margins[i]) for i in outside)
+        )
     if status == Status.relaxed:
         used = [names[i] for i in np.flatnonzero(account("slack") > 1e-6)]
-        parts.append("braking alone would pass these limits, so they give way: " + ", ".join(map(spoken, used)))
+        parts.append(
+            "braking alone would pass these limits, so they give way: "
+            + ", ".join(map(spoken, used))
+        )
     if account.drawn:
         parts.append(_DRAWN[account.drawn])
     if "guide" in notes:
         parts.append(notes["guide"])
     if status == Status.settled and not account.drawn:
         parts.append("at rest: moving would gain too little")
-    tolerance, returns = (limit_values(problem.row_limits, name) for name in ("tolerance", "returns"))
+    tolerance, returns = (
+        limit_values(problem.row_limits, name) for name in ("tolerance", "returns")
+    )
     hard = limit_values(problem.row_limits, "hard")
     for i in np.flatnonzero(margins < -tolerance).tolist():
         if i in outside:
             continue
         if hard[i]:
             within = margins[i] >= -tolerance[i] - _noise(problem, names[i])
-            why = "within the declared noise of the pose" if within else "and the object cannot move it"
+            why = (
+                "within the declared noise of the pose"
+                if within
+                else "and the object cannot move it"
+            )
         elif returns[i]:
             why = "and did not come back in twice the time that this should take: given up"
         else:
@@ -79,7 +97,13 @@ def _noise(problem: Problem, name: str) -> float:
 
 
 def _cause(
-    problem: Problem, cause: Cause, account: Account, posture: np.ndarray, dt: float, age: float, notes: Mapping[str, str]
+    problem: Problem,
+    cause: Cause,
+    account: Account,
+    posture: np.ndarray,
+    dt: float,
+    age: float,
+    notes: Mapping[str, str],
 ) -> str:
     if cause is Cause.posture:
         return notes.get("posture") or notes.get("observed") or _bad_posture(problem, posture)
@@ -99,16 +123,22 @@ def _cause(
         Cause.too_old: f"the posture is {age:.3f} s old, allowed {problem.control.max_age:.3f} s",
         Cause.not_solved: f"the QP was not solved: residual {account.residuals['qp']:.1e}",
         Cause.not_certified: "no twist but braking keeps every limit through the stop",
-        Cause.unmeasured: "no pose, and the robot is declared to move by up to "
-        f"{100 * problem.robot.gain_error:g} % more or less than what it is sent"
-        + f", and to hold on for up to {problem.robot.longest_hold:g} s"
-        * bool(problem.robot.longest_hold),
+        Cause.unmeasured: (
+            "no pose, and the robot is declared to move by up to "
+            f"{100 * problem.robot.gain_error:g} % more or less than what it is sent"
+            + f", and to hold on for up to {problem.robot.longest_hold:g} s"
+            * bool(problem.robot.longest_hold)
+        ),
         Cause.halted: "comes to rest before it moves again",
         Cause.asked: "asked to brake",
-        Cause.long_period: f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
-        "the longest hold of the robot",
-        Cause.short_periods: f"the last periods were much shorter than the loop's {problem.dt:g} s: "
-        "give the stepper its own dt",
+        Cause.long_period: (
+            f"dt is {dt:g} s, allowed {problem.longest_period:g} s: three periods, or "
+            "the longest hold of the robot"
+        ),
+        Cause.short_periods: (
+            f"the last periods were much shorter than the loop's {problem.dt:g} s: "
+            "give the stepper its own dt"
+        ),
     }[cause]
 
 
@@ -121,7 +151,10 @@ def _bad_posture(problem: Problem, posture: np.ndarray) -> str:
     others = f" and {wrong.size - 1} more" if wrong.size > 1 else ""
     unit = "radians" if problem.coordinates == JOINTS else "numbers"
     name = spoken(problem.coordinates[first])
-    return f"posture: {name}{others} is {posture[first]:g}, allowed finite {unit} within +-{largest:.5g}"
+    return (
+        f"posture: {name}{others} is {posture[first]:g}, allowed finite {unit} within"
+        f" +-{largest:.5g}"
+    )
 
 
 def _beyond(name: str, margin: float) -> str:

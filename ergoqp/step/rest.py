@@ -1,4 +1,7 @@
-"""Rest with hysteresis: the object stops when moving is not worth it, and stays stopped until it clearly is again."""
+"""Rest with hysteresis: the object stops when moving is not worth it.
+
+It stays stopped until moving clearly is worth it again.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +13,36 @@ from ergoqp.expressions.linear import is_set
 from ergoqp.problem.control import Control
 
 STATES: Final = 6
-"""At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost; lowest filtered cost
-since it moves; seconds since that improved. All zero at the start; the filters begin with the first frame."""
+"""Size of the state of rest.
+
+At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost;
+lowest filtered cost since it moves; seconds since that improved. All zero at the start; the filters
+begin with the first frame.
+"""
 
 HUNTING: Final = 2.0
-"""After this many times `Control.stall_after` the object rests even where it is not at its lowest."""
+"""After this many times `Control.stall_after` the object rests even when not at its lowest."""
 
 
 def stalled(rest: Any) -> Any:
-    """Return for how long the object has moved and improved nothing [s], see `STATES`; at rest it is 0."""
+    """Return how long the object has moved and improved nothing [s], 0 at rest; see `STATES`."""
     return rest[5] * (1 - is_set(rest[0]))
 
 
-def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_move: ca.SX, dt: ca.SX, counts: ca.SX) -> ca.SX:
+def rest_update(
+    control: Control,
+    rest: ca.SX,
+    gain: ca.SX,
+    value: ca.SX,
+    must_move: ca.SX,
+    dt: ca.SX,
+    counts: ca.SX,
+) -> ca.SX:
     """Return the next rest state (6,).
 
-    The object comes to rest when the predicted gain is small for a while, or when moving has not improved the cost for some
-    seconds: noisy angles promise gains for ever. It moves again when the gain is large for a while.
+    The object comes to rest when the predicted gain is small for a while, or when moving has not
+    improved the cost for some seconds: noisy angles promise gains for ever. It moves again when the
+    gain is large for a while.
 
     Args:
         control: thresholds and times.
@@ -58,7 +74,11 @@ def rest_update(control: Control, rest: ca.SX, gain: ca.SX, value: ca.SX, must_m
     # A new journey is judged by itself.
     starts = ca.logic_and(changes, still)
     after = ca.vertcat(
-        *(state, ca.if_else(changes, 0, timer), filtered, cost),
-        *(ca.if_else(starts, cost, lowest), ca.if_else(starts, 0, unimproved)),
+        state,
+        ca.if_else(changes, 0, timer),
+        filtered,
+        cost,
+        ca.if_else(starts, cost, lowest),
+        ca.if_else(starts, 0, unimproved),
     )
     return ca.if_else(counts, after, rest)

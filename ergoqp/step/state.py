@@ -1,4 +1,7 @@
-"""What one step leaves to the next, as one vector: the same inputs and the same state give the same answers, always."""
+"""What one step leaves to the next, as one vector.
+
+The same inputs and the same state always give the same answers.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,16 @@ from ergoqp.step.watch import taken_over
 
 def state_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, int]]:
     """Return the shape of every part of the state, in order."""
-    sizes = {"history": (count(history_sizes(problem)), 1), "stored": (4, 4), "started": (1, 1), "rest": (STATES, 1)}
+    sizes = {
+        "history": (count(history_sizes(problem)), 1),
+        "stored": (4, 4),
+        "started": (1, 1),
+        "rest": (STATES, 1),
+    }
     sizes |= {name: (count(block), 1) for name, block in watch_blocks(problem).items()}
     if owes(problem):
-        # How far the object may be from where it is reckoned, along each axis and against it, since it was measured.
+        # How far the object may be from where it is reckoned, along each axis and against it, since
+        # it was measured.
         sizes["unsure"] = (6, 2)
     if asks_back(problem):
         sizes["asked"] = (2, 1)
@@ -30,7 +39,9 @@ def asks_back(problem: Problem) -> bool:
     return any(not limit.hard and any(limit.returns) for limit in problem.row_limits)
 
 
-def initial_state(problem: Problem, guided: bool = False, twist: np.ndarray | None = None) -> np.ndarray:
+def initial_state(
+    problem: Problem, guided: bool = False, twist: np.ndarray | None = None
+) -> np.ndarray:
     """Return the state of a loop that begins.
 
     Args:

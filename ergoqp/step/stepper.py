@@ -1,4 +1,4 @@
-"""The solve-step API of a control loop: one call per period, never an exception, never an unsafe twist."""
+"""The solve-step API of a control loop: one call per period, never an exception or unsafe twist."""
 
 from __future__ import annotations
 
@@ -39,11 +39,12 @@ class Stepper:
         solver: name of the QP solver, see `ergoqp.solvers`.
         compiled: take the step through the C compiler: the same answers in a fraction of the time.
         dt: control period [s]; None: the problem's.
-        log: called before every step with a dict of everything that goes in (``ergoqp.replay`` gives the same answers again);
-            an exception in it is not passed on: the loop goes on, the step's reason says that it is not recorded, and the next
-            one is tried again.
-        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum of `ergoqp.optimise`,
-            or a pose (4, 4), see `ergoqp.step.place.read_guide`. Limits are what they are without.
+        log: called before every step with a dict of everything that goes in (``ergoqp.replay``
+            gives the same answers again); an exception in it is not passed on: the loop goes on,
+            the step's reason says that it is not recorded, and the next one is tried again.
+        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum
+            of `ergoqp.optimise`, or a pose (4, 4), see `ergoqp.step.place.read_guide`. Limits are
+            what they are without.
 
     Raises:
         InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
@@ -60,7 +61,10 @@ class Stepper:
         log: LogSink | None = None,
         guide: Any = None,
     ) -> None:
-        """Build the step function once; this takes some tenths of a second, compiled the first time some ten seconds."""
+        """Build the step function once.
+
+        This takes some tenths of a second; compiled, the first time takes some ten seconds.
+        """
         if dt is not None:
             check_number("dt", dt, *PERIODS, "s")
         check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
@@ -75,7 +79,8 @@ class Stepper:
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
         self._begin = initial_state(self.problem, self._guided)
-        # The history comes first in the state, the planned twists in it, then the sent ones; newest first.
+        # The history comes first in the state, the planned twists in it, then the sent ones; newest
+        # first.
         sent_at = 6 * history_sizes(self.problem)["planned"][1]
         self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
         sizes = state_sizes(self.problem, self._guided)
@@ -83,18 +88,28 @@ class Stepper:
         self._function = step_function(self.problem, solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
         names_in, names_out = self._function.name_in(), self._function.name_out()
-        self._inputs = {name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(names_in)}
-        # One array for all outputs: a step is one copy of it, and everything in the step a view of that copy.
+        self._inputs = {
+            name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(names_in)
+        }
+        # One array for all outputs: a step is one copy of it, and everything in the step a view of
+        # that copy.
         sizes = [self._function.numel_out(i) for i in range(len(names_out))]
         ends = np.cumsum(sizes).tolist()
-        self._slices = {name: slice(end - size, end) for name, size, end in zip(names_out, sizes, ends, strict=True)}
+        self._slices = {
+            name: slice(end - size, end)
+            for name, size, end in zip(names_out, sizes, ends, strict=True)
+        }
         self._out = np.zeros(ends[-1])
         for i, name in enumerate(names_in):
-            self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+            # The stub asks for a length.
+            self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue]
         for i, name in enumerate(names_out):
-            self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore[reportCallIssue]
+            self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore
         # What one step leaves to the next.
-        self._state_in, self._state_out = self._inputs["state"], self._out[self._slices["next_state"]]
+        self._state_in, self._state_out = (
+            self._inputs["state"],
+            self._out[self._slices["next_state"]],
+        )
         self._status_at = self._slices["status"].start
         # CasADi's matrices are column by column.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
@@ -109,8 +124,9 @@ class Stepper:
         The guide stays; what was learned about it is forgotten.
 
         Args:
-            twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a moving robot, once; it is
-                clipped to the speed limits, and what is clipped off is not braked down. None: it stands still.
+            twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a
+                moving robot, once; it is clipped to the speed limits, and what is clipped off is
+                not braked down. None: it stands still.
 
         Raises:
             InputError: if `twist` is not six finite numbers.
@@ -124,13 +140,17 @@ class Stepper:
 
     @property
     def stalled(self) -> float:
-        """For how long the object has moved and improved nothing [s]: the next step moves the more slowly. At rest it is 0."""
+        """For how long the object has moved and improved nothing [s]; at rest it is 0.
+
+        The next step moves the more slowly for it.
+        """
         return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
 
     def guide(self, guide: Any) -> None:
         """Be drawn to another place from now on, or to none.
 
-        Never raises while the loop runs: a place that cannot be used is none, and the reason of the next steps says why.
+        Never raises while the loop runs: a place that cannot be used is none, and the reason of the
+        next steps says why.
 
         Args:
             guide: as at construction; None: descent alone.
@@ -139,7 +159,10 @@ class Stepper:
             InputError: if the stepper was made without a guide; it then cannot be drawn anywhere.
         """
         if not self._guided:
-            raise InputError("guide: the stepper was made without one, allowed only where Stepper(guide=...) had a place")
+            raise InputError(
+                "guide: the stepper was made without one, allowed only where Stepper(guide=...) had"
+                " a place"
+            )
         self._notes.clear()
         self._inputs["guided"][0] = 0.0
         self._state_in[-TRIAL:] = 0.0
@@ -149,8 +172,12 @@ class Stepper:
             self._lead(read_guide(self.problem, guide))
         except InputError as error:
             self._notes["guide"] = str(error)
-        except Exception as error:  # whatever a user's object does when it is read, the loop goes on
-            self._notes["guide"] = f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
+        except (
+            Exception
+        ) as error:  # whatever a user's object does when it is read, the loop goes on
+            self._notes["guide"] = (
+                f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
+            )
 
     def _lead(self, place: Guide) -> None:
         self._inputs["guide"][:], self._inputs["guided"][0] = place.pose.T.ravel(), 1.0
@@ -169,23 +196,25 @@ class Stepper:
     ) -> Step:
         """Return the next object twist.
 
-        Whatever comes in, a step comes out: an unusable input gives ``invalid``, a lost frame ``braking``, both with the
-        decelerating twist and a reason.
+        Whatever comes in, a step comes out: an unusable input gives ``invalid``, a lost frame
+        ``braking``, both with the decelerating twist and a reason.
 
         Args:
-            posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no frame arrived.
-            pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last one, the first time from the
-                posture.
-            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was sent, as late as
-                declared. It is for the pose, where that is not measured, and for faults of the robot; the limits hold for
-                what is sent whatever it says.
-            dt: for how long this twist will be executed [s]; None: the loop's period. Not the time since the last call: a late
-                call ends what was certified, and a period longer than three of the loop's (or than the declared
-                ``longest_hold``) brakes.
+            posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no
+                frame arrived.
+            pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last
+                one, the first time from the posture.
+            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was
+                sent, as late as declared. It is for the pose, where that is not measured, and for
+                faults of the robot; the limits hold for what is sent whatever it says.
+            dt: for how long this twist will be executed [s]; None: the loop's period. Not the time
+                since the last call: a late call ends what was certified, and a period longer than
+                three of the loop's (or than the declared ``longest_hold``) brakes.
             age: how old the posture is [s].
-            enable: False decelerates to rest, and so does what is neither True nor False (1 and 0 are).
-            observed: (32,) bool, False for joints that the sensors do not see in this frame; None: all are seen. What an
-                unseen joint's entry in `posture` says is not used.
+            enable: False decelerates to rest, and so does what is neither True nor False (1 and 0
+                are).
+            observed: (32,) bool, False for joints that the sensors do not see in this frame; None:
+                all are seen. What an unseen joint's entry in `posture` says is not used.
         """
         start = time.perf_counter()
         into, notes = self._inputs, {**self._notes} if self._notes else {}
@@ -215,16 +244,19 @@ class Stepper:
         return self._answer(notes, start)
 
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
-        """Return the next braking twist without new data: for the robot's own watchdog, when no step came in time.
+        """Return the next braking twist without new data.
 
-        It goes on along the stop that the last step was certified for, and the loop's state with it: a step that comes after it
-        continues from there. Never raises.
+        It is for the robot's own watchdog, when no step came in time.
+
+        It goes on along the stop that the last step was certified for, and the loop's state with
+        it: a step that comes after it continues from there. Never raises.
 
         Args:
             dt: for how long the twist will be executed [s]; None: the loop's period.
-            elapsed: seconds for which the robot has already ramped down by itself before this call [s]. Its ramp is taken to be
-                that stop; it is not judged, and the object comes to rest before it moves again. After another ramp, such as a
-                straight one, which is up to half of `Control.average` ahead of it, use `reset`: with the twist that is
+            elapsed: seconds for which the robot has already ramped down by itself before this call
+                [s]. Its ramp is taken to be that stop; it is not judged, and the object comes to
+                rest before it moves again. After another ramp, such as a straight one, which is up
+                to half of `Control.average` ahead of it, use `reset`: with the twist that is
                 measured, or once it stands.
         """
         late = min(number(elapsed), self._longest_stop)
@@ -237,30 +269,41 @@ class Stepper:
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """Posture and mask of the last step, as they were read (n,) each: NaN where an entry was no number."""
+        """Posture and mask of the last step as read (n,) each: NaN where an entry was no number."""
         return self._inputs["posture"].copy(), self._inputs["observed"].copy()
 
     def sent_instead(self, twist: Any) -> None:
-        """Say that another twist than the step's was sent, for whoever limits it further: the next step goes on from there.
+        """Say that another twist than the step's was sent; the next step goes on from there.
+
+        This is for whoever limits the twist further.
 
         Args:
             twist: (6,) [m/s, rad/s], within the limits of the object.
 
         Raises:
-            InputError: if what is sent is a mean (`Control.average`), which cannot be changed afterwards, or if `twist` is not
-                six finite numbers within the speed limits.
+            InputError: if what is sent is a mean (`Control.average`), which cannot be changed
+                afterwards, or if `twist` is not six finite numbers within the speed limits.
         """
         if self.problem.average:
-            raise InputError(f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0")
+            raise InputError(
+                f"sent_instead: got control.average = {self.problem.average:g} s, allowed 0"
+            )
         sent, speed = _six(twist), self.problem.twist_limit.speed
         if np.any(np.abs(sent) > speed + _ROUNDING):
-            raise InputError(f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}")
+            raise InputError(
+                f"twist: got {sent.tolist()}, allowed within the speed limits {speed.tolist()}"
+            )
         self._state_in[self._planned_at], self._state_in[self._sent_at] = sent, sent
 
     def _brake(self, dt: float, enable: float = 1.0) -> Step:
         start = time.perf_counter()
         into = self._inputs
-        into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = 0.0, 0.0, 0.0, 1.0
+        into["frame"][0], into["has_pose"][0], into["has_twist"][0], into["ask"][0] = (
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+        )
         into["dt"][0], into["age"][0], into["enable"][0] = dt, 0.0, enable
         notes: dict[str, str] = {}
         if self._log is not None:
@@ -282,7 +325,9 @@ class Stepper:
             if self._log is not None:
                 self._log({"loop": dict(self._loop), "notes": dict(notes), **entry})
         except Exception as error:  # the loop never stops for its log
-            notes["log"] = f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
+            notes["log"] = (
+                f"log: {type(error).__name__} in what was given as log=, this step is not recorded"
+            )
 
 
 def _six(twist: Any) -> np.ndarray:

@@ -27,18 +27,24 @@ COMPARED: Final = {
 REPORTED: Final = {
     "drift": (6, 1),  # measured motion less sent motion, by the reported twist
     "path": (2, 1),  # how far it went, and turned, since it stood still
-    "blur": (6, 2),  # variance of the drift: by how changes of the samples come back, and by their second differences
+    # variance of the drift: by how changes of the samples come back, and by their second
+    # differences
+    "blur": (6, 2),
     "surprise": (6, 2),  # the last sample, and the last change of one
-    "due": (6, 2),  # what a declared robot still owed when this was begun, along each axis and against it
+    # what a declared robot still owed when this was begun, along each axis and against it
+    "due": (6, 2),
     "rested": (1, 1),  # what ``rests`` was then
 }
 NAMED: Final = {
-    "moved": (6, 3),  # since there is a fault: sent motion, measured motion, change of the sent twist
+    # since there is a fault: sent motion, measured motion, change of the sent twist
+    "moved": (6, 3),
     "last": (6, 1),  # the sent twist before the last one
     "fit": (5, 1),  # sums of the products of `moved`
 }
 SAID: Final = {
-    "signs": (2, 1),  # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample does
+    # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample
+    # does
+    "signs": (2, 1),
     "fault": (2, 1),  # a `Fault` and its amount
 }
 STORY: Final = {**REPORTED, **NAMED}
@@ -55,33 +61,46 @@ _SIZES: Final = (
 
 
 def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
-    """Return the blocks of the state that watch the robot, and their parts; all zero at the start."""
-    # The fastest that may have been held on to, along each axis and against it: since the last measured pose; of a late robot,
-    # in which a hold shows little by little and so does not stand out, since it stood still.
+    """Return the state's blocks that watch the robot, and their parts; all zero at the start."""
+    # The fastest that may have been held on to, along each axis and against it: since the last
+    # measured pose; of a late robot, in which a hold shows little by little and so does not stand
+    # out, since it stood still.
     held = {"held": (6, 2)} if problem.robot.longest_hold else {}
-    # Turns do not commute: differences of neighbouring noisy poses would add up to a random walk. How the object was turned by
-    # what was sent since it stood still.
+    # Turns do not commute: differences of neighbouring noisy poses would add up to a random walk.
+    # How the object was turned by what was sent since it stood still.
     turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
-    # For the same reason: by which angle the object was turned by what was sent since it was measured, if not by that.
+    # For the same reason: by which angle the object was turned by what was sent since it was
+    # measured, if not by that.
     blind = {"blind": (1, 1)} if owes(problem) and not turn else {}
     # What one hold may have left in the comparison unseen, beside noise.
     slip = {"slip": (6, 1)} if problem.robot.longest_hold and not owes(problem) else {}
-    return {"compared": COMPARED | held | slip | turn | blind, "story": STORY, "said": SAID, "account": ACCOUNT}
+    return {
+        "compared": COMPARED | held | slip | turn | blind,
+        "story": STORY,
+        "said": SAID,
+        "account": ACCOUNT,
+    }
 
 
 def symbols_of(problem: Problem, *names: str) -> dict[str, ca.SX]:
-    """Return symbols for the inputs of the watch's functions, by name; what has no size here is one number."""
+    """Return symbols for the inputs of the watch's functions, by name.
+
+    What has no size here is one number.
+    """
     sizes = _SIZES | {name: (count(block), 1) for name, block in watch_blocks(problem).items()}
     return {name: ca.SX.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
 
 def leap_beyond(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:
-    """Return by how much (6,) the pose moved beyond what the robot can have done in this period, whatever it still owed."""
+    """Return by how much (6,) the pose moved beyond what the robot can have done in this period.
+
+    That holds whatever the robot still owed.
+    """
     lasted = now["lasted"] * now["started"]
     return ca.fmax(went - now["fastest"] * lasted, 0) + ca.fmin(went - now["slowest"] * lasted, 0)
 
 
 def length(excess: ca.SX) -> ca.SX:
-    """Return the larger of the lengths of the two halves of a vector (6,), of which only what is positive counts."""
+    """Return the larger length of a vector's (6,) two halves; only what is positive counts."""
     beyond = ca.fmax(excess, 0)
     return ca.sqrt(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])))

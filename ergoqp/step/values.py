@@ -1,4 +1,7 @@
-"""What users hand to a step, read so that nothing raises: whatever it is, numbers come out, and a note of what was wrong."""
+"""What users hand to a step, read so that nothing raises.
+
+Whatever it is, numbers come out, and a note of what was wrong.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,13 @@ from ergoqp.arguments import unmasked
 _FLOAT: Final = np.dtype(float)
 
 
-def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]) -> None:
-    """Copy a user's array into a buffer of its shape; what is unusable fills it with NaN, which the step judges, and a note."""
+def put(
+    target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]
+) -> None:
+    """Copy a user's array into a buffer of its shape.
+
+    What is unusable fills the buffer with NaN, which the step judges, and leaves a note.
+    """
     if type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
         target[...] = value
         return
@@ -26,7 +34,9 @@ def put(target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes
             target[...] = array
             return
     except Exception as error:  # whatever a user's object does when it is read, the loop goes on
-        notes[name] = f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
+        notes[name] = (
+            f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
+        )
     target[...] = np.nan
 
 
@@ -41,7 +51,10 @@ def number(value: Any) -> float:
 
 
 def truth(value: Any, name: str, notes: dict[str, str]) -> bool:
-    """Return a user's yes or no; what is neither is no, and a note: a text that says no, or NaN, enables nothing."""
+    """Return a user's yes or no; what is neither is no, and leaves a note.
+
+    A text that says no, or NaN, enables nothing.
+    """
     try:
         if isinstance(value, (bool, np.bool_)):
             return bool(value)

@@ -1,13 +1,16 @@
-"""Whether the robot does what it was sent: measured motion against declared motion, and a name for what does not fit.
+"""Whether the robot does what it was sent: measured motion against declared motion.
 
-Measured and sent motion are compared since the object last came to stand still. What a declared robot may differ by is no
-fault: what it has not done yet, its gain error, the noise of its pose. Each measured pose says between which ends the constant
-difference of the two must lie, axis by axis; when the ends of two moments leave no room, by more than `UNIT`, something was
-done that was not declared. A reported twist is compared by its integral; what scatters from sample to sample, up to half
-the speed limit, is noise.
+What does not fit gets a name.
 
-After a fault, and after the object was not allowed to move, it comes to rest and starts again from rest only. While it is not
-enabled, whatever moves it is no fault.
+Measured and sent motion are compared since the object last came to stand still. What a declared
+robot may differ by is no fault: what it has not done yet, its gain error, the noise of its pose.
+Each measured pose says between which ends the constant difference of the two must lie, axis by
+axis; when the ends of two moments leave no room, by more than `UNIT`, something was done that was
+not declared. A reported twist is compared by its integral; what scatters from sample to sample, up
+to half the speed limit, is noise.
+
+After a fault, and after the object was not allowed to move, it comes to rest and starts again from
+rest only. While it is not enabled, whatever moves it is no fault.
 """
 
 from __future__ import annotations
@@ -39,28 +42,34 @@ from ergoqp.step.story import (
 )
 
 CALM: Final = 0.5
-"""For how long the object stands still after a fault, beside the time that the robot is declared to be late [s]."""
+"""How long the object stands still after a fault, beside the robot's declared lateness [s]."""
 
 _WIDE: Final = 1e3
 """Further apart than anything [m, rad]."""
 
 
-def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[dict[str, ca.MX], ca.MX]:
+def watch(
+    problem: Problem, given: Mapping[str, ca.MX], shape: Shape
+) -> tuple[dict[str, ca.MX], ca.MX]:
     """Return `watch_blocks` after the last period, and the causes why the step can only brake.
 
     What a reported twist shows counts from the next step on.
 
     Args:
         problem: the task.
-        given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``, ``measured``, ``told`` (0 or 1),
-            ``executed``, ``sent`` (6,), ``lasted`` [s], ``slowest``, ``fastest`` (6,): twists of a robot that does no more
-            than it was sent, ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1), ``stop``
-            (1: the object may not move now), ``enable`` (0 or 1), ``period`` [s], ``causes`` so far, and where the robot may be
-            late ``unsure`` (6, 2): how far the object may be from where it is reckoned.
+        given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``,
+            ``measured``, ``told`` (0 or 1), ``executed``, ``sent`` (6,), ``lasted`` [s],
+            ``slowest``, ``fastest`` (6,): twists of a robot that does no more than it was sent,
+            ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1),
+            ``stop`` (1: the object may not move now), ``enable`` (0 or 1), ``period`` [s],
+            ``causes`` so far, and where the robot may be late ``unsure`` (6, 2): how far the object
+            may be from where it is reckoned.
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
     compare, explain = shape(_compared(problem)), explained_function(problem)
-    compared, faulty, causes, went, rests = compare.call([given[name] for name in compare.name_in()])
+    compared, faulty, causes, went, rests = compare.call(
+        [given[name] for name in compare.name_in()]
+    )
     # Where no twist is reported and nothing is wrong, there is nothing to explain.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
@@ -78,31 +87,46 @@ def watch(problem: Problem, given: Mapping[str, ca.MX], shape: Shape) -> tuple[d
 
 
 def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the blocks of an object that moves already at `twist` (6,): what its robot owes nobody has measured."""
+    """Return the blocks of an object that moves already at `twist` (6,).
+
+    What its robot owes nobody has measured.
+    """
     sizes = watch_blocks(problem)
-    blocks = {name: {part: np.zeros(size) for part, size in block.items()} for name, block in sizes.items()}
+    blocks = {
+        name: {part: np.zeros(size) for part, size in block.items()}
+        for name, block in sizes.items()
+    }
     blocks["compared"]["least"] -= _WIDE
     blocks["compared"]["most"] += _WIDE
     late = problem.robot.dead_time + problem.robot.lag
     blocks["story"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
     blocks["account"]["short"] = blocks["story"]["due"]
-    return {name: np.concatenate([part.ravel(order="F") for part in block.values()]) for name, block in blocks.items()}
+    return {
+        name: np.concatenate([part.ravel(order="F") for part in block.values()])
+        for name, block in blocks.items()
+    }
 
 
 def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Return the motion (6,) of the last period as far as it is known where no pose is measured, and the next account.
+    """Return the last period's motion (6,), as far as it is known where no pose is measured.
 
-    The declared motion is integrated, not the noise of what is reported of it. Once that has shown a fault, what is reported
-    is: as far as it was sent, in this period or before, since a robot that is late does later what it did not do before; and
-    what was integrated too much until then is taken back. So nothing that is reported leads further than what was sent.
+    The next account is returned with it.
+
+    The declared motion is integrated, not the noise of what is reported of it. Once that has shown
+    a fault, what is reported is: as far as it was sent, in this period or before, since a robot
+    that is late does later what it did not do before; and what was integrated too much until then
+    is taken back. So nothing that is reported leads further than what was sent.
 
     Args:
         problem: the task.
-        given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed`` (6,), ``lasted`` [s], and
-            ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and for how long nothing has been sent ``idled`` [s].
+        given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed``
+            (6,), ``lasted`` [s], and ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and
+            for how long nothing has been sent ``idled`` [s].
     """
     now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
-    known = ca.logic_or(ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), is_set(now["fault"][0]))
+    known = ca.logic_or(
+        ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), is_set(now["fault"][0])
+    )
     declared = now["sent"] * now["lasted"] + now["changed"]
     # Before it is known where the object is, nobody knows for how long it has moved either.
     sent = (1 + problem.robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
@@ -120,14 +144,38 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
 
 
 def _compared(problem: Problem) -> ca.Function:
-    """Compare the poses: ``(...) -> (compared, whether there is a fault, causes, motion of the pose (6,), rests)``.
+    """Compare the poses.
 
-    An interpreter pays for every scalar here in every step, so what is not needed to see a fault is in `ergoqp.step.explained`.
+    The function is ``(...) -> (compared, whether there is a fault, causes, motion of the pose (6,),
+    rests)``.
+
+    An interpreter pays for every scalar here in every step, so what is not needed to see a fault is
+    in `ergoqp.step.explained`.
     """
     robot, stretch = problem.robot, 1 + problem.robot.gain_error
-    names = ("pose", "stored", "started", "measured", "sent", "lasted", "slowest", "fastest", "up", "down", "parked", "stop")
+    names = (
+        "pose",
+        "stored",
+        "started",
+        "measured",
+        "sent",
+        "lasted",
+        "slowest",
+        "fastest",
+        "up",
+        "down",
+        "parked",
+        "stop",
+    )
     given = symbols_of(
-        problem, *names, "enable", "period", "compared", "said", "causes", *(["unsure"] if owes(problem) else [])
+        problem,
+        *names,
+        "enable",
+        "period",
+        "compared",
+        "said",
+        "causes",
+        *(["unsure"] if owes(problem) else []),
     )
     sizes = watch_blocks(problem)["compared"]
     now = given | split(sizes, given["compared"]) | split(SAID, given["said"])
@@ -141,19 +189,32 @@ def _compared(problem: Problem) -> ca.Function:
         block["held"] = ca.if_else(now["measured"], 0, reach)
         gone = now["measured"] * _held(problem, leap_beyond(now, went), reach)
         apart -= gone
-        # A hold that does not stand out of the noise is not taken off, and what is taken off may be noise in part.
+        # A hold that does not stand out of the noise is not taken off, and what is taken off may be
+        # noise in part.
         longest = stretch * robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
         slip = ca.fmax(now["slip"], ca.fmin(longest, 4 * noise))
     if "blind" in sizes:
-        # Two ways with the same end, of which one is as far behind as that, differ by the area between them.
+        # Two ways with the same end, of which one is as far behind as that, differ by the area
+        # between them.
         turn = now["blind"] + ca.norm_2(done[3:])
         block["blind"] = ca.if_else(now["measured"], 0, turn)
-        area = now["measured"] * (now["blind"] > 0) * turn * ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
-        least, most = least - ca.vertcat(0, 0, 0, area, area, area), most + ca.vertcat(0, 0, 0, area, area, area)
-    # Where the comparison begins, the pose is as far off as it may be; how it was turned since then is known but for noise.
+        area = (
+            now["measured"]
+            * (now["blind"] > 0)
+            * turn
+            * ca.norm_2(ca.fmax(now["unsure"][3:, 0], now["unsure"][3:, 1]))
+        )
+        least, most = (
+            least - ca.vertcat(0, 0, 0, area, area, area),
+            most + ca.vertcat(0, 0, 0, area, area, area),
+        )
+    # Where the comparison begins, the pose is as far off as it may be; how it was turned since then
+    # is known but for noise.
     at_begin, sent_to = noise, now["pose"][:3, :3]
     if "turned" in sizes:
-        sent_to = ca.if_else(now["started"], turned(done[3:] + gone[3:], now["turned"]), now["pose"][:3, :3])
+        sent_to = ca.if_else(
+            now["started"], turned(done[3:] + gone[3:], now["turned"]), now["pose"][:3, :3]
+        )
         apart[3:] = _rotation(sent_to, now["pose"][:3, :3])
         at_begin = ca.vertcat(noise[:3], 0, 0, 0)
         # The error of the pose at the begin turns with the object, so it may lie along any axis.
@@ -162,7 +223,11 @@ def _compared(problem: Problem) -> ca.Function:
     if owes(problem):
         below, above = below + stretch * now["down"], above + stretch * now["up"]
     if robot.longest_hold and owes(problem):
-        hold = stretch * robot.longest_hold * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        hold = (
+            stretch
+            * robot.longest_hold
+            * ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
+        )
         below, above = below + hold[:, 0], above + hold[:, 1]
     if robot.gain_error:
         # A shift is along what was sent; what is left of a turn turns with the object.
@@ -173,10 +238,12 @@ def _compared(problem: Problem) -> ca.Function:
     beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0) * ca.DM(1 / UNIT)
     by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
-    # The difference counts anew from where the object is seen to stand still, and from where it was seen to move there. Where
-    # it is not seen to stand, what it was before is still to be compared.
+    # The difference counts anew from where the object is seen to stand still, and from where it was
+    # seen to move there. Where it is not seen to stand, what it was before is still to be compared.
     comes_to_rest = ca.logic_and(parked, ca.logic_or(now["calm"] <= 0, found))
-    begins = ca.logic_and(ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found))
+    begins = ca.logic_and(
+        ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found)
+    )
     anew = ca.logic_or(begins, ca.logic_not(enabled))
     least = ca.if_else(anew, -(at_begin + below + unseen), ca.fmax(least, low))
     most = ca.if_else(anew, at_begin + above + unseen, ca.fmin(most, high))
@@ -185,20 +252,31 @@ def _compared(problem: Problem) -> ca.Function:
     if "turned" in sizes:
         block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
     if robot.longest_hold and owes(problem):
-        # What it held on to before it came to rest still counts in this comparison, and no more in the next one.
+        # What it held on to before it came to rest still counts in this comparison, and no more in
+        # the next one.
         block["held"] = ca.fmax(now["held"] * (1 - begins), ca.horzcat(now["sent"], -now["sent"]))
 
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
     over = calm >= CALM + robot.dead_time + 3 * robot.lag
     faulty = ca.logic_or(found, ca.logic_and(is_set(now["fault"][0]), ca.logic_not(over)))
-    halted = ca.logic_or(ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked)))
+    halted = ca.logic_or(
+        ca.logic_or(faulty, now["stop"]), ca.logic_and(now["halted"], ca.logic_not(parked))
+    )
     rests = now["rests"] + ca.logic_or(comes_to_rest, ca.logic_not(enabled))
     begun = ca.logic_and(parked, ca.logic_or(now["begun"], begins))
-    block |= dict(zip(COMPARED, (apart * (1 - anew), least, most, calm, halted, rests, begun), strict=True))
+    block |= dict(
+        zip(COMPARED, (apart * (1 - anew), least, most, calm, halted, rests, begun), strict=True)
+    )
     resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
-    return ca.Function("compared_poses", list(given.values()), outputs, list(given), [f"o{i}" for i in range(len(outputs))])
+    return ca.Function(
+        "compared_poses",
+        list(given.values()),
+        outputs,
+        list(given),
+        [f"o{i}" for i in range(len(outputs))],
+    )
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
@@ -219,7 +297,10 @@ def _rotation(before: ca.SX, after: ca.SX) -> ca.SX:
 
 
 def _held(problem: Problem, leap: ca.SX, reach: ca.SX) -> ca.SX:
-    """How much of a leap (6,) one declared hold explains, of at most `reach` (6, 2); what may be noise is none."""
+    """How much of a leap (6,) one declared hold explains, of at most `reach` (6, 2).
+
+    Of a leap that may be noise it explains none.
+    """
     most = problem.robot.longest_hold * (1 + problem.robot.gain_error) * ca.fmax(reach, 0)
     explained = ca.fmax(ca.fmin(leap, most[:, 0]), -most[:, 1])
     stands_out = length((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1

@@ -1,18 +1,23 @@
-"""What lies between the plan and the object: the mean that is sent, what a declared robot has not done of it, where it lands.
+"""What lies between the plan and the object.
 
-The limits are kept by the planned ("virtual") twist u, a line from period to period, which nothing that is measured ever
-changes. Sent is the mean of u over the last W seconds, at the end of the period that it is sent for: every convex limit
-holds for a mean too, its acceleration is at most that of u, and its jerk (u'(t) - u'(t - W)) / W at most 2 a / W.
+It is the mean that is sent, what a declared robot has not done of it, and where it lands.
 
-A measured pose shows the object as it was `dead_time` seconds ago, and a robot that lags has not done all of what it was sent
-before that. Of a twist sent at age x, the share exp(-max(x - dead_time, 0) / lag) is still to come, so the object lands at the
-measured pose moved by all of these, and by what the mean still holds of u.
+The limits are kept by the planned ("virtual") twist u, a line from period to period, which nothing
+that is measured ever changes. Sent is the mean of u over the last W seconds, at the end of the
+period that it is sent for: every convex limit holds for a mean too, its acceleration is at most
+that of u, and its jerk (u'(t) - u'(t - W)) / W at most 2 a / W.
+
+A measured pose shows the object as it was `dead_time` seconds ago, and a robot that lags has not
+done all of what it was sent before that. Of a twist sent at age x, the share exp(-max(x -
+dead_time, 0) / lag) is still to come, so the object lands at the measured pose moved by all of
+these, and by what the mean still holds of u.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,17 +31,22 @@ from ergoqp.step.parts import count, split
 
 @dataclass(frozen=True)
 class UnderWay:
-    """The object's motion between where it was measured and where it comes to rest if the planned twist were zero from now on.
+    """The object's motion between where it was measured and where it comes to rest.
+
+    It comes to rest there if the planned twist is zero from now on.
 
     Attributes:
         total: displacement (6,) [m, rad].
         twists: what is under way, piece by piece (6, k).
         seconds: for how long each piece still acts (k,) [s].
-        weights: of the planned ones, the first of them, in the mean (n,); None: every twist is sent as planned.
-        tail: of what is older than the pieces: positive and negative parts (6, 2) [m, rad]; None: nothing is.
-        clung: what a lagging robot may have still to do of one hold on to what is older, along each axis and against it (6, 2)
-            [m, rad]; None: nothing.
-        turn: largest angle of the part that a robot may have done already [rad]; None: there is none.
+        weights: of the planned ones, the first of them, in the mean (n,); None: every twist is sent
+            as planned.
+        tail: of what is older than the pieces: positive and negative parts (6, 2) [m, rad]; None:
+            nothing is.
+        clung: what a lagging robot may have still to do of one hold on to what is older, along each
+            axis and against it (6, 2) [m, rad]; None: nothing.
+        turn: largest angle of the part that a robot may have done already [rad]; None: there is
+            none.
         owed: displacement of the part that was sent (6,) [m, rad].
         up: the most that the robot may still move along each axis (6,) [m, rad].
         down: and against it (6,) [m, rad].
@@ -46,14 +56,17 @@ class UnderWay:
         changed: displacement by which less is owed than a period ago (6,) [m, rad].
         slowest: least twist (6,) in the last period of a robot that does no more than it was sent.
         fastest: its greatest (6,).
-        swift: how fast it can be now, along each axis and against it (6, 2); None: as fast as it was sent.
+        swift: how fast it can be now, along each axis and against it (6, 2); None: as fast as it
+            was sent.
         dt: period [s].
         dt_ok: whether that is what was given.
-        aged: ages of the ends of the periods before, at the end of this one, as many as are kept (k,) [s].
+        aged: ages of the ends of the periods before, at the end of this one, as many as are kept
+            (k,) [s].
         idled: for how long all will have stood still then, if it does [s].
         begun: twist that is sent however the plan goes on (6,).
         own: share of the planned twist that is sent beside it.
-        fits: whether the history still reaches far enough back after the period: it does not if periods are too short.
+        fits: whether the history still reaches far enough back after the period: it does not if
+            periods are too short.
         parked: whether nothing was planned and nothing sent for as long as the history reaches.
     """
 
@@ -99,7 +112,8 @@ def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vector
     present = [name for name, part in parts.items() if part is not None]
     function = ca.Function("under_way", symbols, [ca.densify(parts[name]) for name in present])
     found = written_out(shape(function), history, dt)
-    return UnderWay(**(dict.fromkeys(parts) | dict(zip(present, found, strict=True))))  # pyright: ignore[reportArgumentType]
+    named: dict[str, Any] = dict.fromkeys(parts) | dict(zip(present, found, strict=True))
+    return UnderWay(**named)
 
 
 def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
@@ -127,7 +141,10 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
     slowest, fastest = _extremes(part["sent"])
     if lag:
         swift = ca.horzcat(fastest, -slowest) + part["tail"] / lag
-        fastest, slowest = ca.fmax(fastest, part["swift"][:, 0]), ca.fmin(slowest, -part["swift"][:, 1])
+        fastest, slowest = (
+            ca.fmax(fastest, part["swift"][:, 0]),
+            ca.fmin(slowest, -part["swift"][:, 1]),
+        )
     stretch = 1 + robot.gain_error
     return UnderWay(
         total=total,
@@ -168,7 +185,9 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
     return low, high
 
 
-def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX) -> list[ca.MX]:
+def next_history(
+    problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX
+) -> list[ca.MX]:
     """Return the history after a period, in pieces that are put one below the other.
 
     Args:
@@ -188,7 +207,9 @@ def next_history(problem: Problem, history: ca.MX, found: UnderWay, planned: ca.
         # The oldest leaves the history; what it has still to do goes on fading.
         part = split(sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
-        seconds = remaining_seconds(ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag)
+        seconds = remaining_seconds(
+            ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag
+        )
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
         assert found.swift is not None

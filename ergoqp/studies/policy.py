@@ -1,9 +1,11 @@
-"""A learned controller x_dot = theta Phi(q): chapter 3 of the EPFL report, and the same for the full control step.
+"""A learned controller x_dot = theta Phi(q): chapter 3 of the EPFL report.
 
-Algorithm 1 of the report trains theta on random postures by theta <- theta - rate e Phi', with e = theta Phi(q) - x_dot_desired
-(eq. 3.4-3.8). It stops at the first step that is small, which a posture that happens to be predicted well makes at any time;
-here the means of theta over two long runs of steps must agree. What it approaches is a least-squares fit, which `solve` gives
-in one go.
+The same is done for the full control step.
+
+Algorithm 1 of the report trains theta on random postures by theta <- theta - rate e Phi', with e =
+theta Phi(q) - x_dot_desired (eq. 3.4-3.8). It stops at the first step that is small, which a
+posture that happens to be predicted well makes at any time; here the means of theta over two long
+runs of steps must agree. What it approaches is a least-squares fit, which `solve` gives in one go.
 """
 
 from __future__ import annotations
@@ -60,7 +62,9 @@ class RadialFeatures:
         """
         centres = np.asarray(self.centres, dtype=float)
         if centres.ndim != 2 or not centres.size or not np.isfinite(centres).all():
-            raise InputError(f"centres: got shape {centres.shape}, allowed (M, d) of finite numbers")
+            raise InputError(
+                f"centres: got shape {centres.shape}, allowed (M, d) of finite numbers"
+            )
         if not 0 < self.width < np.inf:
             raise InputError(f"width: got {self.width!r}, allowed a positive number")
         object.__setattr__(self, "centres", centres)
@@ -73,11 +77,16 @@ class RadialFeatures:
             InputError: for fewer than two, or an empty range.
         """
         if count < 2 or not low < high:
-            raise InputError(f"features: got {count} from {low} to {high}, allowed two or more in a range that is not empty")
+            raise InputError(
+                f"features: got {count} from {low} to {high}, allowed two or more in a range that"
+                " is not empty"
+            )
         return cls(np.linspace(low, high, count)[:, np.newaxis], (high - low) / (count - 1))
 
     @classmethod
-    def among(cls, postures: ArrayLike, count: int, seed: int = 0, *, width: float | None = None) -> RadialFeatures:
+    def among(
+        cls, postures: ArrayLike, count: int, seed: int = 0, *, width: float | None = None
+    ) -> RadialFeatures:
         """Return bumps around postures of a sample, and a constant.
 
         Args:
@@ -91,10 +100,13 @@ class RadialFeatures:
         """
         sample = np.atleast_2d(np.asarray(postures, dtype=float))
         if not 2 <= count <= len(sample):
-            raise InputError(f"count: got {count}, allowed 2 to the number of postures, {len(sample)}")
+            raise InputError(
+                f"count: got {count}, allowed 2 to the number of postures, {len(sample)}"
+            )
         centres = sample[np.random.default_rng(seed).choice(len(sample), count, replace=False)]
         if width is None:
-            # A few hundred pairs say the median well enough; all pairs of many centres would need their square in memory.
+            # A few hundred pairs say the median well enough; all pairs of many centres would need
+            # their square in memory.
             some = centres[:300]
             distances = np.sqrt(_squared_distances(some, some))
             width = float(np.median(distances[np.triu_indices(len(some), 1)]))
@@ -139,7 +151,8 @@ class Training:
     """What algorithm 1 came to.
 
     Attributes:
-        policy: with the mean theta of the last run of steps, which the noise of single steps hardly moves.
+        policy: with the mean theta of the last run of steps, which the noise of single steps hardly
+            moves.
         changes: largest change of an entry of that mean from run to run.
         converged: the last change was below the threshold.
         steps: taken in all.
@@ -167,9 +180,11 @@ def train(
     Args:
         features: Phi.
         sample: returns so many random postures (n, d) from a generator.
-        desired: returns the velocities (n, P) wanted at postures (n, d), for example -eps dV/dq dq/dx (eq. 3.3).
+        desired: returns the velocities (n, P) wanted at postures (n, d), for example -eps dV/dq
+            dq/dx (eq. 3.3).
         rate: lambda of eq. 3.5; rate |Phi|^2 must stay below 2, or single steps overshoot.
-        threshold: largest change of an entry of theta between the means of two runs that still counts as none.
+        threshold: largest change of an entry of theta between the means of two runs that still
+            counts as none.
         run: steps of a run.
         most_runs: runs after which it ends in any case.
         seed: of the postures.
@@ -190,7 +205,9 @@ def train(
         phi, wanted = features(postures), np.asarray(desired(postures), dtype=float)
         largest = float(np.square(phi).sum(axis=1).max())
         if rate * largest >= 2:
-            raise InputError(f"rate: got {rate:g}, allowed less than {2 / largest:.3g} for these features")
+            raise InputError(
+                f"rate: got {rate:g}, allowed less than {2 / largest:.3g} for these features"
+            )
         theta = np.zeros((wanted.shape[1], phi.shape[1])) if theta is None else theta
         total = np.zeros_like(theta)
         for row, want in zip(phi, wanted, strict=True):
@@ -202,11 +219,20 @@ def train(
             if changes[-1] <= threshold:
                 break
     assert mean is not None  # at least two runs were taken
-    return Training(Policy(mean, features), np.array(changes), changes[-1] <= threshold, run * (len(changes) + 1))
+    return Training(
+        Policy(mean, features),
+        np.array(changes),
+        changes[-1] <= threshold,
+        run * (len(changes) + 1),
+    )
 
 
-def solve(features: Features, postures: ArrayLike, wanted: ArrayLike, ridge: float = 1e-6) -> Policy:
-    """Return the policy that fits wanted velocities best: what algorithm 1 approaches, in closed form.
+def solve(
+    features: Features, postures: ArrayLike, wanted: ArrayLike, ridge: float = 1e-6
+) -> Policy:
+    """Return the policy that fits wanted velocities best.
+
+    It is what algorithm 1 approaches, in closed form.
 
     Args:
         features: Phi.
@@ -232,13 +258,15 @@ def solve(features: Features, postures: ArrayLike, wanted: ArrayLike, ridge: flo
 def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array:
     """Return the twist (n, 6) that the control step plans at postures (n, 32) held still.
 
-    Each posture starts from standstill with a stepper of its own state. One period of acceleration is limited axis by axis and
-    says little about the direction; after some periods the twist is the one that the step wants there.
+    Each posture starts from standstill with a stepper of its own state. One period of acceleration
+    is limited axis by axis and says little about the direction; after some periods the twist is the
+    one that the step wants there.
 
     Args:
         problem: the task.
         postures: (n, 32) [rad].
-        periods: control periods for which each posture is held; below the time after which the step comes to rest.
+        periods: control periods for which each posture is held; below the time after which the step
+            comes to rest.
 
     Raises:
         InputError: for less than one period.
@@ -252,7 +280,8 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
         step = stepper.step(posture)
         pose = step.pose
         for _ in range(periods - 1):
-            # Object and person are held where they are, though the object moves: it is taken over again and again.
+            # Object and person are held where they are, though the object moves: it is taken over
+            # again and again.
             stepper.reset(step.twist)
             step = stepper.step(posture, pose)
         twists.append(step.twist)
@@ -260,7 +289,9 @@ def twists_of(problem: Problem, postures: ArrayLike, periods: int = 30) -> Array
 
 
 def unit_twists(problem: Problem, twists: Array) -> Array:
-    """Return the directions (n, 6) of twists (n, 6), each axis in units of the largest speed; zero stays zero.
+    """Return the directions (n, 6) of twists (n, 6), each axis in units of the largest speed.
+
+    Zero stays zero.
 
     An axis that the object cannot move stays zero too.
     """

@@ -1,4 +1,6 @@
-"""Person, robot and object in one model: the control step with the robot's joints as unknowns, by mink.
+"""Person, robot and object in one model, by mink.
+
+It is the control step with the robot's joints as unknowns.
 
 Needs the extra ``mink``.
 """

@@ -1,4 +1,4 @@
-"""The step's QP as tasks, constraints and limits of mink over person and arm together, and its solution."""
+"""The step's QP as tasks, constraints and limits of mink over person and arm, and its solution."""
 
 from __future__ import annotations
 
@@ -37,16 +37,24 @@ class Formulation:
         self.configuration = mink.Configuration(scene.model)
         self.rows = StepRows(scene)
         self._tie, self._held = Tie(scene), Held(scene)
-        self._ergonomic, self._object, self._null = ErgonomicTask(scene), ObjectTask(scene), NullSpaceTask(scene)
-        self._arm, self._twist, self._distance = ArmBounds(scene), TwistBounds(scene), Distance(scene)
+        self._ergonomic, self._object, self._null = (
+            ErgonomicTask(scene),
+            ObjectTask(scene),
+            NullSpaceTask(scene),
+        )
+        self._arm, self._twist, self._distance = (
+            ArmBounds(scene),
+            TwistBounds(scene),
+            Distance(scene),
+        )
 
     def build(self, moment: Moment, follow: bool) -> qpsolvers.Problem:
         """Return the QP as mink builds it.
 
         Args:
             moment: of this step.
-            follow: True: the object's whole step, cost and rows; False: only the object's objective, the bounds of its twist in
-                `moment`, and the robot's limits.
+            follow: True: the object's whole step, cost and rows; False: only the object's
+                objective, the bounds of its twist in `moment`, and the robot's limits.
         """
         tasks = [self._object, self._null, self._tie]
         limits: list[mink.Limit] = [self._arm, self._distance, self._twist]
@@ -56,10 +64,17 @@ class Formulation:
             limits.append(self.rows)
             constraints.append(self._held)
         at_moment([*tasks, *limits, self._held], moment)
-        return mink.build_ik(self.configuration, tasks, moment.dt, damping=0.0, limits=limits, constraints=constraints)
+        return mink.build_ik(
+            self.configuration,
+            tasks,
+            moment.dt,
+            damping=0.0,
+            limits=limits,
+            constraints=constraints,
+        )
 
     def solve(self, moment: Moment, follow: bool) -> np.ndarray | None:
-        """Return all velocities (nv,), or None where the rows cannot all hold, or not by this solver."""
+        """Return all velocities (nv,); None if the rows cannot all hold, or not by this solver."""
         problem = self.build(moment, follow)
         try:
             solution = qpsolvers.solve_problem(problem, solver=SOLVER, **SETTINGS)

@@ -27,16 +27,17 @@ def grasp(
     posture: np.ndarray,
     apart: float | None,
 ) -> tuple[Scene, np.ndarray]:
-    """Return the scene, and the joints (k,) with which the arm holds the object where the person's hand is.
+    """Return the scene, and the arm's joints (k,) that hold the object where the person's hand is.
 
-    Of all joints found, and of the turns of the object in the robot's hand where they are open, it takes those whose joints are
-    farthest from the ends of their ranges.
+    Of all joints found, and of the turns of the object in the robot's hand where they are open, it
+    takes those whose joints are farthest from the ends of their ranges.
 
     Args:
         person: the controller's model.
         robot: the arm.
         base: of the robot (4, 4) [m].
-        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: before it, at one of eight turns.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: before it, at one
+            of eight turns.
         size: of the object [m].
         posture: of the person (32,) [rad].
         apart: distance from the person that the joints must keep [m]; None: any.
@@ -44,8 +45,15 @@ def grasp(
     Raises:
         InputError: if the arm cannot hold the object there.
     """
-    frames = [default_tool_frame(2 * np.pi * i / _TURNS) for i in range(_TURNS)] if tool_frame is None else [tool_frame]
-    pose, pelvis = np.array(person.contact()(posture)[0]), np.array(pelvis_function(person)(posture)[0]).ravel()
+    frames = (
+        [default_tool_frame(2 * np.pi * i / _TURNS) for i in range(_TURNS)]
+        if tool_frame is None
+        else [tool_frame]
+    )
+    pose, pelvis = (
+        np.array(person.contact()(posture)[0]),
+        np.array(pelvis_function(person)(posture)[0]).ravel(),
+    )
     middle, width = (robot.lower + robot.upper) / 2, robot.upper - robot.lower
     best, found, nearest = np.inf, None, -np.inf
     for frame in frames:

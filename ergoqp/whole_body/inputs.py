@@ -27,7 +27,9 @@ def size_of(value: Any) -> tuple[float, float, float]:
     """
     sides = numbers(value, 3)
     if sides is None or (sides < 0.001).any() or (sides > 1.0).any():
-        raise InputError(f"object_size: got {shown(value)}, allowed three side lengths from 0.001 to 1 m")
+        raise InputError(
+            f"object_size: got {shown(value)}, allowed three side lengths from 0.001 to 1 m"
+        )
     return float(sides[0]), float(sides[1]), float(sides[2])
 
 
@@ -39,7 +41,11 @@ def posture_of(value: Any) -> np.ndarray:
     """
     angles = numbers(value, len(JOINTS))
     if angles is None:
-        shape = f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else f"a {type(value).__name__}"
+        shape = (
+            f"an array of shape {value.shape}"
+            if isinstance(value, np.ndarray)
+            else f"a {type(value).__name__}"
+        )
         raise InputError(f"posture: got {shape}, allowed {len(JOINTS)} finite numbers")
     return angles
 
@@ -54,7 +60,8 @@ def robot_of(robot: Any, frame: str | None) -> Robot:
         return load_robot(robot, frame)
     if frame is not None:
         raise InputError(
-            f"frame: got {shown(frame)} beside a robot whose frame is {robot.frame!r}, allowed None: name it to load_robot"
+            f"frame: got {shown(frame)} beside a robot whose frame is {robot.frame!r}, allowed"
+            " None: name it to load_robot"
         )
     return robot
 
@@ -67,7 +74,10 @@ def start_of(start: Any, robot: Robot) -> np.ndarray:
     """
     joints = numbers(start, len(robot.joints))
     if joints is None or (joints < robot.lower).any() or (joints > robot.upper).any():
-        raise InputError(f"start: got {shown(start)}, allowed {len(robot.joints)} joint positions within their ranges")
+        raise InputError(
+            f"start: got {shown(start)}, allowed {len(robot.joints)} joint positions within their"
+            " ranges"
+        )
     return joints
 
 
@@ -83,7 +93,10 @@ def implausible_position(robot: Robot, positions: np.ndarray) -> str | None:
     if over[worst] <= 0:
         return None
     low, high = robot.lower[worst], robot.upper[worst]
-    return f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to {high:.4g}, and a turn beyond"
+    return (
+        f"arm: {robot.joints[worst]} is {positions[worst]:.4g} rad, allowed {low:.4g} to"
+        f" {high:.4g}, and a turn beyond"
+    )
 
 
 def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
@@ -99,7 +112,8 @@ def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
         return None
     most = _PLAUSIBLE * robot.velocity[worst]
     return (
-        f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within +-{most:.4g}, twice its largest speed"
+        f"arm_speed: {robot.joints[worst]} is {speeds[worst]:.4g} rad/s, allowed within"
+        f" +-{most:.4g}, twice its largest speed"
     )
 
 

@@ -1,4 +1,7 @@
-"""What must hold for the whole body, as limits of mink: rows on the displacement of one period, G Delta <= h."""
+"""What must hold for the whole body, as limits of mink.
+
+They are rows on the displacement of one period, G Delta <= h.
+"""
 
 from __future__ import annotations
 
@@ -35,18 +38,23 @@ class _MomentLimit(mink.Limit):
 class TwistBounds(_MomentLimit):
     """Speed and acceleration of the object, axis by axis."""
 
-    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
         """Return two rows per axis that has a choice."""
         now = self._now()
         free = now.high - now.low >= 1e-12
         J, aside = now.jacobian[free], now.offset[free]
-        return self._on_arm(np.vstack([J, -J]), np.concatenate([now.high[free] + aside, -now.low[free] - aside]), dt)
+        return self._on_arm(
+            np.vstack([J, -J]), np.concatenate([now.high[free] + aside, -now.low[free] - aside]), dt
+        )
 
 
 class StepRows(_MomentLimit):
-    """The rows of the control step (person's joints, workspace, tool axis ...), lower <= A xi <= upper.
+    """The control step's rows (person's joints, workspace, tool axis ...), lower <= A xi <= upper.
 
-    Where the step relaxes a row, because braking itself would pass it, the row is widened by the slack that the step needs.
+    Where the step relaxes a row, because braking itself would pass it, the row is widened by the
+    slack that the step needs.
     """
 
     def __init__(self, scene: Columns) -> None:
@@ -54,7 +62,9 @@ class StepRows(_MomentLimit):
         super().__init__(scene)
         self.slack: np.ndarray | float = 0.0
 
-    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
         """Return up to two rows per row of the step."""
         now = self._now()
         rows = now.terms["A"] @ now.jacobian
@@ -64,23 +74,32 @@ class StepRows(_MomentLimit):
 
 
 class ArmBounds(_MomentLimit):
-    """Ranges with the exact stopping bound, rates and accelerations of the arm, see `ergoqp.whole_body.stopping`."""
+    """Ranges with the exact stopping bound, rates and accelerations of the arm.
 
-    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+    See `ergoqp.whole_body.stopping`.
+    """
+
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
         """Return two rows per joint."""
         now = self._now()
         eye = np.eye(len(now.arm_high))
-        return self._on_arm(np.vstack([eye, -eye]), np.concatenate([now.arm_high, -now.arm_low]), dt)
+        return self._on_arm(
+            np.vstack([eye, -eye]), np.concatenate([now.arm_high, -now.arm_low]), dt
+        )
 
 
 class Distance(_MomentLimit):
     """Pairs that are near approach no faster than they are allowed to.
 
-    Two rows per pair with the person: one in which the person follows as the model says, and one in which they have not
-    noticed yet and stand still.
+    Two rows per pair with the person: one in which the person follows as the model says, and one in
+    which they have not noticed yet and stand still.
     """
 
-    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
         """Return the rows, in displacements: the rate times the period."""
         now = self._now()
         if now.close is None or not len(now.close.pairs):

@@ -1,4 +1,7 @@
-"""The closed loop of person, robot and object: a person who follows, and an arm whose joints do exactly what they are told."""
+"""The closed loop of person, robot and object.
+
+The person follows, and the arm's joints do exactly what they are told.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +43,18 @@ class WholeBodyTrace:
     distances: list[float] = field(default_factory=list)
 
     def broken_limits(self, whole: WholeBody) -> int:
-        """Return how many samples break a range, rate or acceleration of the arm, by plain comparison."""
+        """Count samples that break the arm's range, rate or acceleration, by plain comparison."""
         robot, dt = whole.robot, whole.dt
         arms, speeds = np.array(self.arms), np.array([step.joint_velocities for step in self.steps])
         before = np.vstack([np.zeros(speeds.shape[1]), speeds[:-1]])
-        beyond = (arms < robot.lower - 1e-9) | (arms > robot.upper + 1e-9) | (np.abs(speeds) > robot.velocity + 1e-9)
-        return int((beyond | (np.abs(speeds - before) > robot.acceleration * dt + 1e-9)).any(axis=1).sum())
+        beyond = (
+            (arms < robot.lower - 1e-9)
+            | (arms > robot.upper + 1e-9)
+            | (np.abs(speeds) > robot.velocity + 1e-9)
+        )
+        return int(
+            (beyond | (np.abs(speeds - before) > robot.acceleration * dt + 1e-9)).any(axis=1).sum()
+        )
 
 
 class Ruler:
@@ -60,7 +69,11 @@ class Ruler:
         """Build the true scene."""
         known = whole.scene
         self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
-        self._separation, self._data, self._person = Separation(self.scene), mujoco.MjData(self.scene.model), person
+        self._separation, self._data, self._person = (
+            Separation(self.scene),
+            mujoco.MjData(self.scene.model),
+            person,
+        )
 
     def __call__(self, posture: np.ndarray, arm: np.ndarray) -> float:
         """Return the smallest distance [m] at a posture (32,) and joints of the arm (k,)."""
@@ -95,7 +108,8 @@ def run_whole_body(
     Args:
         whole: the step, made for this posture; reset here.
         person: who follows.
-        posture: with which the person holds the tool at the begin (32,) [rad]; soles and grasp stay as they are then.
+        posture: with which the person holds the tool at the begin (32,) [rad]; soles and grasp stay
+            as they are then.
         duration: [s].
         seed: of noise and lost frames.
         senses: what lies between person and controller.
@@ -105,7 +119,10 @@ def run_whole_body(
     dt, arm = whole.dt, whole.start.copy()
     ruler = Ruler(whole, person)
     pose = ruler.contact(arm)
-    grips, soles = [person.contact(posture)[0] @ grip for grip in person.grasp(posture)], person.stand(posture)
+    grips, soles = (
+        [person.contact(posture)[0] @ grip for grip in person.grasp(posture)],
+        person.stand(posture),
+    )
     grasp = [np.linalg.solve(pose, grip) for grip in grips]
     late = deque([pose] * (1 + round(senses.delay / dt)))
     follow = 1.0 - float(np.exp(-dt / senses.hand_time))
@@ -120,7 +137,9 @@ def run_whole_body(
         step = whole.step(measured, arm, speeds, age=age)
         if checker is not None:
             rate = step.object_step.posture_rate
-            checker.check(step.twist, previous, pose, measured, rate, dt, None, step.object_step.slack)
+            checker.check(
+                step.twist, previous, pose, measured, rate, dt, None, step.object_step.slack
+            )
         trace.time.append(number * dt)
         trace.postures.append(posture)
         trace.arms.append(arm)

@@ -25,8 +25,8 @@ class Moment:
         arm_low: least speeds of the arm's joints (k,) [rad/s].
         arm_high: greatest speeds of the arm's joints (k,) [rad/s].
         arm_wish: speeds that the null space is led to (k,) [rad/s].
-        offset: what the arm does beside the twist xi, J dq = xi + offset, to bring the object back to the way that its twists
-            describe: arms move in arcs (6,) [m/s, rad/s].
+        offset: what the arm does beside the twist xi, J dq = xi + offset, to bring the object back
+            to the way that its twists describe: arms move in arcs (6,) [m/s, rad/s].
         close: the pairs that are near each other; None: nothing keeps a distance.
         approach: largest speed with which each of them may approach (m,) [m/s].
     """

@@ -1,4 +1,4 @@
-"""Where the robot stands, how it holds the object, and the joints with which it holds it somewhere."""
+"""Where the robot stands, how it holds the object, and with which joints it does so somewhere."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.terms import person_of
 
 AHEAD: Final = 0.45
-"""How far before its base the robot's frame is when the object is in the middle of its workspace [m]."""
+"""How far before its base the robot's frame is, with the object in mid-workspace [m]."""
 ABOVE: Final = 0.40
 """And how far above it [m]."""
 _SEEDS: Final = 24
@@ -22,7 +22,10 @@ _EXACT: Final = 1e-10
 
 
 def tool_direction(problem: Problem) -> np.ndarray:
-    """Return the middle of the tool's cone in the world (3,); without a cone the tool's axis at the comfort posture."""
+    """Return the middle of the tool's cone in the world (3,).
+
+    Without a cone it is the tool's axis at the comfort posture.
+    """
     cone = problem.limit_of(AxisCone)
     if cone is not None:
         return np.asarray(cone.direction)
@@ -37,18 +40,24 @@ def comfort_contact(problem: Problem) -> np.ndarray:
 def default_base(problem: Problem, length: float) -> np.ndarray:
     """Return where the robot's base is (4, 4) when nobody says it.
 
-    It stands beyond the object, seen from the person, and faces them: with the object in the middle of its workspace (the
-    comfort posture's contact point, where there is none) and the tool along the middle of its cone, the robot's frame is 0.45 m
-    before the base and 0.40 m above it; never below the floor.
+    It stands beyond the object, seen from the person, and faces them: with the object in the middle
+    of its workspace (the comfort posture's contact point, where there is none) and the tool along
+    the middle of its cone, the robot's frame is 0.45 m before the base and 0.40 m above it; never
+    below the floor.
 
     Args:
         problem: the task.
         length: from the robot's frame to the contact point [m].
     """
     direction, box = tool_direction(problem), problem.limit_of(WorkspaceBox)
-    middle = comfort_contact(problem)[:3, 3] if box is None else (np.asarray(box.lower) + np.asarray(box.upper)) / 2
+    middle = (
+        comfort_contact(problem)[:3, 3]
+        if box is None
+        else (np.asarray(box.lower) + np.asarray(box.upper)) / 2
+    )
     away = np.array([direction[0], direction[1], 0.0])
-    # A tool that points up or down says nothing about where the person is not; in front of them is x.
+    # A tool that points up or down says nothing about where the person is not; in front of them is
+    # x.
     away = away / np.linalg.norm(away) if np.linalg.norm(away) > 0.2 else np.array([1.0, 0.0, 0.0])
     frame = middle + length * direction
     base = np.eye(4)
@@ -58,10 +67,15 @@ def default_base(problem: Problem, length: float) -> np.ndarray:
     return base
 
 
-def arms_at(scene: Scene, pose: np.ndarray, first: np.ndarray, seeds: int = _SEEDS) -> list[np.ndarray]:
-    """Return joint positions (k,) that hold the contact frame at a pose (4, 4), those nearest to `first` first.
+def arms_at(
+    scene: Scene, pose: np.ndarray, first: np.ndarray, seeds: int = _SEEDS
+) -> list[np.ndarray]:
+    """Return joint positions (k,) that hold the contact frame at a pose (4, 4).
 
-    Damped Newton steps within the joint ranges from `first` and from seeded random starts; the same every time.
+    Those nearest to `first` come first.
+
+    Damped Newton steps within the joint ranges from `first` and from seeded random starts; the same
+    every time.
     """
     rng, robot = np.random.default_rng(0), scene.robot
     data = mujoco.MjData(scene.model)
@@ -75,7 +89,9 @@ def arms_at(scene: Scene, pose: np.ndarray, first: np.ndarray, seeds: int = _SEE
     return sorted(found, key=lambda arm: float(np.sum(((arm - first) / width) ** 2)))
 
 
-def _solved(scene: Scene, data: mujoco.MjData, pose: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+def _solved(
+    scene: Scene, data: mujoco.MjData, pose: np.ndarray, start: np.ndarray
+) -> np.ndarray | None:
     model, robot, site = scene.model, scene.robot, scene.contact_site
     jacobian, arm = np.zeros((6, model.nv)), start.copy()
     for _ in range(_ITERATIONS):
@@ -89,12 +105,17 @@ def _solved(scene: Scene, data: mujoco.MjData, pose: np.ndarray, start: np.ndarr
         J = jacobian[:, scene.arm]
         damping = 1e-3 * min(1.0, float(error @ error)) + 1e-12
         step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
-        arm = np.clip(arm + step * min(1.0, 0.5 / (np.abs(step).max() + 1e-12)), robot.lower, robot.upper)
+        arm = np.clip(
+            arm + step * min(1.0, 0.5 / (np.abs(step).max() + 1e-12)), robot.lower, robot.upper
+        )
     return None
 
 
 def pose_error(position: np.ndarray, rotation: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return the world-aligned displacement (6,) [m, rad] that leads from a position and rotation to a pose (4, 4)."""
+    """Return the displacement (6,) [m, rad] from a position and rotation to a pose (4, 4).
+
+    It is world-aligned.
+    """
     turn, vector = np.zeros(4), np.zeros(3)
     mujoco.mju_mat2Quat(turn, np.ascontiguousarray(pose[:3, :3] @ rotation.T).ravel())
     mujoco.mju_quat2Vel(vector, turn, 1.0)

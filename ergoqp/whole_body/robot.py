@@ -1,4 +1,7 @@
-"""A robot arm from an MJCF or URDF file: its tree, the frame that carries the object, and what its joints can do."""
+"""A robot arm from an MJCF or URDF file.
+
+It has its tree, the frame that carries the object, and what its joints can do.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ DEFAULT_FRAME: Final = "flange"
 """The end-effector frame where none is named."""
 
 MARGIN: Final = 1e-3
-"""Joints stay this far inside the ranges of the file [rad or m]: room for whoever follows the answer."""
+"""Joints stay this far inside the file's ranges [rad or m]: room for whoever follows the answer."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +67,27 @@ def load_robot(
 
     Args:
         robot: ``"panda"``, which comes with the package, or the path of an MJCF or URDF file.
-        frame: the end-effector frame, a site or a body of the file; the object is fixed to it, and its z axis points out of
-            the hand; None: ``"flange"``.
-        velocity: largest joint speeds, one number or one per joint [rad/s]; None: the file's custom numeric
-            ``joint_velocity``.
-        acceleration: largest joint accelerations [rad/s^2]; None: the file's ``joint_acceleration``.
-        rest: joint positions that the null space leads to [rad]; None: the file's ``joint_rest``, else the middle of the
-            ranges.
+        frame: the end-effector frame, a site or a body of the file; the object is fixed to it, and
+            its z axis points out of the hand; None: ``"flange"``.
+        velocity: largest joint speeds, one number or one per joint [rad/s]; None: the file's custom
+            numeric ``joint_velocity``.
+        acceleration: largest joint accelerations [rad/s^2]; None: the file's
+            ``joint_acceleration``.
+        rest: joint positions that the null space leads to [rad]; None: the file's ``joint_rest``,
+            else the middle of the ranges.
 
     Raises:
-        InputError: if the frame is not a name, or the file cannot be read, has no such frame (the sentence lists those that it
-            has), no joint before it, a joint without a range or of more than one axis, or if speeds or accelerations are
-            neither in it nor given.
+        InputError: if the frame is not a name, or the file cannot be read, has no such frame (the
+            sentence lists those that it has), no joint before it, a joint without a range or of
+            more than one axis, or if speeds or accelerations are neither in it nor given.
     """
     frame = DEFAULT_FRAME if frame is None else frame
     # MuJoCo looks for whatever it is given as if it were a text.
     if not isinstance(frame, str):
-        raise InputError(f"frame: got {shown(frame)}, allowed the name of a site or body, or None for {DEFAULT_FRAME!r}")
+        raise InputError(
+            f"frame: got {shown(frame)}, allowed the name of a site or body, or None for"
+            f" {DEFAULT_FRAME!r}"
+        )
     path = _path_of(robot)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -90,24 +97,46 @@ def load_robot(
     except (ValueError, OSError) as error:
         cause = str(error).strip().splitlines()[0]
         raise InputError(
-            f"robot: got {str(path)!r}, which MuJoCo cannot read ({cause}), allowed an MJCF or URDF file"
+            f"robot: got {str(path)!r}, which MuJoCo cannot read ({cause}), allowed an MJCF or URDF"
+            " file"
         ) from error
     body, pose = _frame_of(model, frame, path)
     joints = _chain(model, body, frame, path)
     names = tuple(model.joint(j).name for j in joints)
     if not all(names):
-        raise InputError(f"robot: got {path.name} with joints without a name, allowed only joints with names")
+        raise InputError(
+            f"robot: got {path.name} with joints without a name, allowed only joints with names"
+        )
     for j, name in zip(joints, names, strict=True):
         if not model.jnt_limited[j]:
-            raise InputError(f"robot: got joint {name!r} of {path.name} without a range, allowed only joints with one")
+            raise InputError(
+                f"robot: got joint {name!r} of {path.name} without a range, allowed only joints"
+                " with one"
+            )
     ranges = model.jnt_range[joints]
     lower, upper = ranges[:, 0] + MARGIN, ranges[:, 1] - MARGIN
     speeds = _per_joint(spec, model, joints, "velocity", velocity, path)
     accelerations = _per_joint(spec, model, joints, "acceleration", acceleration, path)
     middle = (lower + upper) / 2 if rest is None and "joint_rest" not in _numerics(spec) else None
-    wished = middle if middle is not None else _per_joint(spec, model, joints, "rest", rest, path, positive=False)
+    wished = (
+        middle
+        if middle is not None
+        else _per_joint(spec, model, joints, "rest", rest, path, positive=False)
+    )
     held = np.clip(wished, lower, upper)
-    return Robot(path.stem, spec, frame, model.body(body).name, pose, names, lower, upper, speeds, accelerations, held)
+    return Robot(
+        path.stem,
+        spec,
+        frame,
+        model.body(body).name,
+        pose,
+        names,
+        lower,
+        upper,
+        speeds,
+        accelerations,
+        held,
+    )
 
 
 def _path_of(robot: str | Path) -> Path:
@@ -117,7 +146,9 @@ def _path_of(robot: str | Path) -> Path:
         return packaged
     path = Path(robot)
     if not path.is_file():
-        raise InputError(f"robot: got {str(robot)!r}, allowed 'panda' or the path of an MJCF or URDF file")
+        raise InputError(
+            f"robot: got {str(robot)!r}, allowed 'panda' or the path of an MJCF or URDF file"
+        )
     return path
 
 
@@ -136,7 +167,9 @@ def _frame_of(model: mujoco.MjModel, frame: str, path: Path) -> tuple[int, np.nd
     sites = [model.site(i).name for i in range(model.nsite)]
     bodies = [model.body(i).name for i in range(1, model.nbody)]
     known = ", ".join(name for name in (*sites, *bodies) if name)
-    raise InputError(f"robot: {path.name} has no frame {frame!r}, allowed one of its sites and bodies: {known}")
+    raise InputError(
+        f"robot: {path.name} has no frame {frame!r}, allowed one of its sites and bodies: {known}"
+    )
 
 
 def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int]:
@@ -147,12 +180,16 @@ def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int
         joints = [*range(first, first + count), *joints]
         body = int(model.body_parentid[body])
     if not joints:
-        raise InputError(f"robot: no joint of {path.name} moves the frame {frame!r}, allowed a frame that some joint moves")
+        raise InputError(
+            f"robot: no joint of {path.name} moves the frame {frame!r}, allowed a frame that some"
+            " joint moves"
+        )
     simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for j in joints:
         if int(model.jnt_type[j]) not in simple:
             raise InputError(
-                f"robot: got joint {model.joint(j).name!r} of several axes in {path.name}, allowed hinges and slides"
+                f"robot: got joint {model.joint(j).name!r} of several axes in {path.name}, allowed"
+                " hinges and slides"
             )
     return joints
 
@@ -170,17 +207,24 @@ def _per_joint(
     path: Path,
     positive: bool = True,
 ) -> np.ndarray:
-    """Return one number per joint of the chain: what is given, else what the file's custom numeric says."""
+    """Return one number per joint of the chain: what is given, else the file's custom numeric."""
     if given is None:
         found = _numerics(spec).get(f"joint_{what}")
         if found is None:
-            raise InputError(f"{what}: {path.name} does not say it, allowed {what}=... or its custom numeric 'joint_{what}'")
+            raise InputError(
+                f"{what}: {path.name} does not say it, allowed {what}=... or its custom numeric"
+                f" 'joint_{what}'"
+            )
         # The file's list is of all its joints, in order.
         given = found[list(joints)] if found.size == model.njnt else found
     try:
         values = np.broadcast_to(np.asarray(given, dtype=float), (len(joints),)).copy()
     except (TypeError, ValueError):
-        raise InputError(f"{what}: got {shown(given)}, allowed one number or {len(joints)}, one per joint") from None
+        raise InputError(
+            f"{what}: got {shown(given)}, allowed one number or {len(joints)}, one per joint"
+        ) from None
     if not np.isfinite(values).all() or (positive and not (values > 0).all()):
-        raise InputError(f"{what}: got {values.tolist()}, allowed {'positive' if positive else 'finite'} numbers")
+        raise InputError(
+            f"{what}: got {values.tolist()}, allowed {'positive' if positive else 'finite'} numbers"
+        )
     return values

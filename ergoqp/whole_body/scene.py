@@ -1,4 +1,4 @@
-"""Person, robot and object in one MuJoCo model, and which of its parts keep a distance from each other."""
+"""Person, robot and object in one MuJoCo model, and which of its parts keep a distance."""
 
 from __future__ import annotations
 
@@ -20,18 +20,22 @@ BASE_JOINTS: Final = ("base_x", "base_y", "base_z", "base_yaw")
 _HAND_PARTS: Final = ("palm", "fingers", "thumb")
 _SHORTEST: Final = 1e-3  # tool between object and hand [m]
 _HOLDS: Final = 2
-"""The hand that holds the tool need not keep away from links with fewer joints than this between them and the object."""
+"""The hand that holds the tool need not avoid links fewer joints than this from the object."""
 _JOINTS_AWAY: Final = 4
-"""The object cannot be kept away from the links it hangs on: pairs begin this many joints up the arm."""
+"""The object cannot avoid the links it hangs on: pairs begin this many joints up the arm."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """What the robot's end-effector frame carries: a box on the frame, and in it the tool whose other end the person holds.
+    """What the robot's end-effector frame carries: a box on the frame, and in it the tool.
+
+    The person holds the other end of the tool.
 
     Attributes:
-        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; its x is the tool's axis, out of the fist.
-        size: side lengths of the box along the axes of the end-effector frame [m]; it begins at the frame and extends along z.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; its x is the tool's
+            axis, out of the fist.
+        size: side lengths of the box along the axes of the end-effector frame [m]; it begins at the
+            frame and extends along z.
     """
 
     tool_frame: np.ndarray
@@ -39,7 +43,9 @@ class Load:
 
 
 def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
-    """Return a contact frame (4, 4) that faces the end-effector frame, `length` [m] before it, turned about the tool [rad].
+    """Return a contact frame (4, 4) that faces the end-effector frame, `length` [m] before it.
+
+    It is turned about the tool by `turn` [rad].
 
     Its x axis points back along the z of the end-effector frame: the person works toward the robot.
     """
@@ -52,7 +58,7 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
 
 
 class Columns(Protocol):
-    """What tasks and limits need to know of a model: whose velocities are in which columns, as in `Scene`."""
+    """What tasks and limits need of a model: whose velocities are in which columns, see `Scene`."""
 
     model: mujoco.MjModel
     person: np.ndarray
@@ -68,19 +74,30 @@ class Scene:
         robot: the arm.
         base: of the robot in the world of the problem (4, 4) [m].
         load: what the arm carries.
-        hands: of the person, ``"right"``, ``"left"`` or both: those that hold the tool may touch object and tool.
+        hands: of the person, ``"right"``, ``"left"`` or both: those that hold the tool may touch
+            object and tool.
 
     Attributes:
-        model: person first, with the prefix ``person/``, then the robot with ``robot/``; object and tool are the geoms
-            ``robot/object`` and ``robot/tool``, the contact frame is the site ``robot/contact``.
+        model: person first, with the prefix ``person/``, then the robot with ``robot/``; object and
+            tool are the geoms ``robot/object`` and ``robot/tool``, the contact frame is the site
+            ``robot/contact``.
         person: columns of pelvis x, y, z, yaw and the 32 joints among the velocities (36,).
         arm: columns of the arm's joints (k,).
-        idle: columns of all other joints of the robot's file, such as fingers: they stay where they are.
+        idle: columns of all other joints of the robot's file, such as fingers: they stay where they
+            are.
     """
 
-    def __init__(self, body: Body, robot: Robot, base: np.ndarray, load: Load, hands: tuple[str, ...]) -> None:
+    def __init__(
+        self, body: Body, robot: Robot, base: np.ndarray, load: Load, hands: tuple[str, ...]
+    ) -> None:
         """Put the descriptions together and compile them once."""
-        self.body, self.robot, self.base, self.load, self.hands = body, robot, np.asarray(base, dtype=float), load, hands
+        self.body, self.robot, self.base, self.load, self.hands = (
+            body,
+            robot,
+            np.asarray(base, dtype=float),
+            load,
+            hands,
+        )
         self.model = _compiled(body, robot, self.base, load)
         self.person = self._columns([f"person/{name}" for name in (*BASE_JOINTS, *JOINTS)])
         self.arm = self._columns([f"robot/{name}" for name in robot.joints])
@@ -96,28 +113,48 @@ class Scene:
     def pairs(self) -> np.ndarray:
         """Geoms that keep the distance, two per row (n, 2), the robot's or object's first.
 
-        - every collision geom of the robot, and its pedestal, with every part of the person; the hands that hold the tool are
-          left out for the last two links, which move as the object does;
-        - the object with every part of the person except the hands that hold the tool, and the tool with every part except
-          those hands and their forearms;
+        - every collision geom of the robot, and its pedestal, with every part of the person; the
+          hands that hold the tool are left out for the last two links, which move as the object
+          does;
+        - the object with every part of the person except the hands that hold the tool, and the tool
+          with every part except those hands and their forearms;
         - object and tool with the links at least four joints up the arm.
 
-        The arm's own links among each other are left to the robot's joint ranges and its own controller.
+        The arm's own links among each other are left to the robot's joint ranges and its own
+        controller.
         """
         model = self.model
         names = [model.geom(i).name for i in range(model.ngeom)]
-        person = [i for i, name in enumerate(names) if name.startswith("person/") and not name.endswith("nose")]
+        person = [
+            i
+            for i, name in enumerate(names)
+            if name.startswith("person/") and not name.endswith("nose")
+        ]
         load = [names.index("robot/object"), names.index("robot/tool")]
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         owners = [model.body(int(body)).name for body in model.geom_bodyid]
-        links = [i for i, owner in enumerate(owners) if owner.startswith("robot/") and solid[i] and i not in load]
+        links = [
+            i
+            for i, owner in enumerate(owners)
+            if owner.startswith("robot/") and solid[i] and i not in load
+        ]
         links += [i for i, name in enumerate(names) if name == "pedestal"]
         hands = {f"person/{hand}_{part}" for hand in self.hands for part in _HAND_PARTS}
-        holding = {load[0]: hands, load[1]: hands | {f"person/{hand}_forearm" for hand in self.hands}}
+        holding = {
+            load[0]: hands,
+            load[1]: hands | {f"person/{hand}_forearm" for hand in self.hands},
+        }
         end = self._joints_before(int(model.geom_bodyid[load[0]]))
         up = {link: end - self._joints_before(int(model.geom_bodyid[link])) for link in links}
-        pairs = [(link, part) for link in links for part in person if up[link] >= _HOLDS or names[part] not in hands]
-        pairs += [(piece, part) for piece in load for part in person if names[part] not in holding[piece]]
+        pairs = [
+            (link, part)
+            for link in links
+            for part in person
+            if up[link] >= _HOLDS or names[part] not in hands
+        ]
+        pairs += [
+            (piece, part) for piece in load for part in person if names[part] not in holding[piece]
+        ]
         pairs += [(piece, link) for piece in load for link in links if up[link] >= _JOINTS_AWAY]
         return np.array(pairs)
 
@@ -130,11 +167,13 @@ class Scene:
 
     def pair_name(self, pair: np.ndarray) -> str:
         """Return a pair in words, for a reason."""
-        first, second = (self.model.geom(int(i)).name.split("/")[-1].replace("_", " ") for i in pair)
+        first, second = (
+            self.model.geom(int(i)).name.split("/")[-1].replace("_", " ") for i in pair
+        )
         return f"{first} and {second}"
 
     def qpos(self, pelvis: np.ndarray, posture: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Return the model's positions: pelvis x, y, z, yaw (4,), posture (32,) and joints of the arm (k,)."""
+        """Return the model's positions: pelvis x, y, z, yaw (4,), posture (32,) and arm (k,)."""
         positions = self.model.qpos0.copy()
         positions[self.person_qpos] = np.concatenate([pelvis, posture])
         positions[self.arm_qpos] = arm
@@ -145,17 +184,34 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     root = mujoco.MjSpec()
     root.modelname = "whole body"
     world = root.worldbody
-    world.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 4], dir=[0.1, 0.15, -1], diffuse=[0.4, 0.4, 0.4])
-    floor = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [4, 4, 0.1], "rgba": [0.93, 0.93, 0.91, 1]}
+    world.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[0, 0, 4],
+        dir=[0.1, 0.15, -1],
+        diffuse=[0.4, 0.4, 0.4],
+    )
+    floor = {
+        "type": mujoco.mjtGeom.mjGEOM_PLANE,
+        "size": [4, 4, 0.1],
+        "rgba": [0.93, 0.93, 0.91, 1],
+    }
     world.add_geom(name="floor", contype=0, conaffinity=0, **floor)
     root.attach(body.spec(), prefix="person/", frame=world.add_frame())
     arm = robot.spec.copy()
     carry(arm, robot, load)
-    root.attach(arm, prefix="robot/", frame=world.add_frame(pos=base[:3, 3], quat=_quaternion(base[:3, :3])))
+    root.attach(
+        arm, prefix="robot/", frame=world.add_frame(pos=base[:3, 3], quat=_quaternion(base[:3, :3]))
+    )
     if base[2, 3] > 0.10:
         low, high = [*base[:2, 3], 0.05], [*base[:2, 3], base[2, 3] - 0.05]
-        column = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [*low, *high], "size": [0.05, 0, 0]}
-        world.add_geom(name="pedestal", contype=0, conaffinity=0, rgba=[0.6, 0.6, 0.62, 1], **column)
+        column = {
+            "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+            "fromto": [*low, *high],
+            "size": [0.05, 0, 0],
+        }
+        world.add_geom(
+            name="pedestal", contype=0, conaffinity=0, rgba=[0.6, 0.6, 0.62, 1], **column
+        )
     return root.compile()
 
 
@@ -163,17 +219,28 @@ def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
     """Fix object, tool and contact frame to the end-effector frame of an arm's description.
 
     Raises:
-        InputError: if the object ends where the person holds the tool, so that there is no tool between them.
+        InputError: if the object ends where the person holds the tool, so that there is no tool
+            between them.
     """
     pose = robot.frame_pose
-    carrier = arm.body(robot.frame_body).add_body(name="load", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3]))
+    carrier = arm.body(robot.frame_body).add_body(
+        name="load", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3])
+    )
     x, y, z = load.size
     solid = {"contype": 0, "conaffinity": 1, "mass": 0.2}
-    box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [x / 2, y / 2, z / 2], "pos": [0, 0, z / 2], "rgba": [0.85, 0.55, 0.2, 1]}
+    box = {
+        "type": mujoco.mjtGeom.mjGEOM_BOX,
+        "size": [x / 2, y / 2, z / 2],
+        "pos": [0, 0, z / 2],
+        "rgba": [0.85, 0.55, 0.2, 1],
+    }
     carrier.add_geom(name="object", **box, **solid)
     end = load.tool_frame[:3, 3]
     if np.linalg.norm(end - [0, 0, z]) < _SHORTEST:
-        raise InputError(f"object_size: got {z:g} m along z, where tool_frame has the contact point, allowed less or more")
+        raise InputError(
+            f"object_size: got {z:g} m along z, where tool_frame has the contact point, allowed"
+            " less or more"
+        )
     rod = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0, 0, z, *end], "size": [0.008, 0, 0]}
     carrier.add_geom(name="tool", rgba=[0.2, 0.2, 0.22, 1], **rod, **solid)
     carrier.add_site(name="contact", pos=end, quat=_quaternion(load.tool_frame[:3, :3]))

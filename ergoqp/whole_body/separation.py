@@ -17,7 +17,8 @@ class Closeness:
     Attributes:
         pairs: rows of `Scene.pairs` (m,).
         distances: of each (m,) [m], negative inside each other.
-        gradients: derivative of each distance after all velocities (m, nv) [m/rad]; zero where both touch at a point.
+        gradients: derivative of each distance after all velocities (m, nv) [m/rad]; zero where both
+            touch at a point.
     """
 
     pairs: np.ndarray
@@ -28,8 +29,8 @@ class Closeness:
 class Separation:
     """Measures the pairs of a scene.
 
-    MuJoCo gives the nearest points of a pair; the distance changes by what both points do along the line between them, and
-    inside each other by the opposite.
+    MuJoCo gives the nearest points of a pair; the distance changes by what both points do along the
+    line between them, and inside each other by the opposite.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -41,7 +42,10 @@ class Separation:
         self._points, self._jacobians = np.zeros(6), np.zeros((2, 3, model.nv))
 
     def near(self, data: mujoco.MjData, range_: float) -> Closeness:
-        """Return the pairs within a range [m], with gradients; `data` must be up to date (`mj_kinematics`, `mj_comPos`)."""
+        """Return the pairs within a range [m], with gradients.
+
+        `data` must be up to date (`mj_kinematics`, `mj_comPos`).
+        """
         rows, distances, gradients = [], [], []
         for row in self._candidates(data, range_):
             distance, points = self._distance(data, int(row), range_)
@@ -50,10 +54,15 @@ class Separation:
                 distances.append(distance)
                 gradients.append(self._gradient(data, int(row), distance, points))
         shape = (len(rows), self.scene.model.nv)
-        return Closeness(np.array(rows, dtype=int), np.array(distances), np.array(gradients).reshape(shape))
+        return Closeness(
+            np.array(rows, dtype=int), np.array(distances), np.array(gradients).reshape(shape)
+        )
 
     def smallest(self, data: mujoco.MjData, range_: float = 1.0) -> tuple[float, int]:
-        """Return the smallest distance of all pairs [m] and its row in `Scene.pairs`; beyond the range: (range, -1)."""
+        """Return the smallest distance of all pairs [m] and its row in `Scene.pairs`.
+
+        Beyond the range it is (range, -1).
+        """
         least, which = range_, -1
         for row in self._candidates(data, range_):
             distance, _ = self._distance(data, int(row), least)
@@ -70,7 +79,9 @@ class Separation:
         distance = mujoco.mj_geomDistance(self.scene.model, data, *pair, range_, self._points)
         return distance, self._points
 
-    def _gradient(self, data: mujoco.MjData, row: int, distance: float, points: np.ndarray) -> np.ndarray:
+    def _gradient(
+        self, data: mujoco.MjData, row: int, distance: float, points: np.ndarray
+    ) -> np.ndarray:
         model, pair = self.scene.model, (int(self._first[row]), int(self._second[row]))
         for jacobian, point, geom in zip(self._jacobians, points.reshape(2, 3), pair, strict=True):
             mujoco.mj_jac(model, data, jacobian, None, point, int(model.geom_bodyid[geom]))

@@ -11,9 +11,9 @@ _ROUNDING = 1e-12
 def stopping_speed(distance: ArrayLike, acceleration: ArrayLike, dt: float) -> np.ndarray:
     """Return the largest speed of this period from which a stop stays within a distance.
 
-    The speed is held for one period and then falls by a dt per period: after k + 1 periods v dt + (v - a dt) dt + ... is
-    covered, so that v = d / ((k + 1) dt) + a dt k / 2 with k = floor((sqrt(1 + 8 d / (a dt^2)) - 1) / 2) (the continuous
-    sqrt(2 a d) is passed by up to a period's way).
+    The speed is held for one period and then falls by a dt per period: after k + 1 periods v dt +
+    (v - a dt) dt + ... is covered, so that v = d / ((k + 1) dt) + a dt k / 2 with k = floor((sqrt(1
+    + 8 d / (a dt^2)) - 1) / 2) (the continuous sqrt(2 a d) is passed by up to a period's way).
 
     Args:
         distance: what is left, negative counts as none [rad].
@@ -36,8 +36,8 @@ def joint_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the greatest speed of every joint in this period (k,) each.
 
-    Position through the stop, rate and acceleration; the joint's own braking is always among them, so that bounds of joints
-    that kept them before are never empty.
+    Position through the stop, rate and acceleration; the joint's own braking is always among them,
+    so that bounds of joints that kept them before are never empty.
 
     Args:
         position: of the joints (k,) [rad].
@@ -46,12 +46,15 @@ def joint_bounds(
         velocity: largest speeds (k,) [rad/s].
         acceleration: largest accelerations (k,) [rad/s^2].
         dt: period [s].
-        pace: the ends of the ranges are come to at what is left over this time [s], where it is longer than the stop: joints
-            stop sooner than the object that they carry may.
+        pace: the ends of the ranges are come to at what is left over this time [s], where it is
+            longer than the stop: joints stop sooner than the object that they carry may.
     """
     brake = np.sign(speed) * np.maximum(np.abs(speed) - acceleration * dt, 0.0)
     up, down = (
-        np.minimum(np.minimum(velocity, stopping_speed(left, acceleration, dt)), np.maximum(left, 0.0) / max(pace, dt))
+        np.minimum(
+            np.minimum(velocity, stopping_speed(left, acceleration, dt)),
+            np.maximum(left, 0.0) / max(pace, dt),
+        )
         for left in (limits[1] - position, position - limits[0])
     )
     low = np.minimum(np.maximum(-down, speed - acceleration * dt), brake)

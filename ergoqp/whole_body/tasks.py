@@ -1,4 +1,7 @@
-"""What the whole body minimises and ties together, as tasks of mink; the unknown is the displacement of one period."""
+"""What the whole body minimises and ties together, as tasks of mink.
+
+The unknown is the displacement of one period.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,14 @@ from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.scene import Columns
 
 TIE_WEIGHT = 1.0
-"""Weight of the tie as a term beside the constraint [1/s^2]: it is zero wherever the constraint holds and changes nothing, but
-makes the objective curved in the person's unknowns, which solvers want."""
+"""Weight of the tie as a term beside the constraint [1/s^2].
+
+The term is zero wherever the constraint holds and changes nothing, but makes the objective curved
+in the person's unknowns, which solvers want.
+"""
 
 NULL_WEIGHT = 1e-3
-"""Weight of the arm's null space, against the object's effort of 1 and more [points / (rad/s)^2]."""
+"""Weight of the arm's null space against an object effort of 1 and more [points / (rad/s)^2]."""
 
 
 class _MomentTask(BaseTask):
@@ -39,10 +45,13 @@ class _MomentTask(BaseTask):
 
 
 class ErgonomicTask(_MomentTask):
-    """The posture's cost over the look-ahead T, in the person's joints: T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
+    """The posture's cost over the look-ahead T, in the person's joints.
 
-    B is Gauss-Newton on V, made finite near the least cost by the step's caution, see `ergoqp.step.objective`. It acts on the
-    posture's own unknowns, as a cost of the posture should; the tie makes the object feel it through S.
+    It is T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
+
+    B is Gauss-Newton on V, made finite near the least cost by the step's caution, see
+    `ergoqp.step.objective`. It acts on the posture's own unknowns, as a cost of the posture should;
+    the tie makes the object feel it through S.
     """
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
@@ -53,7 +62,10 @@ class ErgonomicTask(_MomentTask):
 
 
 class ObjectTask(_MomentTask):
-    """An objective of the object's twist, 1/2 xi' H xi + g' xi: effort R, smoothing, and contact that would be lost."""
+    """An objective of the object's twist, 1/2 xi' H xi + g' xi.
+
+    It holds effort R, smoothing, and contact that would be lost.
+    """
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
         """Return curvature and slope in displacements of the arm."""
@@ -63,10 +75,13 @@ class ObjectTask(_MomentTask):
 
 
 class NullSpaceTask(_MomentTask):
-    """The second level: what the arm does beside the twist, 1/2 |N (dq - wish)|^2 with N = I - J^+ J.
+    """The second level: what the arm does beside the twist.
 
-    N takes everything out that moves the object, so the two levels do not see each other and one QP solves both, exactly, as
-    long as no limit of the robot is active. Where one is, the twist may give way by about `NULL_WEIGHT` over the effort.
+    It is 1/2 |N (dq - wish)|^2 with N = I - J^+ J.
+
+    N takes everything out that moves the object, so the two levels do not see each other and one QP
+    solves both, exactly, as long as no limit of the robot is active. Where one is, the twist may
+    give way by about `NULL_WEIGHT` over the effort.
     """
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
@@ -91,10 +106,13 @@ class _Rows(mink.Task):
 
 
 class Tie(_Rows):
-    """The person follows the object: pelvis and joints move by (carried, S) xi with xi = J dq - offset, in no other way.
+    """The person follows the object.
 
-    Contact alone would let the QP choose among all postures that keep the contact, as if the robot moved the person. Joints of
-    the robot's file that the arm does not use, such as fingers, are tied to rest.
+    Pelvis and joints move by (carried, S) xi with xi = J dq - offset, in no other way.
+
+    Contact alone would let the QP choose among all postures that keep the contact, as if the robot
+    moved the person. Joints of the robot's file that the arm does not use, such as fingers, are
+    tied to rest.
     """
 
     def __init__(self, scene: Columns) -> None:
@@ -102,8 +120,13 @@ class Tie(_Rows):
         super().__init__(scene, len(scene.person) + len(scene.idle))
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
-        """Return what the offset would make them do; nothing drifts, the posture is measured anew in every step."""
-        return np.concatenate([self._follows() @ self._now().offset, np.zeros(len(self.scene.idle))])
+        """Return what the offset would make them do.
+
+        Nothing drifts: the posture is measured anew in every step.
+        """
+        return np.concatenate(
+            [self._follows() @ self._now().offset, np.zeros(len(self.scene.idle))]
+        )
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
         """Return the rows, scaled by the period as all terms are."""

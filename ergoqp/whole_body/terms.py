@@ -1,4 +1,7 @@
-"""The control step's own terms, evaluated for the whole-body formulation: its QP's data, and how person and pelvis follow."""
+"""The control step's own terms, evaluated for the whole-body formulation.
+
+They are its QP's data, and how person and pelvis follow.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from ergoqp.step.objective import cost_function
 from ergoqp.step.qp import build_qp
 
 _CAUTION_EPS: Final = 0.1
-"""As in the control step: keeps the Gauss-Newton curvature finite where the cost is at its least."""
+"""As in the control step: keeps the Gauss-Newton curvature finite where the cost is least."""
 
 
 SAME: Final = 1e-6
@@ -37,7 +40,10 @@ def person_of(problem: Problem) -> IkResponse:
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     response = problem.response
     if not isinstance(response, IkResponse):
-        raise ProblemError(f"whole body: got a response of type {type(response).__name__}, allowed IkResponse: a person's body")
+        raise ProblemError(
+            f"whole body: got a response of type {type(response).__name__}, allowed IkResponse: a"
+            " person's body"
+        )
     return response
 
 
@@ -63,23 +69,33 @@ def terms_function(problem: Problem) -> ca.Function:
     excess = ca.fmax(value - problem.cost.minimum, 0) + _CAUTION_EPS
     caution = ahead * np.sqrt(control.caution * problem.response.weight_vector)
     parts["slope"] = ahead * gradient
-    parts["root"] = ca.vertcat(ahead * gradient.T / ca.sqrt(2 * excess), ca.MX(ca.diag(ca.DM(caution))))
+    parts["root"] = ca.vertcat(
+        ahead * gradient.T / ca.sqrt(2 * excess), ca.MX(ca.diag(ca.DM(caution)))
+    )
     parts["carried"] = place(posture)[1] @ parts["S"]
     names = [data.name_in(i) for i in range(data.n_in())]
-    return ca.Function("terms", given, [ca.densify(part) for part in parts.values()], names, list(parts))
+    return ca.Function(
+        "terms", given, [ca.densify(part) for part in parts.values()], names, list(parts)
+    )
 
 
 def own_objective(terms: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return curvature (6, 6) and slope (6,) of the object's own share of the step's objective: effort, smoothing, contact.
+    """Return curvature (6, 6) and slope (6,) of the object's own share of the step's objective.
 
-    It is what remains when the share of the posture, which acts on the person's joints, is taken out through S.
+    The share is effort, smoothing and contact.
+
+    It is what remains when the share of the posture, which acts on the person's joints, is taken
+    out through S.
     """
     root = terms["root"] @ terms["S"]
     return terms["H"] - root.T @ root, terms["g"] - terms["S"].T @ terms["slope"]
 
 
 def pelvis_function(person: IkResponse) -> ca.Function:
-    """Return ``q (32,) -> (pelvis x, y, z [m] and yaw [rad] (4,), its derivative (4, 32))``, from the person's stance."""
+    """Return ``q (32,) -> (pelvis x, y, z [m] and yaw [rad] (4,), its derivative (4, 32))``.
+
+    It follows from the person's stance.
+    """
     q = ca.SX.sym("q", len(JOINTS))
     pose = person.contact()(q)[1]
     place = ca.densify(ca.vertcat(pose[:3, 3], ca.atan2(pose[1, 0], pose[0, 0])))
@@ -87,28 +103,41 @@ def pelvis_function(person: IkResponse) -> ca.Function:
 
 
 class Evaluator:
-    """Calls a CasADi function through its buffers and hands out its results as NumPy arrays, without copies of copies."""
+    """A CasADi function called through its buffers, with its results as NumPy arrays.
+
+    It makes no copies of copies.
+    """
 
     def __init__(self, function: ca.Function) -> None:
         """Lay the buffers out once."""
         self._buffer, self._call = function.buffer()
-        self._into = {function.name_in(i): np.zeros(function.numel_in(i)) for i in range(function.n_in())}
-        self._out = {function.name_out(i): np.zeros(function.numel_out(i)) for i in range(function.n_out())}
+        self._into = {
+            function.name_in(i): np.zeros(function.numel_in(i)) for i in range(function.n_in())
+        }
+        self._out = {
+            function.name_out(i): np.zeros(function.numel_out(i)) for i in range(function.n_out())
+        }
         self._shapes = {function.name_out(i): function.size_out(i) for i in range(function.n_out())}
         for i, array in enumerate(self._into.values()):
-            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
+            # The stub asks for a length.
+            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self._out.values()):
             self._buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
 
     def __call__(self, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
-        """Return the results by name, matrices in their shape, columns flat; they are the caller's own."""
+        """Return the results by name, matrices in their shape, columns flat.
+
+        They are the caller's own.
+        """
         for name, array in self._into.items():
             array[:] = np.ravel(values[name], order="F")
         self._call()
         results = {}
         for name, array in self._out.items():
             rows, columns = self._shapes[name]
-            results[name] = array.copy() if columns == 1 else array.reshape((rows, columns), order="F").copy()
+            results[name] = (
+                array.copy() if columns == 1 else array.reshape((rows, columns), order="F").copy()
+            )
         return results
 
 
@@ -126,12 +155,17 @@ class StepTerms:
         self._qp = build_qp(solver_named("daqp"), len(movable_names(problem)))
 
     def __call__(
-        self, step: Step, posture: np.ndarray, previous: np.ndarray, observed: np.ndarray, unimproved: float
+        self,
+        step: Step,
+        posture: np.ndarray,
+        previous: np.ndarray,
+        observed: np.ndarray,
+        unimproved: float,
     ) -> tuple[dict[str, np.ndarray], np.ndarray | float]:
         """Return the terms, see `terms_function`, and the slack that the step's rows needed (m,).
 
-        The step locks joints that are at their end, and its last pass takes joints near it as rows like all others; its own
-        answer tells which of the QPs with these locks it was.
+        The step locks joints that are at their end, and its last pass takes joints near it as rows
+        like all others; its own answer tells which of the QPs with these locks it was.
 
         Args:
             step: the object's step.
@@ -140,7 +174,13 @@ class StepTerms:
             observed: (32,) 0 for joints that the sensors do not see.
             unimproved: for how long nothing had improved before the step [s].
         """
-        given = {"posture": posture, "observed": observed, "pose": step.pose, "previous": previous, "dt": self._dt}
+        given = {
+            "posture": posture,
+            "observed": observed,
+            "pose": step.pose,
+            "previous": previous,
+            "dt": self._dt,
+        }
         given["stalled"] = unimproved
         given |= {"locked": step.account("locked"), "final": 0.0}
         terms = self._terms(given)
@@ -149,7 +189,9 @@ class StepTerms:
         slack: np.ndarray | float = 0.0
         for final in (0.0, 1.0):
             terms = self._terms(given | {"final": final})
-            twist, slack, _, _ = (np.array(part).ravel() for part in self._qp(*(terms[name] for name in QP_DATA)))
+            twist, slack, _, _ = (
+                np.array(part).ravel() for part in self._qp(*(terms[name] for name in QP_DATA))
+            )
             if np.abs(twist - step.twist).max() < SAME:
                 break
         return terms, slack

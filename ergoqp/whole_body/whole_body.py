@@ -1,4 +1,7 @@
-"""The control step of person, robot and object together: posture and robot in, joint velocities of the robot out."""
+"""The control step of person, robot and object together.
+
+Posture and robot go in, joint velocities of the robot come out.
+"""
 
 from __future__ import annotations
 
@@ -51,12 +54,14 @@ class WholeBodyStep:
         joint_velocities: of the arm (k,) [rad/s]: send these.
         twist: what the object really does with them (6,) [m/s, rad/s].
         posture_rate: how the model person follows that (32,) [rad/s].
-        status: that of the object's own step where the robot does the same; ``slower`` where limits of the robot or the
-            distance hold it back; ``braking`` where the object brakes, or robot and object cannot keep all limits; ``invalid``
-            where an input cannot be used.
+        status: that of the object's own step where the robot does the same; ``slower`` where limits
+            of the robot or the distance hold it back; ``braking`` where the object brakes, or robot
+            and object cannot keep all limits; ``invalid`` where an input cannot be used.
         reason: one sentence that names the cause, empty for a plain optimal step.
-        min_distance: smallest of all kept distances where everything is now [m]; infinite where none is kept.
-        object_step: the object's own step (`ergoqp.step.stepper.Step`), in which the robot has no limits.
+        min_distance: smallest of all kept distances where everything is now [m]; infinite where
+            none is kept.
+        object_step: the object's own step (`ergoqp.step.stepper.Step`), in which the robot has no
+            limits.
         solve_time: duration of the call [s].
     """
 
@@ -76,15 +81,20 @@ class WholeBody:
     Args:
         problem: the task; its state must be a person's posture.
         robot: ``"panda"``, the path of an MJCF or URDF file, or what `load_robot` gave.
-        frame: the robot's end-effector frame; None: ``"flange"``, or that of a robot from `load_robot`.
-        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it, the tool's axis pointing
-            back into it, turned about it, in steps of 45 degrees, as the arm holds the object best at `posture`.
-        base: of the robot in the world of the problem (4, 4) [m]; None: see `ergoqp.whole_body.placing.default_base`.
+        frame: the robot's end-effector frame; None: ``"flange"``, or that of a robot from
+            `load_robot`.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it,
+            the tool's axis pointing back into it, turned about it, in steps of 45 degrees, as the
+            arm holds the object best at `posture`.
+        base: of the robot in the world of the problem (4, 4) [m]; None: see
+            `ergoqp.whole_body.placing.default_base`.
         posture: with which the loop starts (32,) [rad]; None: the comfort posture.
-        start: joints with which the arm holds the object then (k,) [rad]; None: found, see `ergoqp.whole_body.grasp`. Where
-            they are given, the object begins where they hold it.
-        distance: that robot and object keep from the person, and the object from the arm [m], see `Scene.pairs`; None: none.
-        reserve: kept beyond `distance`, for what the person does by themselves within the robot's reaction [m].
+        start: joints with which the arm holds the object then (k,) [rad]; None: found, see
+            `ergoqp.whole_body.grasp`. Where they are given, the object begins where they hold it.
+        distance: that robot and object keep from the person, and the object from the arm [m], see
+            `Scene.pairs`; None: none.
+        reserve: kept beyond `distance`, for what the person does by themselves within the robot's
+            reaction [m].
         object_size: side lengths of the box on the end-effector frame [m].
         dt: control period [s]; None: the problem's.
 
@@ -122,13 +132,18 @@ class WholeBody:
         begin = self._person.comfort if posture is None else posture_of(posture)
         self.robot = robot_of(robot, frame)
         joints = None if start is None else start_of(start, self.robot)
-        # The object does what the arm can, and not always what its own step says: so nothing is averaged.
-        self.stepper = Stepper(problem.replace(control=replace(problem.control, average=0.0)), dt=dt)
+        # The object does what the arm can, and not always what its own step says: so nothing is
+        # averaged.
+        self.stepper = Stepper(
+            problem.replace(control=replace(problem.control, average=0.0)), dt=dt
+        )
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
         self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
         apart = None if distance is None else distance + reserve
         if joints is None:
-            self.scene, self.start = grasp(self._person, self.robot, placed, held, object_size, begin, apart)
+            self.scene, self.start = grasp(
+                self._person, self.robot, placed, held, object_size, begin, apart
+            )
         else:
             load = Load(default_tool_frame(0.0) if held is None else held, object_size)
             self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
@@ -163,8 +178,8 @@ class WholeBody:
         Args:
             posture: joint angles of the person (32,) [rad]; None when no frame arrived.
             arm: joint positions of the arm (k,) [rad].
-            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was sent. Limits of speed and
-                acceleration go on from what was sent, whatever it says.
+            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was
+                sent. Limits of speed and acceleration go on from what was sent, whatever it says.
             pose: measured contact frame in the world (4, 4) [m]; None: where the arm holds it.
             age: of the posture [s].
             enable: False decelerates to rest.
@@ -172,19 +187,26 @@ class WholeBody:
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
-        positions, measured = numbers(arm, k), self._sent if arm_speed is None else numbers(arm_speed, k)
+        positions, measured = (
+            numbers(arm, k),
+            self._sent if arm_speed is None else numbers(arm_speed, k),
+        )
         if positions is None or measured is None:
             what = "arm" if positions is None else "arm_speed"
             return self._blind(begin, posture, f"{what} is not {k} finite numbers")
-        wrong = implausible_position(self.robot, positions) or implausible_speed(self.robot, measured)
+        wrong = implausible_position(self.robot, positions) or implausible_speed(
+            self.robot, measured
+        )
         if wrong is not None:
             return self._blind(begin, posture, wrong)
-        # Limits go on from what was sent: what is measured says where the arm is, not what it may do next.
+        # Limits go on from what was sent: what is measured says where the arm is, not what it may
+        # do next.
         speeds = self._sent
         contact, jacobian = self._look(positions, measured)
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
-        # To keep a distance the robot may have moved the object faster than its limits, which it comes back to at once.
+        # To keep a distance the robot may have moved the object faster than its limits, which it
+        # comes back to at once.
         fastest = self.problem.twist_limit.speed
         self.stepper.sent_instead(np.clip(done, -fastest, fastest))
         unimproved = self.stepper.stalled
@@ -196,7 +218,9 @@ class WholeBody:
             self._posture = np.where(sees > 0.5, angles, self._person.comfort)
         self._place(positions)
         close, least = self._near()
-        moment = self._moment(object_step, positions, speeds, jacobian, done, close, sees, unimproved)
+        moment = self._moment(
+            object_step, positions, speeds, jacobian, done, close, sees, unimproved
+        )
         velocities, status, why = self._solve(object_step, moment, done)
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
@@ -206,31 +230,51 @@ class WholeBody:
         return WholeBodyStep(velocities, twist, rate, status, reason, least, object_step, took)
 
     def _done(self, contact: np.ndarray, jacobian: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """Return the object's twist in the last period (6,), and find what the arm missed of it: see `Moment.offset`."""
+        """Return the object's twist in the last period (6,), and find what the arm missed of it.
+
+        See `Moment.offset`.
+        """
         if self._before is None:
             done = jacobian @ speeds
         else:
             there, then = self._before
             done = then @ speeds - self._offset
-            missed = (self._offset + done) * self.dt - pose_error(there[:3, 3], there[:3, :3], contact)
+            missed = (self._offset + done) * self.dt - pose_error(
+                there[:3, 3], there[:3, :3], contact
+            )
             self._offset = np.clip(missed / self.dt, -_OFFSET, _OFFSET)
         self._before = contact, jacobian
         return done
 
-    def _solve(self, object_step: Step, moment: Moment, done: np.ndarray) -> tuple[np.ndarray, str, str]:
-        """The ladder: the whole QP, the robot's limits with the object's speed, without it, then every joint's own stop."""
+    def _solve(
+        self, object_step: Step, moment: Moment, done: np.ndarray
+    ) -> tuple[np.ndarray, str, str]:
+        """Go down the ladder from the whole QP to every joint's own stop.
+
+        Between them come the robot's limits with the object's speed, and without it.
+        """
         formulation, arm = self._formulation, self.scene.arm
-        whole = object_step.status in ("optimal", "relaxed", "recovering") and object_step.residuals["accepted"] == 1.0
+        whole = (
+            object_step.status in ("optimal", "relaxed", "recovering")
+            and object_step.residuals["accepted"] == 1.0
+        )
         if whole:
             solved = formulation.solve(moment, follow=True)
             if solved is not None:
                 twist = moment.jacobian @ solved[arm] - moment.offset
                 if np.abs(twist - object_step.twist).max() < SAME:
                     return solved[arm], object_step.status, ""
-                return solved[arm], "slower", "held back by " + held_back(self.robot, self.scene, moment, solved)
-        # The object brakes, rests, or cannot have all of its rows: the robot does what comes nearest to it.
+                return (
+                    solved[arm],
+                    "slower",
+                    "held back by " + held_back(self.robot, self.scene, moment, solved),
+                )
+        # The object brakes, rests, or cannot have all of its rows: the robot does what comes
+        # nearest to it.
         wanted = object_step.twist if not whole else self._braking(done)
-        effort = np.diag(np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3))
+        effort = np.diag(
+            np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3)
+        )
         moment.H, moment.g = effort, -effort @ wanted
         for bound in (self.problem.twist_limit.speed, np.full(6, FREE)):
             moment.low, moment.high = -bound, bound
@@ -246,10 +290,14 @@ class WholeBody:
             return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
         stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
         status = "invalid" if object_step.status == "invalid" else "braking"
-        return stop, status, "every joint of the robot stops by itself: the distance cannot be kept otherwise"
+        return (
+            stop,
+            status,
+            "every joint of the robot stops by itself: the distance cannot be kept otherwise",
+        )
 
     def _braking(self, previous: np.ndarray) -> np.ndarray:
-        """The object's braking twist after the last one: as much slower as its acceleration allows."""
+        """The object's braking twist after the last: as much slower as its acceleration allows."""
         stop = float(np.max(np.abs(previous) / self.problem.twist_limit.acceleration))
         return previous * max(0.0, 1 - self.dt / stop) if stop > 0 else previous
 
@@ -268,23 +316,40 @@ class WholeBody:
         terms, slack = self._terms(object_step, self._posture, done, sees, unimproved)
         self._formulation.rows.slack = slack
         ranges = (robot.lower, robot.upper)
-        low, high = joint_bounds(positions, speeds, ranges, robot.velocity, robot.acceleration, self.dt, self._pace)
+        low, high = joint_bounds(
+            positions, speeds, ranges, robot.velocity, robot.acceleration, self.dt, self._pace
+        )
         smooth = self.problem.control.smoothing / self.dt
         home = np.clip((self.start - positions) / _REST_TIME, -_REST_SPEED, _REST_SPEED)
         wish = (home + smooth * speeds) / (1 + smooth)
         H, g = own_objective(terms)
         moment = Moment(
-            self.dt, jacobian, terms, H, g, terms["low"], terms["high"], speeds, low, high, wish, self._offset, close
+            self.dt,
+            jacobian,
+            terms,
+            H,
+            g,
+            terms["low"],
+            terms["high"],
+            speeds,
+            low,
+            high,
+            wish,
+            self._offset,
+            close,
         )
         if close is not None:
             moment.approach = self._approach(close, low, high)
         return moment
 
     def _look(self, positions: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the contact frame (4, 4), and its Jacobian after the arm's joints (6, k) in the middle of the coming period.
+        """Return the contact frame (4, 4), and its Jacobian after the arm's joints (6, k).
 
-        The arm turns while it moves: with the Jacobian of the begin the object would leave its straight way by what the
-        Jacobian changes in half a period, again and again to the same side. The last speeds tell where the middle will be.
+        The Jacobian is that in the middle of the coming period.
+
+        The arm turns while it moves: with the Jacobian of the begin the object would leave its
+        straight way by what the Jacobian changes in half a period, again and again to the same
+        side. The last speeds tell where the middle will be.
         """
         scene, site = self.scene, self.scene.contact_site
         data = self._place(positions)
@@ -306,14 +371,16 @@ class WholeBody:
             return None, float("inf")
         data = self._formulation.configuration.data
         close = self._separation.near(data, self.distance + self.reserve + _LOOK)
-        least = float(close.distances.min()) if len(close.pairs) else self._separation.smallest(data)[0]
+        least = (
+            float(close.distances.min()) if len(close.pairs) else self._separation.smallest(data)[0]
+        )
         return close, least
 
     def _approach(self, close: Closeness, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Largest speeds of approach: what is left, over the time that the object takes to stop from full speed.
+        """Largest speeds of approach: what is left, over the object's time to stop from full speed.
 
-        So the distance is come to ever more slowly, with no more deceleration than the object has. Nearer than that, the robot
-        retreats, as fast as its joints allow and at most by 0.05 m/s.
+        So the distance is come to ever more slowly, with no more deceleration than the object has.
+        Nearer than that, the robot retreats, as fast as its joints allow and at most by 0.05 m/s.
         """
         left = close.distances - (self.distance or 0.0) - self.reserve
         allowed = np.where(left >= 0, left, np.maximum(left, -_RETREAT * self._pace)) / self._pace
@@ -323,11 +390,22 @@ class WholeBody:
 
     def _blind(self, begin: float, posture: Any, cause: str) -> WholeBodyStep:
         """Without knowing the arm: its joints slow down from what was sent."""
-        slower = np.sign(self._sent) * np.maximum(np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0)
+        slower = np.sign(self._sent) * np.maximum(
+            np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0
+        )
         object_step = self.stepper.step(posture, enable=False)
         twist = np.zeros(6) if self._before is None else self._before[1] @ slower
         # Where the object goes meanwhile is not known, so nothing is to be made good.
         self._sent, self._before, self._offset = slower, None, np.zeros(6)
         reason = f"{cause}: every joint of the robot stops by itself"
         took = time.perf_counter() - begin
-        return WholeBodyStep(slower, twist, object_step.posture_rate, "invalid", reason, float("nan"), object_step, took)
+        return WholeBodyStep(
+            slower,
+            twist,
+            object_step.posture_rate,
+            "invalid",
+            reason,
+            float("nan"),
+            object_step,
+            took,
+        )

@@ -1,4 +1,5 @@
-"""The command line as a user meets it: what it prints, what it writes, and what it says about mistakes."""
+"""The command line as a user meets it: what it prints, what it writes, and what it says about
+mistakes."""
 
 import csv
 import io
@@ -32,19 +33,42 @@ def test_help(ergoqp, arguments):
 
 def test_help_of_the_commands(ergoqp):
     run = ergoqp("run", "--help").out
-    for option in ("--from", "--at", "--out", "--seed", "--duration", "--person", "--unit-to-m", "--up", "--mapping"):
+    for option in (
+        "--from",
+        "--at",
+        "--out",
+        "--seed",
+        "--duration",
+        "--person",
+        "--unit-to-m",
+        "--up",
+        "--mapping",
+    ):
         assert option in run
     for name in {*problem_names()} - {"forearm"}:
         assert name in run
     score = ergoqp("score", "--help").out
-    for option in ("--load-kg", "--coupling", "--activity", "--shock", "--seated", "--one-leg", "--arm-supported"):
+    for option in (
+        "--load-kg",
+        "--coupling",
+        "--activity",
+        "--shock",
+        "--seated",
+        "--one-leg",
+        "--arm-supported",
+    ):
         assert option in score
 
 
 def test_help_is_quick():
     """No CasADi, MuJoCo or viser for a help text."""
-    code = "import sys, ergoqp.cli.main; print([m for m in ('casadi', 'mujoco', 'viser', 'scipy') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+    code = (
+        "import sys, ergoqp.cli.main; print([m for m in ('casadi', 'mujoco', 'viser', 'scipy') if m"
+        " in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True
+    )
     assert done.stdout == "[]\n"
 
 
@@ -57,23 +81,46 @@ class TestRun:
         summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
         assert (summary["problem"], summary["seed"], summary["steps"]) == ("screwing", 1, 300)
         assert "starts at the worst of 40 random places: REBA" in outcome.out
-        assert f"; {summary['reba_standing_still']} had the object stayed where it was." in " ".join(outcome.out.split())
+        assert (
+            f"; {summary['reba_standing_still']} had the object stayed where it was."
+            in " ".join(outcome.out.split())
+        )
         assert f"report.html  {Path('ergoqp-out') / 'screwing' / 'report.html'}" in outcome.out
         assert "\x1b" not in outcome.out + outcome.err
-        assert outcome.err.splitlines() == ["looking for an awkward place ...", "closed loop, 3 s ...", "report ..."]
+        assert outcome.err.splitlines() == [
+            "looking for an awkward place ...",
+            "closed loop, 3 s ...",
+            "report ...",
+        ]
 
     def test_from_the_worst_frame(self, ergoqp, demo, tmp_path):
-        outcome = ergoqp("run", "screwing", "--from", demo, "--duration", "2", "--out", tmp_path / "here")
+        outcome = ergoqp(
+            "run", "screwing", "--from", demo, "--duration", "2", "--out", tmp_path / "here"
+        )
         assert outcome.status == 0, outcome.err
         summary = json.loads((tmp_path / "here" / "run.json").read_text(encoding="utf-8"))
         assert summary["recording"] == "demo.bvh"
-        assert f"starts at the worst-scored frame, {round(30 * summary['start_time_s'])} of 0 to 180" in outcome.out
+        assert (
+            f"starts at the worst-scored frame, {round(30 * summary['start_time_s'])} of 0 to 180"
+            in outcome.out
+        )
         assert summary["reba_before"] >= 8
         assert summary["person"]["stature_m"] == pytest.approx(1.72, abs=0.01)
         assert "The unit of length is taken as 0.01 m" in outcome.out
 
     def test_at_a_time(self, ergoqp, demo, tmp_path):
-        outcome = ergoqp("run", "screwing", "--from", demo, "--at", "0.21", "--duration", "0.5", "--out", tmp_path / "here")
+        outcome = ergoqp(
+            "run",
+            "screwing",
+            "--from",
+            demo,
+            "--at",
+            "0.21",
+            "--duration",
+            "0.5",
+            "--out",
+            tmp_path / "here",
+        )
         assert outcome.status == 0, outcome.err
         summary = json.loads((tmp_path / "here" / "run.json").read_text(encoding="utf-8"))
         assert summary["start_time_s"] == pytest.approx(0.2)
@@ -88,14 +135,19 @@ class TestRun:
         )
         outcome = ergoqp("run", "mine.toml", "--duration", "0.5", "--person", "1.6")
         assert outcome.status == 0, outcome.err
-        summary = json.loads((tmp_path / "ergoqp-out" / "mine" / "run.json").read_text(encoding="utf-8"))
+        summary = json.loads(
+            (tmp_path / "ergoqp-out" / "mine" / "run.json").read_text(encoding="utf-8")
+        )
         assert summary["title"] == "my own task"
         assert summary["person"]["stature_m"] == pytest.approx(1.6)
 
     def test_same_seed_same_start(self, ergoqp, tmp_path):
         starts = []
         for folder in ("a", "b"):
-            assert ergoqp("run", "desk", "--duration", "0.2", "--seed", "7", "--out", folder).status == 0
+            assert (
+                ergoqp("run", "desk", "--duration", "0.2", "--seed", "7", "--out", folder).status
+                == 0
+            )
             with np.load(tmp_path / folder / "run.npz") as arrays:
                 starts.append(arrays["postures"])
         np.testing.assert_array_equal(*starts)
@@ -107,7 +159,9 @@ class TestRun:
         monkeypatch.setitem(sys.modules, "jinja2", None)
         outcome = ergoqp("run", "desk", "--duration", "0.2")
         assert outcome.status == 0, outcome.err
-        assert "report.html was not written: the report page needs the package 'jinja2'" in outcome.err
+        assert (
+            "report.html was not written: the report page needs the package 'jinja2'" in outcome.err
+        )
         assert "pip install 'ergoqp[report]'" in outcome.err
         assert not page.exists()
         assert page.with_name("run.json").is_file()
@@ -127,8 +181,14 @@ class TestRun:
             ((".",), "a directory"),
             (("screwing", "--at", "1"), "--at: got 1 s, but there is no recording"),
             (("screwing", "--up", "z"), "--up: got 'z', but there is no recording"),
-            (("screwing", "--unit-to-m", "0.01"), "--unit-to-m: got '0.01', but there is no recording"),
-            (("screwing", "--mapping", "names.toml"), "--mapping: got 'names.toml', but there is no recording"),
+            (
+                ("screwing", "--unit-to-m", "0.01"),
+                "--unit-to-m: got '0.01', but there is no recording",
+            ),
+            (
+                ("screwing", "--mapping", "names.toml"),
+                "--mapping: got 'names.toml', but there is no recording",
+            ),
             (("screwing", "--person", "nobody.toml"), "nobody.toml"),
             (("screwing", "--person", "3.1"), "stature: got 3.1"),
             (("screwing", "--person", "nan"), "stature: got nan"),
@@ -142,7 +202,10 @@ class TestRun:
                 ("screwing", "--bias-deg", "right_knee_flexin=4"),
                 "allowed NAME=VALUE with a NAME of joints such as right_knee_flexion",
             ),
-            (("screwing", "--bias-deg", "right_knee_flexion=x"), "allowed a number after right_knee_flexion="),
+            (
+                ("screwing", "--bias-deg", "right_knee_flexion=x"),
+                "allowed a number after right_knee_flexion=",
+            ),
             (("screwing", "--robot", "lagg=0.1"), "with a NAME of lag (the nearest), "),
             ((), "PROBLEM"),
         ],
@@ -156,7 +219,9 @@ class TestRun:
         assert words.endswith("allowed 0.00 to 6.00 s")
 
     def test_all_mistakes_of_a_file_at_once(self, ergoqp, tmp_path):
-        (tmp_path / "bad.toml").write_text('[response.ik]\nstance = "flying"\n[task]\nload_kg = -1\n', encoding="utf-8")
+        (tmp_path / "bad.toml").write_text(
+            '[response.ik]\nstance = "flying"\n[task]\nload_kg = -1\n', encoding="utf-8"
+        )
         outcome = ergoqp("run", "bad.toml")
         assert outcome.status == 2
         assert "response.ik.stance" in outcome.err
@@ -165,15 +230,23 @@ class TestRun:
 
     def test_nowhere_to_write(self, ergoqp, tmp_path):
         (tmp_path / "taken").write_text("a file", encoding="utf-8")
-        assert "--out: cannot write 'taken'" in mistake(ergoqp("run", "desk", "--duration", "0.1", "--out", "taken"))
+        assert "--out: cannot write 'taken'" in mistake(
+            ergoqp("run", "desk", "--duration", "0.1", "--out", "taken")
+        )
 
 
 class TestScore:
     def test_files_and_table(self, ergoqp, demo, tmp_path):
-        outcome = ergoqp("score", demo, "--load-kg", "6", "--coupling", "1", "--arm-supported", "both")
+        outcome = ergoqp(
+            "score", demo, "--load-kg", "6", "--coupling", "1", "--arm-supported", "both"
+        )
         assert outcome.status == 0, outcome.err
         folder = tmp_path / "ergoqp-out" / "demo"
-        assert {path.name for path in folder.iterdir()} == {"scores.csv", "scores.json", "report.html"}
+        assert {path.name for path in folder.iterdir()} == {
+            "scores.csv",
+            "scores.json",
+            "report.html",
+        }
         with (folder / "scores.csv").open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         assert len(rows) == 181
@@ -185,9 +258,15 @@ class TestScore:
 
     def test_options_change_the_score(self, ergoqp, demo, tmp_path):
         means = []
-        for name, options in {"plain": (), "load": ("--load-kg", "12", "--shock"), "seated": ("--seated",)}.items():
+        for name, options in {
+            "plain": (),
+            "load": ("--load-kg", "12", "--shock"),
+            "seated": ("--seated",),
+        }.items():
             assert ergoqp("score", demo, "--out", name, *options).status == 0
-            means.append(json.loads((tmp_path / name / "scores.json").read_text(encoding="utf-8"))["mean"])
+            means.append(
+                json.loads((tmp_path / name / "scores.json").read_text(encoding="utf-8"))["mean"]
+            )
         assert means[1] > means[0] >= means[2]
 
     @pytest.mark.parametrize(
@@ -210,7 +289,8 @@ class TestScore:
 
 
 class TestFaults:
-    """A bug is not the user's mistake: another status, a short message, the traceback for who asks."""
+    """A bug is not the user's mistake: another status, a short message, the traceback for who
+    asks."""
 
     @pytest.fixture
     def fault(self, monkeypatch):
@@ -225,7 +305,9 @@ class TestFaults:
         monkeypatch.delenv("ERGOQP_DEBUG", raising=False)
         outcome = ergoqp("run", "screwing")
         assert outcome.status == 1
-        assert outcome.err.startswith("ergoqp: internal fault, ZeroDivisionError: a bug; set ERGOQP_DEBUG=1")
+        assert outcome.err.startswith(
+            "ergoqp: internal fault, ZeroDivisionError: a bug; set ERGOQP_DEBUG=1"
+        )
         assert "Traceback" not in outcome.err
 
     @pytest.mark.usefixtures("fault")
@@ -244,10 +326,20 @@ class TestFaults:
 
 
 def test_as_a_process(tmp_path):
-    """The installed command and ``python -m ergoqp`` give the status and the streams to the shell."""
+    """The installed command and ``python -m ergoqp`` give the status and the streams to the
+    shell."""
     for command in (["ergoqp"], [sys.executable, "-m", "ergoqp"]):
-        environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-        done = subprocess.run([*command, "run", "nonsense"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        environment = {
+            **os.environ,
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        }
+        done = subprocess.run(
+            [*command, "run", "nonsense"],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+        )
         assert done.returncode == 2
         assert done.stdout == ""
         assert done.stderr.startswith("ergoqp: problem: got 'nonsense'")
@@ -255,7 +347,19 @@ def test_as_a_process(tmp_path):
 
 def test_output_without_unicode(tmp_path):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    command = [sys.executable, "-W", "error", "-m", "ergoqp", "run", "desk", "--duration", "0.1", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        "-m",
+        "ergoqp",
+        "run",
+        "desk",
+        "--duration",
+        "0.1",
+        "--out",
+        str(tmp_path),
+    ]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

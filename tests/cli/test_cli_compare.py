@@ -19,7 +19,12 @@ def test_compare_prints_the_tables_and_writes_the_files(ergoqp, tmp_path):
     ):
         assert said in outcome.out
     folder = tmp_path / "ergoqp-out" / "compare-dentist"
-    assert sorted(file.name for file in folder.iterdir()) == ["compare.json", "compare.png", "ergoqp_sequences.py", "sequences"]
+    assert sorted(file.name for file in folder.iterdir()) == [
+        "compare.json",
+        "compare.png",
+        "ergoqp_sequences.py",
+        "sequences",
+    ]
     kept = json.loads((folder / "compare.json").read_text())
     assert set(kept["solvers"]) == {"daqp", "qrqp"}
     assert kept["steps"] == 25
@@ -28,7 +33,10 @@ def test_compare_prints_the_tables_and_writes_the_files(ergoqp, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("compare", "desk", "--solvers", "simplex"), "solver: got 'simplex', allowed one of daqp, quadprog"),
+        (
+            ("compare", "desk", "--solvers", "simplex"),
+            "solver: got 'simplex', allowed one of daqp, quadprog",
+        ),
         (("compare", "desk", "--solvers", ","), "solvers: got none"),
         (("compare", "desk", "--steps", "0"), "steps: got 0"),
         (("compare", "desk", "--accuracy", "2"), "accuracy: got 2.0"),
@@ -43,4 +51,6 @@ def test_mistakes_give_one_sentence_and_leave_nothing(ergoqp, tmp_path, argument
 def test_a_solver_that_is_not_installed_names_its_extra(ergoqp, monkeypatch):
     monkeypatch.delitem(sys.modules, "ergoqp.solvers.sessions.piqp", raising=False)
     monkeypatch.setitem(sys.modules, "piqp", None)
-    assert "solver 'piqp' needs the package 'piqp'" in mistake(ergoqp("compare", "desk", "--solvers", "daqp,piqp"))
+    assert "solver 'piqp' needs the package 'piqp'" in mistake(
+        ergoqp("compare", "desk", "--solvers", "daqp,piqp")
+    )

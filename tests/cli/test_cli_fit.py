@@ -20,7 +20,9 @@ def test_fit_writes_a_model_that_works_and_a_picture(ergoqp, tmp_path):
     cost = package.load_cost(folder / "quadratic.npz")
     data = posture_data(30, seed=2)
     states = cost.coordinates.spread(data.points[:5])
-    assert cost(states) == pytest.approx([float(cost.function(state)) for state in states], abs=1e-10)
+    assert cost(states) == pytest.approx(
+        [float(cost.function(state)) for state in states], abs=1e-10
+    )
 
 
 def test_fit_to_a_table_of_ones_own(ergoqp, tmp_path):
@@ -34,7 +36,9 @@ def test_fit_to_a_table_of_ones_own(ergoqp, tmp_path):
 
 
 def test_fit_a_boundary(ergoqp, tmp_path):
-    outcome = ergoqp("fit", "boundary", "--joints", "scored", "--per-score", 40, "--folds", 2, "--set", "nu=0.05")
+    outcome = ergoqp(
+        "fit", "boundary", "--joints", "scored", "--per-score", 40, "--folds", 2, "--set", "nu=0.05"
+    )
     assert outcome.status == 0, outcome.err
     assert "400 points of 22 coordinates" in outcome.out
     model = load_one_class(tmp_path / "ergoqp-out" / "fit-boundary" / "boundary.npz")
@@ -45,27 +49,60 @@ def test_fit_a_boundary(ergoqp, tmp_path):
     ("arguments", "said"),
     [
         (("fit", "forest"), "cost: got 'forest', allowed quadratic, gmr"),
-        (("fit", "svr", "--data", "mocap"), "--data: got 'mocap', allowed sheet, interval, forearm"),
+        (
+            ("fit", "svr", "--data", "mocap"),
+            "--data: got 'mocap', allowed sheet, interval, forearm",
+        ),
         (("fit", "svr", "--data", "absent.csv"), "absent.csv: cannot be read"),
         (("fit", "quadratic", "--per-score", "0"), "--per-score: got 0"),
         (("fit", "quadratic", "--per-score", "3", "--folds", "1"), "--folds: got 1"),
         (("fit", "svr", "--set", "D=3"), "--set: got 'D=3', allowed NAME=VALUE with a name of"),
-        (("fit", "svr", "--data", "interval", "--joints", "scored"), "--joints: got 'scored' with the data 'interval'"),
+        (
+            ("fit", "svr", "--data", "interval", "--joints", "scored"),
+            "--joints: got 'scored' with the data 'interval'",
+        ),
         (("fit", "boundary", "--set", "nu=2", "--per-score", "9"), "nu"),
         (("fit", "svr", "--set", "C"), "--set: got 'C'"),
-        (("fit", "svr", "--seed", "-1"), "--seed: got -1, allowed a whole number from 0 to 4294967295"),
-        (("fit", "svr", "--per-score", "9", "--set", "C=abc"), "svr C: got 'abc', allowed a number from 1e-09 to 1e+09"),
-        (("fit", "svr", "--per-score", "9", "--set", "epsilon="), "svr epsilon: got '', allowed a number from 0 to 1e+09"),
-        (("fit", "svr", "--per-score", "9", "--set", "widths=3"), "svr widths: got 3, allowed a list of numbers"),
-        (("fit", "svr", "--per-score", "9", "--set", "shares=[1, 2]"), "svr shares: got 2, allowed 0 to 1"),
-        (("fit", "svr", "--per-score", "9", "--set", "seed=-3"), "svr seed: got -3, allowed a whole number from 0"),
-        (("fit", "svr", "--per-score", "9", "--set", "max_vectors=2.5"), "svr max_vectors: got 2.5, allowed a whole number"),
-        (("fit", "gmr", "--per-score", "9", "--set", "seed=-3"), "seed: got -3, allowed a whole number from 0"),
+        (
+            ("fit", "svr", "--seed", "-1"),
+            "--seed: got -1, allowed a whole number from 0 to 4294967295",
+        ),
+        (
+            ("fit", "svr", "--per-score", "9", "--set", "C=abc"),
+            "svr C: got 'abc', allowed a number from 1e-09 to 1e+09",
+        ),
+        (
+            ("fit", "svr", "--per-score", "9", "--set", "epsilon="),
+            "svr epsilon: got '', allowed a number from 0 to 1e+09",
+        ),
+        (
+            ("fit", "svr", "--per-score", "9", "--set", "widths=3"),
+            "svr widths: got 3, allowed a list of numbers",
+        ),
+        (
+            ("fit", "svr", "--per-score", "9", "--set", "shares=[1, 2]"),
+            "svr shares: got 2, allowed 0 to 1",
+        ),
+        (
+            ("fit", "svr", "--per-score", "9", "--set", "seed=-3"),
+            "svr seed: got -3, allowed a whole number from 0",
+        ),
+        (
+            ("fit", "svr", "--per-score", "9", "--set", "max_vectors=2.5"),
+            "svr max_vectors: got 2.5, allowed a whole number",
+        ),
+        (
+            ("fit", "gmr", "--per-score", "9", "--set", "seed=-3"),
+            "seed: got -3, allowed a whole number from 0",
+        ),
         (
             ("fit", "gmr", "--per-score", "9", "--set", "regularisation=a"),
             "regularisation: got 'a', allowed a number from 1e-12 to",
         ),
-        (("fit", "neural", "--per-score", "9", "--set", "steps=True"), "neural steps: got True, allowed a whole number"),
+        (
+            ("fit", "neural", "--per-score", "9", "--set", "steps=True"),
+            "neural steps: got True, allowed a whole number",
+        ),
         (
             ("fit", "neural", "--per-score", "9", "--set", "rate=nan"),
             "neural rate: got 'nan', allowed a number from 1e-09 to 1000",
@@ -74,8 +111,14 @@ def test_fit_a_boundary(ergoqp, tmp_path):
             ("fit", "one_class_ladder", "--per-score", "9", "--set", "nu=a"),
             "one_class_ladder nu: got 'a', allowed a number from 1e-06",
         ),
-        (("fit", "one_class_ladder", "--per-score", "9", "--set", "pull=1"), "one_class_ladder pull: got 1, allowed 0 to"),
-        (("fit", "quadratic", "--per-score", "100000000000"), "--per-score: got 100000000000, allowed a whole number from 1"),
+        (
+            ("fit", "one_class_ladder", "--per-score", "9", "--set", "pull=1"),
+            "one_class_ladder pull: got 1, allowed 0 to",
+        ),
+        (
+            ("fit", "quadratic", "--per-score", "100000000000"),
+            "--per-score: got 100000000000, allowed a whole number from 1",
+        ),
         (("fit", "quadratic", "--out", ""), "got an empty text, allowed a folder"),
         (("fit", "gmr", "--per-score", "2", "--folds", "2", "--set", "components=50"), "50"),
     ],

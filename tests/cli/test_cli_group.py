@@ -11,7 +11,18 @@ def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "optimum.json").touch()
-    done = ergoqp("optimise", "desk", "--group", "1.6,1.9", "--starts", "1", "--load-kg", "6", "--out", tmp_path / "out")
+    done = ergoqp(
+        "optimise",
+        "desk",
+        "--group",
+        "1.6,1.9",
+        "--starts",
+        "1",
+        "--load-kg",
+        "6",
+        "--out",
+        tmp_path / "out",
+    )
     assert done.status == 0, done.err
     # What another command left in the folder is not this one's.
     assert "optimum.json" not in done.out
@@ -21,11 +32,15 @@ def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
     assert all("load of 6 kg +1" in " ".join(member["reasons"]) for member in summary["members"])
     for word in ("1.60 m", "alone", "highest", "adjustable", "height", "group.npz", "report.html"):
         assert word in done.out
-    assert "One place for 2 people" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "One place for 2 people" in (tmp_path / "out" / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_population_has_a_row_each(ergoqp, tmp_path):
-    done = ergoqp("optimise", "desk", "--population", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out")
+    done = ergoqp(
+        "optimise", "desk", "--population", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out"
+    )
     assert done.status == 0, done.err
     assert "2 people, 1 start each" in done.err
     with (tmp_path / "out" / "population.csv").open(newline="", encoding="utf-8") as file:
@@ -38,19 +53,37 @@ def test_a_population_has_a_row_each(ergoqp, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--group", "tall,small"), "--group: got 'tall,small', allowed statures in metres with commas between, or how many"),
+        (
+            ("--group", "tall,small"),
+            (
+                "--group: got 'tall,small', allowed statures in metres with commas between, or how"
+                " many"
+            ),
+        ),
         (("--group", "1.6,9"), "stature: got 9.0 m"),
         (("--group", "0"), "got 0 people"),
-        (("--group", "1.7", "--objective", "best"), "--objective: got 'best', allowed minimax, mean"),
+        (
+            ("--group", "1.7", "--objective", "best"),
+            "--objective: got 'best', allowed minimax, mean",
+        ),
         (("--group", "1.7", "--load-kg", "1,2"), "--load-kg: got 2 numbers, allowed one"),
         (("--group", "1.7", "--hands", "three"), "hands: got 'three', allowed right, left, both"),
         (("--group", "1.7", "--population", "1.7"), "--population: not allowed with --group"),
         (("--population", "1.7,x"), "--population: got '1.7,x'"),
         (("--population", "1.7", "--person", "1.8"), "--person: not allowed with --population"),
-        (("--population", "1.7", "--unit-to-m", "1", "--up", "z"), "--unit-to-m, --up: not allowed with --population"),
+        (
+            ("--population", "1.7", "--unit-to-m", "1", "--up", "z"),
+            "--unit-to-m, --up: not allowed with --population",
+        ),
         (("--group", "1.7", "--mapping", "a.toml"), "--mapping: not allowed with --group"),
-        (("--group", "1.7", "--mode", "stackelberg", "--solver", "ipopt"), "--mode, --solver: not allowed with --group"),
-        (("--population", "1.7", "--objective", "mean"), "--objective: got 'mean', allowed with --group"),
+        (
+            ("--group", "1.7", "--mode", "stackelberg", "--solver", "ipopt"),
+            "--mode, --solver: not allowed with --group",
+        ),
+        (
+            ("--population", "1.7", "--objective", "mean"),
+            "--objective: got 'mean', allowed with --group",
+        ),
         (("--objective", "minimax"), "--objective: got 'minimax', allowed with --group"),
         (("--hands", "both"), "allowed with --group or --population"),
     ],

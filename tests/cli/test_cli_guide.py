@@ -21,7 +21,16 @@ def optimum(tmp_path_factory):
 
 def test_a_run_is_told_the_place(ergoqp, tmp_path, optimum):
     found, folder = optimum
-    outcome = ergoqp("run", "desk", "--duration", "1", "--guide", folder / "optimum.json", "--out", tmp_path / "out")
+    outcome = ergoqp(
+        "run",
+        "desk",
+        "--duration",
+        "1",
+        "--guide",
+        folder / "optimum.json",
+        "--out",
+        tmp_path / "out",
+    )
     assert outcome.status == 0, outcome.err
     place = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))["guide"]
     np.testing.assert_allclose(place["position_m"], found.pose[:3, 3])
@@ -40,7 +49,9 @@ def test_the_best_place_is_looked_for(ergoqp, tmp_path):
 def test_mistakes(ergoqp, tmp_path, optimum):
     _, folder = optimum
     allowed = "allowed best or an optimum.json of `ergoqp optimise`"
-    assert f"--guide: 'nowhere.json' is not there, {allowed}" in mistake(ergoqp("run", "desk", "--guide", "nowhere.json"))
+    assert f"--guide: 'nowhere.json' is not there, {allowed}" in mistake(
+        ergoqp("run", "desk", "--guide", "nowhere.json")
+    )
     (tmp_path / "group.json").write_text('{"problem": "desk", "people": 2}', encoding="utf-8")
     told = mistake(ergoqp("run", "desk", "--guide", "group.json"))
     assert f"--guide: 'group.json' cannot be read as an optimum, {allowed}" in told

@@ -11,7 +11,14 @@ from ergoqp.placing.optimum import Optimum
 def test_table_and_file(ergoqp, tmp_path):
     outcome = ergoqp("optimise", "dentist", "--starts", 3, "--seed", 2, "--out", "results")
     assert outcome.status == 0, outcome.err
-    for words in ("now", "the person comes to rest", "the posture chosen too", "REBA", "optimality residual", "of 3"):
+    for words in (
+        "now",
+        "the person comes to rest",
+        "the posture chosen too",
+        "REBA",
+        "optimality residual",
+        "of 3",
+    ):
         assert words in outcome.out
     found = Optimum.load(tmp_path / "results")
     assert f"{found.reba_before}, " in outcome.out
@@ -24,7 +31,9 @@ def test_table_and_file(ergoqp, tmp_path):
 def test_goes_on_from_what_is_there(ergoqp, tmp_path):
     ergoqp("optimise", "dentist", "--starts", 2, "--mode", "cooperative", "--out", "results")
     lines = (tmp_path / "results" / "optimum_starts.jsonl").read_text(encoding="utf-8")
-    outcome = ergoqp("optimise", "dentist", "--starts", 3, "--mode", "cooperative", "--out", "results")
+    outcome = ergoqp(
+        "optimise", "dentist", "--starts", 3, "--mode", "cooperative", "--out", "results"
+    )
     assert outcome.status == 0
     again = (tmp_path / "results" / "optimum_starts.jsonl").read_text(encoding="utf-8")
     assert again.startswith(lines)
@@ -32,7 +41,9 @@ def test_goes_on_from_what_is_there(ergoqp, tmp_path):
 
 
 def test_from_a_recording(ergoqp, demo, tmp_path):
-    outcome = ergoqp("optimise", "screwing", "--from", demo, "--at", 1.0, "--starts", 1, "--out", "results")
+    outcome = ergoqp(
+        "optimise", "screwing", "--from", demo, "--at", 1.0, "--starts", 1, "--out", "results"
+    )
     assert outcome.status == 0, outcome.err
     found = Optimum.load(tmp_path / "results")
     assert any(demo.name in sentence for sentence in found.assumptions)
@@ -49,7 +60,10 @@ def test_from_a_recording(ergoqp, demo, tmp_path):
         (("dentist", "--at", "3"), "--at: got 3 s, but there is no recording"),
         (
             ("nothing",),
-            "'nothing', allowed dentist, desk, low_bin, overhead, screwing, screwing_learned or the path of a .toml",
+            (
+                "'nothing', allowed dentist, desk, low_bin, overhead, screwing, screwing_learned or"
+                " the path of a .toml"
+            ),
         ),
         (("desk", "--start"), "see `ergoqp optimise --help`"),
     ],
@@ -60,7 +74,10 @@ def test_mistakes(ergoqp, arguments, words):
 
 def own_problem(lower, upper, direction):
     limits = f"[limits.workspace]\nlower = {lower}\nupper = {upper}\n"
-    return f'[response.ik]\nstance = "seated"\n{limits}[limits.tool_axis]\ndirection = {direction}\nhalf_angle_deg = 20\n'
+    return (
+        f'[response.ik]\nstance = "seated"\n{limits}[limits.tool_axis]\ndirection ='
+        f" {direction}\nhalf_angle_deg = 20\n"
+    )
 
 
 @pytest.mark.parametrize(

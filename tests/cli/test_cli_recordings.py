@@ -1,4 +1,5 @@
-"""Recordings of other people's making on the command line: broken ones in one sentence, real ones to the end."""
+"""Recordings of other people's making on the command line: broken ones in one sentence, real ones
+to the end."""
 
 import re
 from pathlib import Path
@@ -23,8 +24,10 @@ def broken_files(demo: Path) -> dict[str, str]:
         "no_frames": head + "MOTION\nFrames: 0\nFrame Time: 0.033\n",
         "huge": head + f"MOTION\nFrames: 999999999999\n{lines[2]}\n{lines[3]}\n",
         "nan": head + f"MOTION\nFrames: 1\n{lines[2]}\n{' '.join(['nan', *values[1:]])}\n",
-        "spider": re.sub(r"(ROOT|JOINT) (\w+)", lambda found: f"{found[1]} leg_{found.start()}", text),
-    }  # fmt: skip
+        "spider": re.sub(
+            r"(ROOT|JOINT) (\w+)", lambda found: f"{found[1]} leg_{found.start()}", text
+        ),
+    }
 
 
 class TestBrokenRecordings:
@@ -44,7 +47,10 @@ class TestBrokenRecordings:
         assert "folder" in mistake(ergoqp(*command, tmp_path))
 
 
-@pytest.mark.parametrize("name", ["cmu_131_01_walk_max", "cmu_62_04_screwing_keyframes", "toolbox_freebvh", "xsens_motionbox"])
+@pytest.mark.parametrize(
+    "name",
+    ["cmu_131_01_walk_max", "cmu_62_04_screwing_keyframes", "toolbox_freebvh", "xsens_motionbox"],
+)
 def test_score_shared_recordings(ergoqp, shared, name):
     outcome = ergoqp("score", shared / "mocap" / "bvh" / f"{name}.bvh")
     assert outcome.status == 0, outcome.err
@@ -52,6 +58,8 @@ def test_score_shared_recordings(ergoqp, shared, name):
 
 @pytest.mark.parametrize("name", ["cmu_62_04_screwing_keyframes", "xsens_motionbox"])
 def test_run_from_shared_recordings(ergoqp, shared, name):
-    outcome = ergoqp("run", "screwing", "--from", shared / "mocap" / "bvh" / f"{name}.bvh", "--duration", "2")
+    outcome = ergoqp(
+        "run", "screwing", "--from", shared / "mocap" / "bvh" / f"{name}.bvh", "--duration", "2"
+    )
     assert outcome.status == 0, outcome.err
     assert "starts at the worst-scored frame" in outcome.out

@@ -1,4 +1,5 @@
-"""A small comparison from beginning to end, its figures and its files, read as others would read them."""
+"""A small comparison from beginning to end, its figures and its files, read as others would read
+them."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ from ergoqp.solvers.session import QpAnswer
 
 @cache
 def small() -> Comparison:
-    return ergoqp.compare(ergoqp.load_problem("desk"), ["daqp", "qrqp", "highs"], steps=40, derive=6)
+    return ergoqp.compare(
+        ergoqp.load_problem("desk"), ["daqp", "qrqp", "highs"], steps=40, derive=6
+    )
 
 
 def test_the_exact_solver_is_exact_and_the_figures_say_so() -> None:
@@ -77,16 +80,26 @@ def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None
     for file in files:
         back = load_sequence(file)
         given = next(one for one in found.sequences if one.name == back.name)
-        assert (back.feasible, back.follows, back.family) == (given.feasible, given.follows, given.family)
+        assert (back.feasible, back.follows, back.family) == (
+            given.feasible,
+            given.follows,
+            given.family,
+        )
         for one, other in zip(back, given, strict=True):
             for name in ("H", "g", "A", "lower", "upper", "low", "high"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_every_key_and_figure_is_documented() -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs" / "compare_json.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "compare_json.md").read_text(
+        encoding="utf-8"
+    )
     found = small()
-    keys = {*found.as_dict(), *found.as_dict()["sequences"][0], *(key for one in found.figures.values() for key in one)}
+    keys = {
+        *found.as_dict(),
+        *found.as_dict()["sequences"][0],
+        *(key for one in found.figures.values() for key in one),
+    }
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 
@@ -95,11 +108,18 @@ def test_qpbenchmark_and_qpsolvers_solve_what_is_saved(tmp_path: Path) -> None:
     pytest.importorskip("qpbenchmark", reason="qpbenchmark is absent")
     import qpsolvers
 
-    sequences = [*small().sequences, *ergoqp.compare(ergoqp.load_problem("forearm"), ["daqp"], 5, derive=2).sequences]
+    sequences = [
+        *small().sequences,
+        *ergoqp.compare(ergoqp.load_problem("forearm"), ["daqp"], 5, derive=2).sequences,
+    ]
     save_sequences(sequences, tmp_path / "sequences")
     test_set = _module(tmp_path / "ergoqp_sequences.py").ErgoqpSequences()
     problems = list(test_set)
-    assert len(problems) == test_set.count_problems() == sum(len(one) for one in sequences if one.feasible)
+    assert (
+        len(problems)
+        == test_set.count_problems()
+        == sum(len(one) for one in sequences if one.feasible)
+    )
     by_name = {f"{one.name}.{i}": qp for one in sequences for i, qp in enumerate(one)}
     equalities = 0
     for problem in problems:
@@ -125,10 +145,15 @@ def _module(path: Path) -> ModuleType:
     return module
 
 
-def test_without_matplotlib_everything_else_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_matplotlib_everything_else_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     (tmp_path / "compare.png").write_text("of another comparison")
-    with pytest.raises(MissingExtraError, match=r"picture of a comparison needs the package 'matplotlib'.*ergoqp\[solvers\]"):
+    with pytest.raises(
+        MissingExtraError,
+        match=r"picture of a comparison needs the package 'matplotlib'.*ergoqp\[solvers\]",
+    ):
         small().save(tmp_path)
     assert (tmp_path / "compare.json").is_file()
     assert not (tmp_path / "compare.png").exists()

@@ -32,7 +32,9 @@ def feasible(qp: Qp) -> bool:
     ends = np.concatenate([qp.upper, -qp.lower])
     there = np.isfinite(ends)
     bounds = np.column_stack([qp.low, qp.high])
-    return linprog(np.zeros(qp.size[0]), A_ub=rows[there], b_ub=ends[there], bounds=bounds).status == 0
+    return (
+        linprog(np.zeros(qp.size[0]), A_ub=rows[there], b_ub=ends[there], bounds=bounds).status == 0
+    )
 
 
 @pytest.mark.parametrize(("name", "steps"), [("screwing", 60), ("low_bin", 150), ("forearm", 40)])
@@ -44,7 +46,10 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
         n, m = part.sequence.size
         assert n == 6 + (m if part.sequence.name.endswith(".relaxed") else 0)
         assert len(part.sequence) == len(part.answers) == len(part.accepted)
-        worst = [judge(qp, answer).relative(qp) for qp, answer in zip(part.sequence, part.answers, strict=True)]
+        worst = [
+            judge(qp, answer).relative(qp)
+            for qp, answer in zip(part.sequence, part.answers, strict=True)
+        ]
         assert max(np.array(worst)[part.accepted]) <= 1e-6
         speed = problem.twist_limit.speed
         for qp in part.sequence:
@@ -55,7 +60,8 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
 
 
 def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
-    """Of a loop of its own, step by step: the first QPs' answers lead where the stepper goes. Sent is the mean of the plan."""
+    """Of a loop of its own, step by step: the first QPs' answers lead where the stepper goes. Sent
+    is the mean of the plan."""
     from ergoqp.simulation.loop import run_loop, start_at
     from ergoqp.simulation.people import sample_person
     from ergoqp.simulation.starts import awkward_start
@@ -65,9 +71,13 @@ def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
     person = sample_person(problem, 0)
     start = start_at(person, awkward_start(problem, person, 0, 20))
     trace = run_loop(problem, person, start, duration=60 * problem.dt, seed=0)
-    last = [answer.x for answer, accepted in zip(part.answers, part.accepted, strict=True) if accepted]
+    last = [
+        answer.x for answer, accepted in zip(part.answers, part.accepted, strict=True) if accepted
+    ]
     sizes = state_sizes(problem)
-    planned = [np.array(split(sizes, step.account("next_state"))["history"][:6]) for step in trace.steps]
+    planned = [
+        np.array(split(sizes, step.account("next_state"))["history"][:6]) for step in trace.steps
+    ]
     shares = [step.residuals["accepted"] for step in trace.steps]
     assert shares.count(1.0) > 40
     for x, share, twist in zip(last, shares, planned, strict=True):
@@ -84,13 +94,20 @@ def test_recording_is_repeatable_and_goes_on_with_another_person() -> None:
     assert other[0].sequence.name == "dentist.2"
     assert other[0].sequence.qps[0].g.tobytes() != one[0].sequence.qps[0].g.tobytes()
     # A loop of points is over soon: the next one starts elsewhere.
-    assert {part.sequence.name for part in record(load_problem("forearm"), 900)} >= {"forearm.0", "forearm.1"}
+    assert {part.sequence.name for part in record(load_problem("forearm"), 900)} >= {
+        "forearm.0",
+        "forearm.1",
+    }
 
 
 def test_derived_qps_are_what_they_are_called() -> None:
     for part in (*recorded("screwing", 60), *recorded("forearm", 40)):
         singular, nearly, infeasible = relatives(part, 9, seed=3)
-        assert [one.family for one in (singular, nearly, infeasible)] == ["near_singular", "nearly_infeasible", "infeasible"]
+        assert [one.family for one in (singular, nearly, infeasible)] == [
+            "near_singular",
+            "nearly_infeasible",
+            "infeasible",
+        ]
         assert [one.feasible for one in (singular, nearly, infeasible)] == [True, True, False]
         rows = part.sequence.size[1]
         for qp in singular:
@@ -103,14 +120,17 @@ def test_derived_qps_are_what_they_are_called() -> None:
             assert feasible(qp)
         for i, qp in enumerate(infeasible):
             assert not feasible(qp)
-            # The three rows alone, without any other: what they leave is by how much they contradict each other.
+            # The three rows alone, without any other: what they leave is by how much they
+            # contradict each other.
             left = qp.lower[rows + 2] - qp.upper[rows] - qp.upper[rows + 1]
             assert left == pytest.approx(CONTRADICTIONS[i % 3])
             np.testing.assert_allclose(qp.A[rows + 2], qp.A[rows] + qp.A[rows + 1])
 
 
 def test_relaxed_qps_have_no_relatives() -> None:
-    relaxed = next(part for part in recorded("low_bin", 150) if part.sequence.name.endswith(".relaxed"))
+    relaxed = next(
+        part for part in recorded("low_bin", 150) if part.sequence.name.endswith(".relaxed")
+    )
     assert relatives(relaxed, 5, 0) == []
 
 
@@ -124,7 +144,13 @@ def test_mistakes_are_named() -> None:
     with pytest.raises(InputError, match="problem mine: got the state a, b, c, d, e, f, allowed"):
         record(other, 5)
     with pytest.raises(InputError, match="sequence 'mixed': got QPs of 2 sizes"):
-        QpSequence("mixed", (recorded("screwing", 60)[0].sequence.qps[0], recorded("forearm", 40)[0].sequence.qps[0]))
+        QpSequence(
+            "mixed",
+            (
+                recorded("screwing", 60)[0].sequence.qps[0],
+                recorded("forearm", 40)[0].sequence.qps[0],
+            ),
+        )
 
 
 class _Plain:

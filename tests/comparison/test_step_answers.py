@@ -1,4 +1,5 @@
-"""What the control step accepts: no infeasible QP, nothing above its tolerance; contradictory limits are named."""
+"""What the control step accepts: no infeasible QP, nothing above its tolerance; contradictory
+limits are named."""
 
 from __future__ import annotations
 
@@ -38,7 +39,9 @@ def test_what_is_accepted_is_solved_and_what_is_infeasible_is_not_accepted(solve
             for qp in sequence:
                 m = qp.size[1]
                 ends = np.maximum(qp.lower, -FREE), np.minimum(qp.upper, FREE)
-                parts = step_qp(solver, m)(qp.H, qp.g, qp.A, *ends, np.ones(m), np.zeros(m), qp.low, qp.high)
+                parts = step_qp(solver, m)(
+                    qp.H, qp.g, qp.A, *ends, np.ones(m), np.zeros(m), qp.low, qp.high
+                )
                 x, _, rows, residual = (np.array(one).ravel() for one in parts)
                 accepted = residual[0] < TOLERANCE
                 if not sequence.feasible:
@@ -69,5 +72,7 @@ def test_limits_that_contradict_each_other_are_named_and_nothing_runs_away(name:
         assert step.status in ("recovering", "relaxed", "braking")
         assert "workspace" in step.reason
         assert np.all(np.abs(step.twist) <= problem.twist_limit.speed + 1e-9)
-        assert np.all(np.abs(step.twist - previous) <= problem.twist_limit.acceleration * problem.dt + 1e-9)
+        assert np.all(
+            np.abs(step.twist - previous) <= problem.twist_limit.acceleration * problem.dt + 1e-9
+        )
         previous = step.twist

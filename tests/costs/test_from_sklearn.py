@@ -1,4 +1,5 @@
-"""Estimators of scikit-learn as costs: the same numbers, expression and file; what cannot be read is named."""
+"""Estimators of scikit-learn as costs: the same numbers, expression and file; what cannot be read
+is named."""
 
 from inspect import signature
 from warnings import catch_warnings, simplefilter
@@ -10,7 +11,14 @@ from hypothesis import strategies as st
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Matern, RationalQuadratic, WhiteKernel
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    DotProduct,
+    Matern,
+    RationalQuadratic,
+    WhiteKernel,
+)
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.mixture import GaussianMixture
 from sklearn.neural_network import MLPRegressor
@@ -29,7 +37,13 @@ POINTS = RNG.normal(size=(120, 4)) * [0.2, 1.0, 3.0, 0.5] + [0.1, -0.2, 1.0, 0.0
 LABELS = 4 + 2 * np.sin(POINTS[:, 0] * 3) + np.abs(POINTS[:, 1]) - 0.3 * POINTS[:, 2]
 NEW = RNG.normal(size=(40, 4)) * [0.3, 1.2, 4.0, 0.7]
 
-MLP = {"hidden_layer_sizes": (9, 5), "solver": "lbfgs", "max_iter": 2000, "tol": 1e-3, "random_state": 0}
+MLP = {
+    "hidden_layer_sizes": (9, 5),
+    "solver": "lbfgs",
+    "max_iter": 2000,
+    "tol": 1e-3,
+    "random_state": 0,
+}
 ESTIMATORS = {
     "svr": SVR(),
     "svr_rbf": SVR(C=30, gamma=0.2, epsilon=0.05),
@@ -38,11 +52,19 @@ ESTIMATORS = {
     "svr_sigmoid": SVR(kernel="sigmoid", gamma=0.05, coef0=0.1),
     "ridge": KernelRidge(kernel="rbf", alpha=0.1),
     "ridge_poly": KernelRidge(kernel="polynomial", degree=2, gamma=0.3),
-    "process": GaussianProcessRegressor(ConstantKernel(2.0) * RBF(1.3), alpha=0.1, optimizer=None, normalize_y=True),
-    "process_ard": GaussianProcessRegressor(RBF([0.5, 1.0, 2.0, 4.0]) * 3.0 + WhiteKernel(0.2), optimizer=None),
+    "process": GaussianProcessRegressor(
+        ConstantKernel(2.0) * RBF(1.3), alpha=0.1, optimizer=None, normalize_y=True
+    ),
+    "process_ard": GaussianProcessRegressor(
+        RBF([0.5, 1.0, 2.0, 4.0]) * 3.0 + WhiteKernel(0.2), optimizer=None
+    ),
     "process_matern32": GaussianProcessRegressor(Matern(1.1, nu=1.5), alpha=0.1, optimizer=None),
-    "process_matern52": GaussianProcessRegressor(Matern([1, 2, 3, 1.5], nu=2.5), alpha=0.1, optimizer=None),
-    "process_rational": GaussianProcessRegressor(RationalQuadratic(1.2, 0.7), alpha=0.1, optimizer=None),
+    "process_matern52": GaussianProcessRegressor(
+        Matern([1, 2, 3, 1.5], nu=2.5), alpha=0.1, optimizer=None
+    ),
+    "process_rational": GaussianProcessRegressor(
+        RationalQuadratic(1.2, 0.7), alpha=0.1, optimizer=None
+    ),
     "mlp_tanh": MLPRegressor(activation="tanh", **MLP),
     "mlp_relu": MLPRegressor(activation="relu", **MLP),
     "mlp_logistic": MLPRegressor(activation="logistic", **MLP),
@@ -69,7 +91,9 @@ def test_it_predicts_what_scikit_learn_predicts(name, scaler, tmp_path):
     agrees(load_cost(tmp_path / "cost.npz"), estimator.predict(NEW))
 
 
-@pytest.mark.parametrize("name", ["svr_rbf", "svr_poly", "process_matern52", "process_rational", "mlp_tanh"])
+@pytest.mark.parametrize(
+    "name", ["svr_rbf", "svr_poly", "process_matern52", "process_rational", "mlp_tanh"]
+)
 def test_its_gradient_is_that_of_differences(name):
     estimator = make_pipeline(StandardScaler(), ESTIMATORS[name]).fit(POINTS, LABELS)
     cost = from_sklearn(estimator, NAMES)
@@ -85,11 +109,15 @@ def test_its_gradient_is_that_of_differences(name):
 @pytest.mark.parametrize("target", [StandardScaler(), MinMaxScaler((-1, 2)), None])
 def test_a_scaled_score_is_scaled_back(name, target):
     inner = make_pipeline(MinMaxScaler(), ESTIMATORS[name])
-    estimator = make_pipeline(StandardScaler(), TransformedTargetRegressor(inner, transformer=target)).fit(POINTS, LABELS)
+    estimator = make_pipeline(
+        StandardScaler(), TransformedTargetRegressor(inner, transformer=target)
+    ).fit(POINTS, LABELS)
     agrees(from_sklearn(estimator, NAMES), estimator.predict(NEW))
 
 
-@pytest.mark.skipif("loss" not in signature(MLPRegressor).parameters, reason="this scikit-learn has one loss only")
+@pytest.mark.skipif(
+    "loss" not in signature(MLPRegressor).parameters, reason="this scikit-learn has one loss only"
+)
 def test_an_exponential_output_is_refused():
     estimator = MLPRegressor(**MLP, loss="poisson").fit(POINTS, 10 + LABELS)
     with pytest.raises(ModelError, match="got the loss 'poisson', allowed 'squared_error'"):
@@ -136,24 +164,43 @@ def test_a_mixture_is_a_regression_on_its_last_column():
 @pytest.mark.parametrize(
     ("estimator", "said"),
     [
-        (RandomForestRegressor(3).fit(POINTS, LABELS), "got a RandomForestRegressor, allowed SVR, KernelRidge"),
         (
-            TransformedTargetRegressor(SVR(), func=np.log, inverse_func=np.exp).fit(POINTS, 10 + LABELS),
+            RandomForestRegressor(3).fit(POINTS, LABELS),
+            "got a RandomForestRegressor, allowed SVR, KernelRidge",
+        ),
+        (
+            TransformedTargetRegressor(SVR(), func=np.log, inverse_func=np.exp).fit(
+                POINTS, 10 + LABELS
+            ),
             "got the step FunctionTransformer, allowed",
         ),
-        (TransformedTargetRegressor(RandomForestRegressor(3)).fit(POINTS, LABELS), "got a RandomForestRegressor, allowed"),
+        (
+            TransformedTargetRegressor(RandomForestRegressor(3)).fit(POINTS, LABELS),
+            "got a RandomForestRegressor, allowed",
+        ),
         (TransformedTargetRegressor(SVR()), "got a TransformedTargetRegressor that is not fitted"),
         (
-            make_pipeline(StandardScaler(), GaussianMixture(2)).fit(np.column_stack([POINTS, LABELS])[:, :4]),
+            make_pipeline(StandardScaler(), GaussianMixture(2)).fit(
+                np.column_stack([POINTS, LABELS])[:, :4]
+            ),
             "got a GaussianMixture after other steps",
         ),
         (SVR(), "got a SVR that is not fitted"),
-        (make_pipeline(PolynomialFeatures(), SVR()).fit(POINTS, LABELS), "got the step PolynomialFeatures"),
+        (
+            make_pipeline(PolynomialFeatures(), SVR()).fit(POINTS, LABELS),
+            "got the step PolynomialFeatures",
+        ),
         (SVR(kernel=lambda a, b: a @ b.T).fit(POINTS, LABELS), "got the kernel <function"),
         (KernelRidge(kernel="laplacian").fit(POINTS, LABELS), "got the kernel 'laplacian'"),
-        (GaussianProcessRegressor(DotProduct(), alpha=1.0).fit(POINTS, LABELS), "got the kernel DotProduct"),
+        (
+            GaussianProcessRegressor(DotProduct(), alpha=1.0).fit(POINTS, LABELS),
+            "got the kernel DotProduct",
+        ),
         (SVR().fit(POINTS[:, :3], LABELS), "got one of 3 inputs, allowed 4"),
-        (MLPRegressor(**MLP).fit(POINTS, np.column_stack([LABELS, LABELS])), "got 2 outputs, allowed 1"),
+        (
+            MLPRegressor(**MLP).fit(POINTS, np.column_stack([LABELS, LABELS])),
+            "got 2 outputs, allowed 1",
+        ),
         (KernelRidge().fit(POINTS, np.column_stack([LABELS, LABELS])), "got 2 outputs, allowed 1"),
         ("a text", "got a str, allowed an estimator of scikit-learn"),
     ],

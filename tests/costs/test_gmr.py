@@ -1,4 +1,5 @@
-"""Gaussian mixture regression of scores: both variants, their prediction, descent, files and errors."""
+"""Gaussian mixture regression of scores: both variants, their prediction, descent, files and
+errors."""
 
 import sys
 
@@ -48,12 +49,16 @@ def costs(data):
 def predicted_by_the_book(cost, point):
     """Return E[score | point] with dense normal densities and plain inverses."""
     logs, means = [], []
-    for weight, mean, covariance in zip(cost.mixture.weights, cost.mixture.means, cost.mixture.covariances, strict=True):
+    for weight, mean, covariance in zip(
+        cost.mixture.weights, cost.mixture.means, cost.mixture.covariances, strict=True
+    ):
         inputs, cross = covariance[:-1, :-1], covariance[-1, :-1]
         logs.append(np.log(weight) + multivariate_normal(mean[:-1], inputs).logpdf(point))
         means.append(mean[-1] + cross @ np.linalg.inv(inputs) @ (point - mean[:-1]))
     value = 0.0
-    for temperature, share in zip(cost.regression.temperatures, cost.regression.shares, strict=True):
+    for temperature, share in zip(
+        cost.regression.temperatures, cost.regression.shares, strict=True
+    ):
         h = np.exp((np.array(logs) - max(logs)) / temperature)
         value += share * (h @ np.array(means)) / h.sum()
     return value
@@ -74,19 +79,27 @@ def test_expression_equals_prediction(costs, unseen, variant):
     found = [float(cost.function(state)) for state in states]
     np.testing.assert_allclose(found, cost(states), rtol=0, atol=1e-10)
     x = ca.MX.sym("x", 20)
-    function = ca.Function("f", [x], [cost.slope(x), ca.gradient(cost.value(x), x), cost.prediction(x).covariance])
+    function = ca.Function(
+        "f", [x], [cost.slope(x), ca.gradient(cost.value(x), x), cost.prediction(x).covariance]
+    )
     for point in unseen.points[::50]:
         slope, by_casadi, variance = (np.asarray(out) for out in function(point))
         np.testing.assert_allclose(slope, by_casadi, rtol=0, atol=1e-10)
         h = 1e-5 * np.eye(20)
         differences = (cost.predict(point + h) - cost.predict(point - h)) / 2e-5
-        np.testing.assert_allclose(slope.ravel(), differences, rtol=0, atol=1e-6 * (1 + np.abs(differences).max()))
+        np.testing.assert_allclose(
+            slope.ravel(), differences, rtol=0, atol=1e-6 * (1 + np.abs(differences).max())
+        )
         np.testing.assert_allclose(variance[0, 0], cost.variance(point)[0], rtol=0, atol=1e-10)
 
 
 def test_predicts_unseen_postures(costs, unseen):
-    """Far fewer points than the published figures are from, so the bounds are loose; the constant's error is 2.5."""
-    errors = {name: np.abs(cost.predict(unseen.points) - unseen.labels).mean() for name, cost in costs.items()}
+    """Far fewer points than the published figures are from, so the bounds are loose; the constant's
+    error is 2.5."""
+    errors = {
+        name: np.abs(cost.predict(unseen.points) - unseen.labels).mean()
+        for name, cost in costs.items()
+    }
     assert errors["per_score"] < 0.95
     assert errors["joint"] < 1.25
     assert errors["per_score"] < errors["joint"]
@@ -107,7 +120,10 @@ def test_the_mixture_per_score_can_be_descended(costs, unseen):
 
 def test_never_below_its_minimum(costs):
     cost = costs["per_score"]
-    far = np.random.default_rng(0).normal(size=(2000, 20)) * np.geomspace(0.01, 100, 2000)[:, np.newaxis]
+    far = (
+        np.random.default_rng(0).normal(size=(2000, 20))
+        * np.geomspace(0.01, 100, 2000)[:, np.newaxis]
+    )
     values = cost.predict(far)
     assert (values >= cost.minimum - 1e-12).all()
     assert np.isfinite(values).all()
@@ -120,7 +136,9 @@ def test_unbiased_on_its_data(costs, data):
 
 
 def test_same_seed_same_model(data):
-    one, other, third = (Gmr.fit(data, components=20, seed=seed).predict(data.points[:50]) for seed in (0, 0, 1))
+    one, other, third = (
+        Gmr.fit(data, components=20, seed=seed).predict(data.points[:50]) for seed in (0, 0, 1)
+    )
     np.testing.assert_array_equal(one, other)
     assert (one != third).any()
 
@@ -131,7 +149,11 @@ def test_a_file_keeps_everything(costs, unseen, variant, tmp_path):
     cost.save(tmp_path / "gmr.npz")
     again = load_cost(tmp_path / "gmr.npz")
     assert isinstance(again, Gmr)
-    assert (again.variant, again.minimum, again.coordinates.names) == (variant, cost.minimum, REPORT_JOINTS)
+    assert (again.variant, again.minimum, again.coordinates.names) == (
+        variant,
+        cost.minimum,
+        REPORT_JOINTS,
+    )
     np.testing.assert_array_equal(again.predict(unseen.points), cost.predict(unseen.points))
 
 
@@ -148,7 +170,9 @@ def test_takes_any_fitted_mixture(kind):
         # E[score | x] from the estimator's own density along the score.
         rows = np.column_stack([np.tile(point, (len(grid), 1)), grid])
         density = np.exp(estimator.score_samples(rows))
-        np.testing.assert_allclose(cost.predict(point)[0], (grid * density).sum() / density.sum(), atol=2e-3)
+        np.testing.assert_allclose(
+            cost.predict(point)[0], (grid * density).sum() / density.sum(), atol=2e-3
+        )
 
 
 def test_bic_finds_the_number_of_clusters():
@@ -156,7 +180,9 @@ def test_bic_finds_the_number_of_clusters():
     centres = np.array([[0.0, 0.0], [2.0, 5.0], [-2.0, 9.0]])
     columns = np.concatenate([centre + 0.1 * rng.normal(size=(80, 2)) for centre in centres])
     shares = []
-    curve = bic_curve(DataSet(columns[:, :1], columns[:, 1], ("x",)), range(1, 7), progress=shares.append)
+    curve = bic_curve(
+        DataSet(columns[:, :1], columns[:, 1], ("x",)), range(1, 7), progress=shares.append
+    )
     assert np.argmin(curve) == 2
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
@@ -170,15 +196,32 @@ def test_full_covariances_per_score(data, unseen):
 
 def test_a_score_with_one_posture_is_fitted():
     rng = np.random.default_rng(0)
-    data = DataSet(np.r_[rng.normal(0, 0.1, 50), 3.0][:, np.newaxis], np.r_[np.ones(25), np.full(25, 2.0), 9.0], ("x",))
-    assert Gmr.fit(data, components=3, temperatures=(1.0,), shares=(1.0,)).predict(np.array([[3.0]]))[0] > 8
+    data = DataSet(
+        np.r_[rng.normal(0, 0.1, 50), 3.0][:, np.newaxis],
+        np.r_[np.ones(25), np.full(25, 2.0), 9.0],
+        ("x",),
+    )
+    assert (
+        Gmr.fit(data, components=3, temperatures=(1.0,), shares=(1.0,)).predict(np.array([[3.0]]))[
+            0
+        ]
+        > 8
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
-        ({"n": 100}, {"components": 60}, "gmr with 60 Gaussians: got 100 points, allowed at least 240"),
-        ({"n": 100}, {"components": 24, "variant": "joint"}, "gmr with 24 Gaussians: got 100 points, allowed at least 528"),
+        (
+            {"n": 100},
+            {"components": 60},
+            "gmr with 60 Gaussians: got 100 points, allowed at least 240",
+        ),
+        (
+            {"n": 100},
+            {"components": 24, "variant": "joint"},
+            "gmr with 24 Gaussians: got 100 points, allowed at least 528",
+        ),
         ({"same": True}, {}, "got the label 3 everywhere, allowed at least two different labels"),
         ({}, {"variant": "best"}, "variant: got 'best', allowed per_score, joint"),
         ({}, {"covariance": "round"}, "covariance: got 'round', allowed full, diag"),
@@ -186,7 +229,11 @@ def test_a_score_with_one_posture_is_fitted():
         ({}, {"components": 2.5}, "components: got 2.5, allowed a whole number"),
         ({}, {"regularisation": -1.0}, "regularisation: got -1.0, allowed 1e-12 to 1e"),
         ({}, {"temperatures": (1.0, -2.0)}, "temperatures: got -2.0, allowed 0.001 to 1e"),
-        ({"any": True}, {}, "got 3000 different labels, allowed at most 40 .*variant 'joint' takes any"),
+        (
+            {"any": True},
+            {},
+            "got 3000 different labels, allowed at most 40 .*variant 'joint' takes any",
+        ),
     ],
 )
 def test_bad_data_and_options_are_named(data, change, options, message):
@@ -201,7 +248,10 @@ def test_bad_data_and_options_are_named(data, change, options, message):
 
 def test_a_missing_package_is_named(data, monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.mixture", None)
-    with pytest.raises(MissingExtraError, match=r"fitting a Gaussian mixture needs the package 'sklearn'.*ergoqp\[learn\]"):
+    with pytest.raises(
+        MissingExtraError,
+        match=r"fitting a Gaussian mixture needs the package 'sklearn'.*ergoqp\[learn\]",
+    ):
         Gmr.fit(data)
 
 

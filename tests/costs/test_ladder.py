@@ -1,4 +1,5 @@
-"""The ladder: counts the rungs below, leads down them, and its value is what its expression says."""
+"""The ladder: counts the rungs below, leads down them, and its value is what its expression
+says."""
 
 import numpy as np
 import pytest
@@ -37,24 +38,36 @@ def test_it_counts_the_rungs_below(ladder, data):
 
 def test_bending_changes_how_fast_it_falls_and_not_where_to(ladder, data):
     fitted = {"reach": ladder.reach, "offset": ladder.offset, "height": ladder.height}
-    straight = OneClassLadder(ladder.rungs, ladder.scores, NAMES, 1.0, ladder.steepness, ladder.pull, **fitted)
+    straight = OneClassLadder(
+        ladder.rungs, ladder.scores, NAMES, 1.0, ladder.steepness, ladder.pull, **fitted
+    )
     assert ladder.curve > 0
     order = np.argsort(straight.predict(data.points))
     assert (np.diff(ladder.predict(data.points)[order]) >= -1e-9).all()
     for point in data.points[::150]:
-        bent, plain = (np.array(cost.value_and_gradient(point)[1]).ravel() for cost in (ladder, straight))
+        bent, plain = (
+            np.array(cost.value_and_gradient(point)[1]).ravel() for cost in (ladder, straight)
+        )
         assert bent @ plain == pytest.approx(np.linalg.norm(bent) * np.linalg.norm(plain), rel=1e-9)
 
 
 def test_wide_classes_of_high_scores_are_calibrated():
     rng = np.random.default_rng(0)
     spread = np.repeat([0.3, 0.6, 1.2, 2.4, 4.8], 200)
-    shells = DataSet(rng.normal(size=(1000, 3)) * spread[:, None] + 3 * spread[:, None], np.repeat(np.arange(1, 6), 200), NAMES)
+    shells = DataSet(
+        rng.normal(size=(1000, 3)) * spread[:, None] + 3 * spread[:, None],
+        np.repeat(np.arange(1, 6), 200),
+        NAMES,
+    )
     bent = OneClassLadder.fit(shells)
     fitted = {"reach": bent.reach, "curve": 0.0}
-    counted = OneClassLadder(bent.rungs, bent.scores, NAMES, 1.0, offset=0.0, **fitted).predict(shells.points)
+    counted = OneClassLadder(bent.rungs, bent.scores, NAMES, 1.0, offset=0.0, **fitted).predict(
+        shells.points
+    )
     line = np.polyval(np.polyfit(counted, shells.labels, 1), counted)
-    assert np.mean((bent.predict(shells.points) - shells.labels) ** 2) < 0.7 * np.mean((line - shells.labels) ** 2)
+    assert np.mean((bent.predict(shells.points) - shells.labels) ** 2) < 0.7 * np.mean(
+        (line - shells.labels) ** 2
+    )
 
 
 def test_expression_and_numbers_are_one(ladder):

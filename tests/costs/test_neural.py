@@ -1,4 +1,5 @@
-"""The network: its training, its value in numbers and as an expression, its file, and the model that comes with the package."""
+"""The network: its training, its value in numbers and as an expression, its file, and the model
+that comes with the package."""
 
 import casadi as ca
 import numpy as np
@@ -34,7 +35,8 @@ def stairs():
 
 
 def test_training_descends_along_the_true_derivative():
-    # One update with Adam moves every parameter by the rate against the sign of its derivative: compare with differences.
+    # One update with Adam moves every parameter by the rate against the sign of its derivative:
+    # compare with differences.
     rng = np.random.default_rng(0)
     points, classes = rng.uniform(-1, 1, (40, 2)), rng.integers(3, size=40)
     begun = start(points, 3, 4, 2, (5,), rng)
@@ -44,7 +46,8 @@ def test_training_descends_along_the_true_derivative():
         return -np.log(shares[np.arange(40), classes]).mean()
 
     rate = 0.01
-    # The warm-up takes the 300th part, the cosine's middle half of that, and at its end the second update does nothing.
+    # The warm-up takes the 300th part, the cosine's middle half of that, and at its end the second
+    # update does nothing.
     moved = train(begun, iter([(points, classes)] * 2), 2, rate)
     assert moved.keys() == begun.keys()
     step = rate / 300 / 2
@@ -59,7 +62,9 @@ def test_training_descends_along_the_true_derivative():
             slope = (values[0] - values[1]) / 2e-5
             if abs(slope) > 1e-4:
                 change = (
-                    np.log(moved[name][index] / before[index]) if name == "sharpness" else moved[name][index] - before[index]
+                    np.log(moved[name][index] / before[index])
+                    if name == "sharpness"
+                    else moved[name][index] - before[index]
                 )
                 np.testing.assert_allclose(change, -step * np.sign(slope), atol=0.02 * step)
 
@@ -93,7 +98,10 @@ def test_few_data_are_not_learned_by_heart():
     unseen = posture_data(100, seed=1, cache=False)
     options = {"hidden": (48, 24), "epochs": 150}
     free, held = (Neural.fit(data, **options, **extra) for extra in ({"decay": 0}, {}))
-    errors = [[quality_of(cost.predict(part.points), part.labels).mae for part in (data, unseen)] for cost in (free, held)]
+    errors = [
+        [quality_of(cost.predict(part.points), part.labels).mae for part in (data, unseen)]
+        for cost in (free, held)
+    ]
     assert errors[0][0] < errors[1][0]
     assert errors[0][1] > errors[1][1]
 
@@ -101,7 +109,9 @@ def test_few_data_are_not_learned_by_heart():
 def test_same_seed_same_network(stairs):
     data, _ = stairs
     options = {"hidden": (8,), "steps": 4, "epochs": 1}
-    one, same, other = (Neural.fit(data, seed=seed, **options).predict(data.points[:50]) for seed in (1, 1, 2))
+    one, same, other = (
+        Neural.fit(data, seed=seed, **options).predict(data.points[:50]) for seed in (1, 1, 2)
+    )
     np.testing.assert_array_equal(one, same)
     assert (one != other).any()
 
@@ -116,7 +126,9 @@ def test_progress_ends_at_one(stairs):
 
 @pytest.mark.parametrize("temperature", [1.0, 3.0])
 def test_expression_and_gradient_fit_the_prediction(shipped, temperature):
-    cost = Neural(shipped.network, shipped.scores.tolist(), shipped.coordinates.names, 1.0, temperature)
+    cost = Neural(
+        shipped.network, shipped.scores.tolist(), shipped.coordinates.names, 1.0, temperature
+    )
     assert isinstance(cost, Cost)
     points = posture_data(10, joints=SCORED_JOINTS, seed=1, cache=False).points
     states, values = cost.coordinates.spread(points), cost.predict(points)
@@ -140,13 +152,17 @@ def test_the_gradient_is_that_of_the_value(stairs):
         gradient = cost.value_and_gradient(state)[1].full()[cost.coordinates.indices, 0]
         shifts = 1e-5 * np.eye(3)
         differences = (cost.predict(x + shifts) - cost.predict(x - shifts)) / 2e-5
-        np.testing.assert_allclose(gradient, differences, atol=1e-5 * (1 + np.abs(differences).max()))
+        np.testing.assert_allclose(
+            gradient, differences, atol=1e-5 * (1 + np.abs(differences).max())
+        )
 
 
 def test_the_hessian_model_is_positive_semidefinite(stairs):
     _, cost = stairs
     q = ca.MX.sym("q", 32)
-    model = ca.Function("model", [q], [cost.hessian_model(q)])(cost.coordinates.spread([[0.29, 0.1, 0.0]])[0]).full()
+    model = ca.Function("model", [q], [cost.hessian_model(q)])(
+        cost.coordinates.spread([[0.29, 0.1, 0.0]])[0]
+    ).full()
     np.testing.assert_allclose(model, model.T, atol=1e-12)
     values = np.linalg.eigvalsh(model)
     assert values.min() >= -1e-9 * values.max()
@@ -161,7 +177,10 @@ def test_temperature_softens_and_stays_between_the_scores(stairs):
         values = one.predict(x)
         assert values.min() >= 2
         assert values.max() <= 5
-    steepest = [np.abs(np.diff(one.predict(np.linspace([-1, 0, 0], [1, 0, 0], 400)))).max() for one in (cost, warm)]
+    steepest = [
+        np.abs(np.diff(one.predict(np.linspace([-1, 0, 0], [1, 0, 0], 400)))).max()
+        for one in (cost, warm)
+    ]
     assert steepest[1] < 0.6 * steepest[0]
 
 
@@ -169,7 +188,9 @@ def test_the_file_gives_back_the_same_numbers(stairs, tmp_path):
     data, cost = stairs
     cost.save(tmp_path / "cost.npz")
     loaded = load_cost(tmp_path / "cost.npz")
-    np.testing.assert_array_equal(loaded.predict(data.points[:100]), cost.predict(data.points[:100]))
+    np.testing.assert_array_equal(
+        loaded.predict(data.points[:100]), cost.predict(data.points[:100])
+    )
     assert loaded.coordinates.names == NAMES
     assert loaded.temperature == cost.temperature
 
@@ -184,7 +205,9 @@ def test_numbers_that_are_missing_give_none(stairs):
 
 def test_a_stream_of_postures_teaches_the_sheet():
     told = []
-    cost = Neural.fit_sheet(150_000, REPORT_JOINTS, hidden=(48, 24), batch=64, rate=0.006, progress=told.append)
+    cost = Neural.fit_sheet(
+        150_000, REPORT_JOINTS, hidden=(48, 24), batch=64, rate=0.006, progress=told.append
+    )
     assert cost.coordinates.names == REPORT_JOINTS
     assert cost.scores.tolist() == list(range(1, 11))
     assert told[-1] == 1
@@ -198,7 +221,8 @@ def test_noise_in_the_stream_teaches_the_expected_score():
     joints, noise = ("trunk_flexion", "trunk_twist"), {"taus_deg": (10.0,), "weights": (1.0,)}
     options = {"scores": (1, 2, 3), "hidden": (16,), "batch": 256, "seated": True}
     sharp, soft = (Neural.fit_sheet(200_000, joints, **options, **extra) for extra in ({}, noise))
-    # At 55 deg of flexion the noise reaches over the band end at 60 deg, and the exact score does not.
+    # At 55 deg of flexion the noise reaches over the band end at 60 deg, and the exact score does
+    # not.
     sides = np.radians([[40.0, 0.0], [55.0, 0.0]])
     values = sharp.predict(sides), soft.predict(sides)
     assert abs(values[0][1] - values[0][0]) < 0.1
@@ -221,29 +245,45 @@ def test_the_model_of_the_package_knows_the_sheet(shipped):
 
 def test_mistakes_are_named(stairs):
     data, cost = stairs
-    with pytest.raises(ModelError, match="neural: got 1000 different labels, allowed at most 30 whole numbers"):
+    with pytest.raises(
+        ModelError, match="neural: got 1000 different labels, allowed at most 30 whole numbers"
+    ):
         Neural.fit(DataSet(data.points[:1000], np.arange(1000), NAMES))
     with pytest.raises(ModelError, match="whole numbers"):
         Neural.fit(DataSet(data.points, data.labels + 0.5, NAMES))
     for hidden in ((), (8, 0), 8, "8", (8, 2.5)):
         with pytest.raises(
-            ModelError, match=r"neural hidden: got .*, allowed (the sizes of 1 to 8 layers|a whole number from 1 to 4096)"
+            ModelError,
+            match=(
+                r"neural hidden: got .*, allowed (the sizes of 1 to 8 layers|a whole number from 1"
+                r" to 4096)"
+            ),
         ):
             Neural.fit(data, hidden=hidden)
     for name in ("steps", "curves", "epochs", "batch"):
         for size in (0, 2.5, "many"):
-            with pytest.raises(ModelError, match=f"neural {name}: got {size!r}, allowed a whole number from 1"):
+            with pytest.raises(
+                ModelError, match=f"neural {name}: got {size!r}, allowed a whole number from 1"
+            ):
                 Neural.fit(data, **{name: size})
     for rate in (0.0, np.nan, "fast"):
-        with pytest.raises(ModelError, match=f"neural rate: got {rate!r}, allowed (a number from )?1e-09 to 1000"):
+        with pytest.raises(
+            ModelError, match=f"neural rate: got {rate!r}, allowed (a number from )?1e-09 to 1000"
+        ):
             Neural.fit(data, rate=rate)
     with pytest.raises(ModelError, match="neural decay: got -1, allowed 0 to 1e"):
         Neural.fit(data, decay=-1)
-    with pytest.raises(ModelError, match="neural count: got 100, allowed a whole number of at least 512"):
+    with pytest.raises(
+        ModelError, match="neural count: got 100, allowed a whole number of at least 512"
+    ):
         Neural.fit_sheet(100)
-    with pytest.raises(ModelError, match=r"neural: got a network of 3 inputs .* allowed 2 coordinates"):
+    with pytest.raises(
+        ModelError, match=r"neural: got a network of 3 inputs .* allowed 2 coordinates"
+    ):
         Neural(cost.network, [2, 3, 4, 5], NAMES[:2], 2.0)
-    with pytest.raises(ModelError, match=r"outputs of shape \(4,\), allowed 3 coordinates and \(3,\) scores"):
+    with pytest.raises(
+        ModelError, match=r"outputs of shape \(4,\), allowed 3 coordinates and \(3,\) scores"
+    ):
         Neural(cost.network, [2, 3, 4], NAMES, 2.0)
     for temperature in (0.0, np.nan, np.inf):
         with pytest.raises(ModelError, match="neural: got the temperature"):
@@ -253,5 +293,7 @@ def test_mistakes_are_named(stairs):
 
 
 def test_a_batch_may_be_larger_than_a_block():
-    cost = Neural.fit_sheet(30_000, ("trunk_flexion",), scores=(1, 2), hidden=(4,), steps=4, batch=15_000)
+    cost = Neural.fit_sheet(
+        30_000, ("trunk_flexion",), scores=(1, 2), hidden=(4,), steps=4, batch=15_000
+    )
     assert depth(cost.network) == 2

@@ -1,4 +1,5 @@
-"""The quadratic cost: what least squares gives, convex, and the same in numbers, expression and file."""
+"""The quadratic cost: what least squares gives, convex, and the same in numbers, expression and
+file."""
 
 import sys
 
@@ -41,7 +42,8 @@ def test_where_data_are_concave_it_is_the_best_convex_one():
     data = made([3.0, -1.0, 0.5])
     cost = Quadratic.fit(data)
     assert cost.curvatures[1] == 0
-    # The condition of the bounded least-squares problem: free coefficients have no slope left, the held one only inward.
+    # The condition of the bounded least-squares problem: free coefficients have no slope left, the
+    # held one only inward.
     error = cost.predict(data.points) - data.labels
     columns = np.hstack([np.ones((len(data), 1)), data.points, data.points**2])
     slope = columns.T @ error / len(data)
@@ -65,7 +67,11 @@ def test_expression_gradient_and_hessian_fit_the_prediction(fitted):
     np.testing.assert_allclose(fitted(states), fitted.predict(data.points), rtol=1e-14)
     q = ca.MX.sym("q", 32)
     value = fitted.expression(q)
-    every = ca.Function("every", [q], [value, ca.gradient(value, q), ca.hessian(value, q)[0], fitted.hessian_model(q)])
+    every = ca.Function(
+        "every",
+        [q],
+        [value, ca.gradient(value, q), ca.hessian(value, q)[0], fitted.hessian_model(q)],
+    )
     for state, expected in zip(states, fitted.predict(data.points), strict=True):
         found, gradient, hessian, model = (part.full() for part in every(state))
         np.testing.assert_allclose(found, expected, atol=1e-10)
@@ -100,13 +106,20 @@ def test_points_are_a_state_too():
 
 def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
-    with pytest.raises(MissingExtraError, match=r"fitting a quadratic cost needs the package 'scipy': .*ergoqp\[learn\]"):
+    with pytest.raises(
+        MissingExtraError,
+        match=r"fitting a quadratic cost needs the package 'scipy': .*ergoqp\[learn\]",
+    ):
         Quadratic.fit(made([3.0, 0.5, 0.0]))
 
 
 def test_coefficients_that_do_not_fit_are_refused():
     with pytest.raises(
-        ModelError, match=r"quadratic: got slopes and curvatures of shapes \(\(2,\), \(3,\)\), allowed \(3,\) each"
+        ModelError,
+        match=(
+            r"quadratic: got slopes and curvatures of shapes \(\(2,\), \(3,\)\), allowed \(3,\)"
+            r" each"
+        ),
     ):
         Quadratic(1.0, np.zeros(2), np.zeros(3), NAMES, 1.0)
     with pytest.raises(ModelError, match="quadratic: got a curvature of -1, allowed 0 or more"):

@@ -34,7 +34,9 @@ class Mean:
 
 def test_no_point_is_predicted_by_a_model_that_has_seen_it():
     rng = np.random.default_rng(1)
-    data = DataSet(rng.normal(size=(53, 2)), rng.integers(1, 5, 53), ("trunk_flexion", "trunk_twist"))
+    data = DataSet(
+        rng.normal(size=(53, 2)), rng.integers(1, 5, 53), ("trunk_flexion", "trunk_twist")
+    )
     shares = []
     values, found = cross_validate(Mean, data, 4, progress=shares.append)
     assert len(found) == 4

@@ -1,4 +1,5 @@
-"""The smooth score is the exact one's expectation: by sampling, in the limit, for every option; its gradient is true."""
+"""The smooth score is the exact one's expectation: by sampling, in the limit, for every option; its
+gradient is true."""
 
 import pickle
 
@@ -37,12 +38,24 @@ METHODS = [
     {"knees_when_seated": True},
     {"final_max": 12},
     {"trunk_upright_deg": 0.0, "neck_extension_deg": -10.0, "knee_deep_deg": 180.0},
-    {name: value * 1.3 for name, value in {"neck_twist_deg": 10.0, "elbow_high_deg": 100.0, "wrist_flexion_deg": 15.0}.items()},
+    {
+        name: value * 1.3
+        for name, value in {
+            "neck_twist_deg": 10.0,
+            "elbow_high_deg": 100.0,
+            "wrist_flexion_deg": 15.0,
+        }.items()
+    },
 ]
 EVERY_OPTION = [({}, options) for options in OPTIONS]
 EVERY_OPTION += [(method, {"seated": "knees_when_seated" in method}) for method in METHODS]
-EVERY_OPTION += [({"final_max": 12}, {"load_kg": 20.0, "shock": True, "coupling": 3, "activity": 3})]
-EVERY_OPTION += [({"load_ends": "lower"}, {"load_kg": 5.0}), ({"arms": "segments"}, {"arm_supported": (True, False)})]
+EVERY_OPTION += [
+    ({"final_max": 12}, {"load_kg": 20.0, "shock": True, "coupling": 3, "activity": 3})
+]
+EVERY_OPTION += [
+    ({"load_ends": "lower"}, {"load_kg": 5.0}),
+    ({"arms": "segments"}, {"arm_supported": (True, False)}),
+]
 
 
 def random_postures(count, seed=0):
@@ -102,7 +115,13 @@ def test_stays_between_the_lowest_and_the_highest_score(seed, index):
 
 @pytest.mark.parametrize(
     ("options", "minimum"),
-    [({}, 1), ({"activity": 2}, 3), ({"load_kg": 20.0, "shock": True}, 3), ({"one_leg": True}, 1), ({"coupling": 3}, 2)],
+    [
+        ({}, 1),
+        ({"activity": 2}, 3),
+        ({"load_kg": 20.0, "shock": True}, 3),
+        ({"one_leg": True}, 1),
+        ({"coupling": 3}, 2),
+    ],
 )
 def test_the_minimum_is_reached_by_the_best_posture(options, minimum):
     best = np.zeros(32)
@@ -123,7 +142,9 @@ def test_gradient_equals_differences(taus):
             for h in (np.radians(0.05) * factor * np.eye(32) for factor in (1, 2, 3))
         )
         differences = 1.5 * one - 0.6 * two + 0.1 * three
-        np.testing.assert_allclose(gradient, differences, rtol=0, atol=1e-6 * np.linalg.norm(differences))
+        np.testing.assert_allclose(
+            gradient, differences, rtol=0, atol=1e-6 * np.linalg.norm(differences)
+        )
 
 
 def test_the_expression_is_the_numeric_call_and_can_be_differentiated_inside_others():
@@ -137,14 +158,18 @@ def test_the_expression_is_the_numeric_call_and_can_be_differentiated_inside_oth
     for posture, expected in zip(postures, numeric, strict=True):
         found, gradient, hessian = (np.asarray(out) for out in function(posture))
         assert abs(found[0, 0] - expected) < 1e-12
-        np.testing.assert_allclose(gradient.ravel(), np.asarray(cost.value_and_gradient(posture)[1]).ravel(), atol=1e-10)
+        np.testing.assert_allclose(
+            gradient.ravel(), np.asarray(cost.value_and_gradient(posture)[1]).ravel(), atol=1e-10
+        )
         assert np.isfinite(hessian).all()
 
 
 def test_is_finite_for_any_finite_posture():
     cost = SmoothReba((0.01, 1.5), (0.5, 0.5))
     size = np.array([0, 1e-300, 1e-8, 3.2, 1e3, 1e150, 1e300])[:, np.newaxis]
-    extreme = np.concatenate([size * np.ones(32), -size * np.ones(32), size * np.resize([1, -1], 32)])
+    extreme = np.concatenate(
+        [size * np.ones(32), -size * np.ones(32), size * np.resize([1, -1], 32)]
+    )
     assert np.isfinite(cost(extreme)).all()
     # Beyond one and a half turns of a joint nobody asks for a slope.
     within = np.clip(extreme, -8.9, 8.9)
@@ -169,7 +194,9 @@ def test_joints_that_do_not_score_do_not_matter():
 def test_the_mixture_is_the_weighted_mean():
     postures = random_postures(30)
     narrow, wide = SmoothReba((1.5,), (1.0,))(postures), SmoothReba((12.0,), (1.0,))(postures)
-    np.testing.assert_allclose(SmoothReba()(postures), 0.8 * narrow + 0.2 * wide, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        SmoothReba()(postures), 0.8 * narrow + 0.2 * wide, rtol=0, atol=1e-12
+    )
 
 
 def test_shapes_and_protocol():

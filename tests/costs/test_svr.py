@@ -1,4 +1,5 @@
-"""Support vector regression: scikit-learn's own prediction, expression and slope the same, and better than plain angles."""
+"""Support vector regression: scikit-learn's own prediction, expression and slope the same, and
+better than plain angles."""
 
 import casadi as ca
 import numpy as np
@@ -45,7 +46,9 @@ def test_predicts_what_scikit_learn_predicts(cost, data):
     np.testing.assert_allclose(cost.predict(points), expected, rtol=0, atol=1e-10)
     postures = cost.coordinates.spread(points)
     np.testing.assert_allclose(cost(postures), expected, rtol=0, atol=1e-10)
-    np.testing.assert_allclose([float(cost.function(posture)) for posture in postures], expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        [float(cost.function(posture)) for posture in postures], expected, rtol=0, atol=1e-10
+    )
 
 
 def test_the_slope_is_the_gradient(cost):
@@ -53,7 +56,10 @@ def test_the_slope_is_the_gradient(cost):
     value = cost.expression(q)
     differentiated = ca.Function("g", [q], [value, ca.gradient(value, q)])
     for posture in cost.coordinates.spread(sheet_data(2, 2).points):
-        (value, slope), (expected, gradient) = cost.value_and_gradient(posture), differentiated(posture)
+        (value, slope), (expected, gradient) = (
+            cost.value_and_gradient(posture),
+            differentiated(posture),
+        )
         assert float(value) == float(expected)
         np.testing.assert_allclose(slope.full(), gradient.full(), rtol=0, atol=1e-11)
 
@@ -87,7 +93,11 @@ def test_steps_are_chosen_for_the_sheet_and_predict_it_better(data):
     assert isinstance(automatic.features, Steps)
     error, plain, constant = (
         np.abs(values - unseen.labels).mean()
-        for values in (automatic.predict(unseen.points), Svr.fit(data, features="plain").predict(unseen.points), 5.5)
+        for values in (
+            automatic.predict(unseen.points),
+            Svr.fit(data, features="plain").predict(unseen.points),
+            5.5,
+        )
     )
     assert error < 0.85 * plain
     assert plain < 0.55 * constant
@@ -134,9 +144,24 @@ def test_a_most_of_support_vectors(tmp_path):
         (np.eye(3), np.arange(3), {}, "svr: got 3 points, allowed at least 20"),
         (np.ones((30, 3)), np.ones(30), {}, "got the label 1 everywhere"),
         (np.ones((30, 3)), np.arange(30), {}, "the same point everywhere"),
-        (np.random.default_rng(0).normal(size=(30, 3)), np.arange(30), {"features": "steps"}, "no input has a step"),
-        (np.random.default_rng(0).normal(size=(30, 3)), np.arange(30), {"features": "bands"}, "allowed auto, steps, plain"),
-        (np.random.default_rng(0).normal(size=(30, 3)), np.arange(30), {"epsilon": 1e3}, "allowed a smaller epsilon"),
+        (
+            np.random.default_rng(0).normal(size=(30, 3)),
+            np.arange(30),
+            {"features": "steps"},
+            "no input has a step",
+        ),
+        (
+            np.random.default_rng(0).normal(size=(30, 3)),
+            np.arange(30),
+            {"features": "bands"},
+            "allowed auto, steps, plain",
+        ),
+        (
+            np.random.default_rng(0).normal(size=(30, 3)),
+            np.arange(30),
+            {"epsilon": 1e3},
+            "allowed a smaller epsilon",
+        ),
         (np.eye(30)[:, :3], np.arange(30), {"C": 0.0}, "C: got 0.0"),
         (np.eye(30)[:, :3], np.arange(30), {"gamma": np.inf}, "gamma: got inf"),
         (np.eye(30)[:, :3], np.arange(30), {"epsilon": -1.0}, "epsilon: got -1.0"),

@@ -20,14 +20,21 @@ def test_columns_in_any_order_and_unit(tmp_path):
 
 
 def test_points_of_the_forearm(tmp_path):
-    data = read_data(written(tmp_path, "elbow_x,elbow_y,elbow_z,wrist_x,wrist_y,wrist_z,score\n0,0,0,0.2,0,0,4\n"))
+    data = read_data(
+        written(
+            tmp_path, "elbow_x,elbow_y,elbow_z,wrist_x,wrist_y,wrist_z,score\n0,0,0,0.2,0,0,4\n"
+        )
+    )
     assert data.points.shape == (1, 6)
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("score,trunk_bend\n1,2\n", "got a column 'trunk_bend', allowed joints such as 'trunk_flexion'"),
+        (
+            "score,trunk_bend\n1,2\n",
+            "got a column 'trunk_bend', allowed joints such as 'trunk_flexion'",
+        ),
         ("trunk_flexion\n0.1\n", "got 0 columns named 'score', allowed exactly one"),
         ("score,score,trunk_flexion\n1,1,0.1\n", "got 2 columns named 'score'"),
         ("score,trunk_flexion\n", "got a header and no posture, allowed a header and at least"),

@@ -35,7 +35,9 @@ def test_rows_that_are_not_finite_are_counted(bad):
 
 
 def test_wrong_shapes_are_named():
-    with pytest.raises(ModelError, match=r"points of shape \(20, 2\), allowed \(n, 1\): trunk_flexion"):
+    with pytest.raises(
+        ModelError, match=r"points of shape \(20, 2\), allowed \(n, 1\): trunk_flexion"
+    ):
         DataSet(points(), np.ones(20), NAMES[:1])
     with pytest.raises(ModelError, match=r"points of shape \(2,\)"):
         DataSet(points()[0], np.ones(1), NAMES)
@@ -65,7 +67,9 @@ def test_split_has_every_row_once():
 
 @pytest.mark.parametrize("kind", [Quadratic, Neural])
 def test_fits_refuse_constant_labels_and_too_few_points(kind):
-    with pytest.raises(ModelError, match=f"{kind.name}: got the label 3 everywhere, allowed at least two"):
+    with pytest.raises(
+        ModelError, match=f"{kind.name}: got the label 3 everywhere, allowed at least two"
+    ):
         kind.fit(DataSet(points(2000), np.full(2000, 3), NAMES))
     with pytest.raises(ModelError, match=rf"{kind.name}: got 5 points, allowed at least \d+"):
         kind.fit(DataSet(points(5), np.arange(5), NAMES))

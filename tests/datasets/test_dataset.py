@@ -1,4 +1,5 @@
-"""Balanced postures: truly of their score, reproducible, and of the law that plain rejection has."""
+"""Balanced postures: truly of their score, reproducible, and of the law that plain rejection
+has."""
 
 import numpy as np
 import pytest
@@ -45,13 +46,19 @@ def test_has_the_law_of_rejection(score):
     postures, scores = rejected(400_000, rng)
     kept = postures[scores == score]
     drawn, _ = balanced_postures(len(kept), rng, scores=[score])
-    # Two samples of one law: every joint's distribution, and that of every pair's products, agrees within its noise.
+    # Two samples of one law: every joint's distribution, and that of every pair's products, agrees
+    # within its noise.
     for joint in range(32):
         levels = np.quantile(kept[:, joint], np.linspace(0.05, 0.95, 19))
         shares = [np.mean(sample[:, [joint]] <= levels, axis=0) for sample in (kept, drawn)]
         assert np.abs(shares[0] - shares[1]).max() < 4.5 * np.sqrt(0.5 / len(kept))
-    for one, other in [("trunk_flexion", "neck_flexion"), ("right_elbow_flexion", "left_shoulder_flexion")]:
-        products = [np.abs(sample[:, INDEX[one]] * sample[:, INDEX[other]]) for sample in (kept, drawn)]
+    for one, other in [
+        ("trunk_flexion", "neck_flexion"),
+        ("right_elbow_flexion", "left_shoulder_flexion"),
+    ]:
+        products = [
+            np.abs(sample[:, INDEX[one]] * sample[:, INDEX[other]]) for sample in (kept, drawn)
+        ]
         error = np.hypot(*(p.std() / np.sqrt(len(p)) for p in products))
         assert abs(products[0].mean() - products[1].mean()) < 4.5 * error
 
@@ -59,14 +66,24 @@ def test_has_the_law_of_rejection(score):
 def test_options_and_method_count():
     method = reba.Method(arms="segments", additive=True)
     options = {"activity": 2, "seated": True, "load_kg": 7.0, "arm_supported": (True, False)}
-    postures, scores = balanced_postures(40, np.random.default_rng(0), method, scores=(4, 8, 12), **options)
+    postures, scores = balanced_postures(
+        40, np.random.default_rng(0), method, scores=(4, 8, 12), **options
+    )
     np.testing.assert_array_equal(reba.assess(postures, method, **options).final, scores)
     assert sorted(set(scores)) == [4, 8, 12]
 
 
 def test_joints_that_are_not_drawn_are_zero():
-    joints = ("trunk_flexion", "neck_flexion", "right_shoulder_flexion", "left_elbow_flexion", "right_hip_flexion")
-    postures, scores = balanced_postures(100, np.random.default_rng(0), scores=(1, 3, 5), joints=joints)
+    joints = (
+        "trunk_flexion",
+        "neck_flexion",
+        "right_shoulder_flexion",
+        "left_elbow_flexion",
+        "right_hip_flexion",
+    )
+    postures, scores = balanced_postures(
+        100, np.random.default_rng(0), scores=(1, 3, 5), joints=joints
+    )
     drawn = [INDEX[joint] for joint in joints]
     assert (np.delete(postures, drawn, axis=1) == 0).all()
     assert (postures[:, drawn].std(axis=0) > 0.1).all()
@@ -74,11 +91,14 @@ def test_joints_that_are_not_drawn_are_zero():
 
 
 def test_a_zero_on_a_band_end_is_scored_as_the_sheet_scores_it():
-    # With no tolerance the trunk is upright at exactly 0 deg only, and a neck at 0 deg is on the end of its band.
+    # With no tolerance the trunk is upright at exactly 0 deg only, and a neck at 0 deg is on the
+    # end of its band.
     for band_ends in ("lower", "higher"):
         method = reba.Method(trunk_upright_deg=0.0, neck_extension_deg=0.0, band_ends=band_ends)
         joints = ["right_shoulder_flexion", "right_knee_flexion"]
-        postures, scores = balanced_postures(50, np.random.default_rng(0), method, scores=(2, 3), joints=joints)
+        postures, scores = balanced_postures(
+            50, np.random.default_rng(0), method, scores=(2, 3), joints=joints
+        )
         np.testing.assert_array_equal(reba.assess(postures, method).final, scores)
 
 

@@ -1,4 +1,5 @@
-"""Data sets of postures: their rules against a second reading, their law against rejection, seed and cache."""
+"""Data sets of postures: their rules against a second reading, their law against rejection, seed
+and cache."""
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from ergoqp.errors import InputError
 from ergoqp.joints import INDEX
 from ergoqp.sheets.interval import interval_ranges
 
-# The rules behind the EPFL report's data as a plain list, edges [deg] and scores: a second reading, apart from the package's.
+# The rules behind the EPFL report's data as a plain list, edges [deg] and scores: a second reading,
+# apart from the package's.
 BENT = ([-45, -15, 15, 45], [1, 0, 1])
 RULES = {
     "neck_flexion": ([-45, 10, 20, 45], [2, 1, 2]),
@@ -48,7 +50,11 @@ def plain_score(angles):
 
     def worse(*joints):
         return max(
-            sum(part) for part in zip(*([points(f"{side}_{j}") for side in ("right", "left")] for j in joints), strict=True)
+            sum(part)
+            for part in zip(
+                *([points(f"{side}_{j}") for side in ("right", "left")] for j in joints),
+                strict=True,
+            )
         )
 
     neck = points("neck_flexion") + either("neck_side_bend", "neck_twist")
@@ -56,10 +62,13 @@ def plain_score(angles):
     legs = worse("knee_flexion")
     upper, lower = worse("shoulder_flexion", "shoulder_abduction"), worse("elbow_flexion")
     wrist = max(
-        points(f"{side}_wrist_flexion") + either(f"{side}_wrist_deviation", f"{side}_forearm_pronation")
+        points(f"{side}_wrist_flexion")
+        + either(f"{side}_wrist_deviation", f"{side}_forearm_pronation")
         for side in ("right", "left")
     )
-    scores = reba.combine(neck=neck, trunk=trunk, legs=legs, upper_arm=upper, lower_arm=lower, wrist=wrist)
+    scores = reba.combine(
+        neck=neck, trunk=trunk, legs=legs, upper_arm=upper, lower_arm=lower, wrist=wrist
+    )
     table_a = int(scores.table_a) - ((neck, trunk) == (3, 5) and legs in (2, 3))
     return TABLE_C[table_a, int(scores.table_b)]
 
@@ -73,7 +82,14 @@ def read_table_c():
                 for arm in range(1, 7):
                     for lower in (1, 2):
                         for wrist in (1, 2, 3):
-                            s = reba.combine(neck=neck, trunk=trunk, legs=legs, upper_arm=arm, lower_arm=lower, wrist=wrist)
+                            s = reba.combine(
+                                neck=neck,
+                                trunk=trunk,
+                                legs=legs,
+                                upper_arm=arm,
+                                lower_arm=lower,
+                                wrist=wrist,
+                            )
                             found[int(s.score_a), int(s.score_b)] = int(s.final)
     return found
 
@@ -82,7 +98,8 @@ TABLE_C = read_table_c()
 
 
 def rejected(count, seed):
-    """Draw as the EPFL report did, by an interval of each joint and then inside it: points (n, 20) [rad]."""
+    """Draw as the EPFL report did, by an interval of each joint and then inside it: points (n, 20)
+    [rad]."""
     rng = np.random.default_rng(seed)
     columns = []
     for joint in REPORT_JOINTS:
@@ -104,11 +121,22 @@ def test_interval_labels_agree_with_a_plain_reading():
 
 def test_the_two_low_cells_count():
     posture = dict.fromkeys(REPORT_JOINTS, 0.0)
-    posture |= {"neck_flexion": 30, "neck_twist": 20, "trunk_flexion": 70, "trunk_twist": 20, "right_knee_flexion": 70}
+    posture |= {
+        "neck_flexion": 30,
+        "neck_twist": 20,
+        "trunk_flexion": 70,
+        "trunk_twist": 20,
+        "right_knee_flexion": 70,
+    }
     row = np.radians([posture[joint] for joint in REPORT_JOINTS])
-    # Neck 3, trunk 5, legs 2 is 7 here and 8 in REBA's table A; hanging arms with straight elbows are 1 in table B.
+    # Neck 3, trunk 5, legs 2 is 7 here and 8 in REBA's table A; hanging arms with straight elbows
+    # are 1 in table B.
     assert interval_labels(row) == TABLE_C[7, 1] == 7
-    assert reba.combine(neck=3, trunk=5, legs=2, upper_arm=1, lower_arm=2, wrist=1).final == TABLE_C[8, 1] == 8
+    assert (
+        reba.combine(neck=3, trunk=5, legs=2, upper_arm=1, lower_arm=2, wrist=1).final
+        == TABLE_C[8, 1]
+        == 8
+    )
 
 
 def test_interval_data_have_the_law_of_rejection():
@@ -123,12 +151,16 @@ def test_interval_data_have_the_law_of_rejection():
             assert np.abs(shares[0] - shares[1]).max() < 4.5 * np.sqrt(0.5 / len(kept))
 
 
-@pytest.mark.parametrize("joints", [REPORT_JOINTS, SCORED_JOINTS, ("trunk_flexion", "neck_flexion", "right_hip_flexion")])
+@pytest.mark.parametrize(
+    "joints", [REPORT_JOINTS, SCORED_JOINTS, ("trunk_flexion", "neck_flexion", "right_hip_flexion")]
+)
 def test_sheet_labels_are_a_function_of_the_drawn_joints(joints):
     scores = range(1, 11) if len(joints) > 3 else (1, 2, 3)
     data = posture_data(50, joints=joints, scores=scores, cache=False)
     assert data.coordinates == joints
-    np.testing.assert_array_equal(reba.assess(Coordinates(joints).spread(data.points)).final, data.labels)
+    np.testing.assert_array_equal(
+        reba.assess(Coordinates(joints).spread(data.points)).final, data.labels
+    )
     assert sorted(np.unique(data.labels)) == list(scores)
     assert (data.points.std(axis=0) > 0.05).all()
 
@@ -136,7 +168,9 @@ def test_sheet_labels_are_a_function_of_the_drawn_joints(joints):
 def test_options_of_task_and_method_count():
     method = reba.Method(additive=True)
     data = posture_data(30, scores=(5, 9), method=method, load_kg=7.0, cache=False)
-    final = reba.assess(Coordinates(data.coordinates).spread(data.points), method, load_kg=7.0).final
+    final = reba.assess(
+        Coordinates(data.coordinates).spread(data.points), method, load_kg=7.0
+    ).final
     np.testing.assert_array_equal(final, data.labels)
     assert "load_kg 7.0" in data.source
 
@@ -159,7 +193,13 @@ def test_the_cache_gives_back_what_was_drawn(tmp_path, monkeypatch):
     np.testing.assert_array_equal(again.points, first.points)
     assert (again.source, again.coordinates) == (first.source, first.coordinates)
     # The file is what is read: with other numbers in it, these come back.
-    np.savez(path, points=first.points + 1, labels=first.labels, coordinates=first.coordinates, source="changed")
+    np.savez(
+        path,
+        points=first.points + 1,
+        labels=first.labels,
+        coordinates=first.coordinates,
+        source="changed",
+    )
     assert posture_data(10, seed=5).source == "changed"
     for other in (
         posture_data(10, seed=6),
@@ -195,7 +235,8 @@ def test_noise_in_the_stream_gives_the_expected_score():
     states = Coordinates(SCORED_JOINTS).spread(points)
     exact, expected = reba.assess(states).final, SmoothReba(*noise.values())(states)
     assert (labels != exact).mean() > 0.2
-    # The labels scatter about the closed form: nothing is left that goes with the form itself or with the exact score.
+    # The labels scatter about the closed form: nothing is left that goes with the form itself or
+    # with the exact score.
     for other in (np.ones(len(labels)), expected, exact - expected):
         left = (labels - expected) * other
         assert abs(left.mean()) < 4.5 * left.std() / np.sqrt(len(left))

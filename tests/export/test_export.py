@@ -1,4 +1,5 @@
-"""The exported step: built by its own CMake file, run without ergoqp, and equal to the step in Python."""
+"""The exported step: built by its own CMake file, run without ergoqp, and equal to the step in
+Python."""
 
 import ctypes
 import importlib.util
@@ -62,7 +63,16 @@ def exported(request, tmp_path_factory):
     problem = ergoqp.load_problem(request.param)
     export_step(problem, folder)
     library = folder / "libergoqp_step.so"
-    flags = ["-std=c99", "-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Iinclude", "-Isrc", "-Idaqp/include"]
+    flags = [
+        "-std=c99",
+        "-O1",
+        "-shared",
+        "-fPIC",
+        "-ffp-contract=off",
+        "-Iinclude",
+        "-Isrc",
+        "-Idaqp/include",
+    ]
     command = ["gcc", *flags, *SOURCES, "daqp/lib/libdaqpstat.a", "-lm", "-o", str(library)]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return problem, folder, library
@@ -95,7 +105,8 @@ def test_the_exported_step_gives_what_python_gives(exported):
         answer = other.step(posture, **given)
         seen.add(step.status)
         assert Status(answer.status).name == step.status
-        # Where rows give way, their penalty makes more of the last digits, and the loop goes on from there.
+        # Where rows give way, their penalty makes more of the last digits, and the loop goes on
+        # from there.
         off = 1e-9 if step.slack else off
         np.testing.assert_allclose(answer.twist[:], step.twist, atol=off, rtol=0)
         np.testing.assert_allclose(answer.posture_rate[:], step.posture_rate, atol=off, rtol=0)
@@ -115,15 +126,24 @@ def test_the_wrapper_names_what_it_cannot_take(exported):
         stepper.step(posture, pose=[1, 2, 3])
     with pytest.raises(ValueError, match=f"posture: got 2 numbers, allowed {len(posture)}"):
         stepper.step([0.0, 0.0])
-    with pytest.raises(ValueError, match="speed: got no member of that name, allowed posture, observed"):
+    with pytest.raises(
+        ValueError, match="speed: got no member of that name, allowed posture, observed"
+    ):
         stepper.step(posture, speed=1)
 
 
 def test_names_of_any_letters_are_literals_of_c(tmp_path):
     wild = 'we"ird \\ \n ??/ */ é'
-    (tmp_path / "main.c").write_text(f"#include <stdio.h>\nint main(void) {{ fputs({c_string(wild)}, stdout); return 0; }}\n")
-    subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True)
-    assert subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout.decode() == wild
+    (tmp_path / "main.c").write_text(
+        f"#include <stdio.h>\nint main(void) {{ fputs({c_string(wild)}, stdout); return 0; }}\n"
+    )
+    subprocess.run(
+        ["gcc", "-std=c99", "-Wall", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True
+    )
+    assert (
+        subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout.decode()
+        == wild
+    )
     assert c_string("\x1f ~\x7f") == '"\\037 ~\\177"'
     quoted = 'we"ird ?? é'
     named = header(replace(ergoqp.load_problem("screwing"), name=quoted))
@@ -143,9 +163,14 @@ def test_reset_starts_again_from_standstill(exported):
 
 def test_it_takes_over_a_moving_object_as_python_does(exported):
     problem, folder, library = exported
-    stepper, other, posture = Stepper(problem), load_wrapper(folder).Stepper(str(library)), start_of(problem)
+    stepper, other, posture = (
+        Stepper(problem),
+        load_wrapper(folder).Stepper(str(library)),
+        start_of(problem),
+    )
     speed = problem.twist_limit.speed
-    # The last one is clipped. Elbow and wrist move alike: a twist that would change the forearm's length cannot be kept.
+    # The last one is clipped. Elbow and wrist move alike: a twist that would change the forearm's
+    # length cannot be kept.
     for moving in (0.3 * speed, -speed, np.array([3.0, -1, 1, 3.0, -1, 1]) * speed):
         stepper.reset(twist=moving)
         other.take_over(moving)
@@ -153,7 +178,10 @@ def test_it_takes_over_a_moving_object_as_python_does(exported):
             step, answer = stepper.step(posture), other.step(posture)
             np.testing.assert_allclose(answer.twist[:], step.twist, atol=1e-12, rtol=0)
             if number == 0:
-                assert np.abs(step.twist - np.clip(moving, -speed, speed)).max() < 0.2 * np.abs(moving).max()
+                assert (
+                    np.abs(step.twist - np.clip(moving, -speed, speed)).max()
+                    < 0.2 * np.abs(moving).max()
+                )
     with pytest.raises(ValueError, match="twist: got a number that is not finite"):
         other.take_over([0.0, np.nan, 0, 0, 0, 0])
     # What was refused has changed nothing.
@@ -163,7 +191,11 @@ def test_it_takes_over_a_moving_object_as_python_does(exported):
 
 def test_it_brakes_without_data_as_python_does(exported):
     problem, folder, library = exported
-    stepper, other, posture = Stepper(problem), load_wrapper(folder).Stepper(str(library)), away_from_rest(problem)
+    stepper, other, posture = (
+        Stepper(problem),
+        load_wrapper(folder).Stepper(str(library)),
+        away_from_rest(problem),
+    )
 
     def both(call, *arguments, **given):
         step, answer = (getattr(one, call)(*arguments, **given) for one in (stepper, other))
@@ -175,7 +207,13 @@ def test_it_brakes_without_data_as_python_does(exported):
 
     moving = 0.5 * problem.twist_limit.speed
     # Braking once, with another period, after the robot's own ramp, and going on from there.
-    for calls in ([{}, {}], [{"dt": 0.003}], [{"elapsed": 0.013}], [{"dt": 0.02, "elapsed": 0.1}, {}], [{"elapsed": 100.0}]):
+    for calls in (
+        [{}, {}],
+        [{"dt": 0.003}],
+        [{"elapsed": 0.013}],
+        [{"dt": 0.02, "elapsed": 0.1}, {}],
+        [{"elapsed": 100.0}],
+    ):
         stepper.reset(twist=moving)
         other.take_over(moving)
         both("step", posture)
@@ -197,10 +235,23 @@ def test_the_wrapper_reserves_enough_memory(exported, tmp_path):
         " sizeof(ergoqp_stepper), sizeof(ergoqp_input), sizeof(ergoqp_output)); return 0; }"
     )
     subprocess.run(["gcc", f"-I{folder}/include", "size.c", "-o", "size"], cwd=tmp_path, check=True)
-    sizes = [int(word) for word in subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True).stdout.split()]
+    sizes = [
+        int(word)
+        for word in subprocess.run(
+            ["./size"], cwd=tmp_path, capture_output=True, text=True
+        ).stdout.split()
+    ]
     wrapper = load_wrapper(folder)
-    reserved = int(re.search(r"create_string_buffer\((\d+)\)", (folder / "python/ergoqp_step.py").read_text()).group(1))
-    assert sizes == [min(reserved, sizes[0]), ctypes.sizeof(wrapper.Input), ctypes.sizeof(wrapper.Output)]
+    reserved = int(
+        re.search(
+            r"create_string_buffer\((\d+)\)", (folder / "python/ergoqp_step.py").read_text()
+        ).group(1)
+    )
+    assert sizes == [
+        min(reserved, sizes[0]),
+        ctypes.sizeof(wrapper.Input),
+        ctypes.sizeof(wrapper.Output),
+    ]
 
 
 def test_no_memory_is_allocated(exported, tmp_path):
@@ -211,7 +262,9 @@ def test_no_memory_is_allocated(exported, tmp_path):
     folders = [f"-I{folder}/{name}" for name in ("include", "src", "daqp/include")]
     library = str(folder / "daqp/lib/libdaqpstat.a")
     subprocess.run(
-        ["gcc", *folders, "counted.c", *sources, library, "-lm", *wrapped, "-o", "counted"], cwd=tmp_path, check=True
+        ["gcc", *folders, "counted.c", *sources, library, "-lm", *wrapped, "-o", "counted"],
+        cwd=tmp_path,
+        check=True,
     )
     assert subprocess.run(["./counted"], cwd=tmp_path, check=False).returncode == 0
 
@@ -220,7 +273,15 @@ def test_no_memory_is_allocated(exported, tmp_path):
 def test_the_header_is_for_cplusplus_too(exported, tmp_path):
     _, folder, library = exported
     (tmp_path / "main.cpp").write_text(CPLUSPLUS)
-    command = ["g++", "-Wall", "-Werror", f"-I{folder}/include", "main.cpp", str(library), f"-Wl,-rpath,{library.parent}"]
+    command = [
+        "g++",
+        "-Wall",
+        "-Werror",
+        f"-I{folder}/include",
+        "main.cpp",
+        str(library),
+        f"-Wl,-rpath,{library.parent}",
+    ]
     subprocess.run([*command, "-o", "main"], cwd=tmp_path, check=True)
     assert subprocess.run(["./main"], cwd=tmp_path, check=False).returncode == 0
 
@@ -232,8 +293,12 @@ def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
     assert "ergoqp_step.h" in capsys.readouterr().out
     for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    example = re.search(r"^build/main (.*)$", (folder / "README.md").read_text(), re.MULTILINE).group(1)
-    shown = subprocess.run(["build/main", *example.split()], cwd=folder, check=True, capture_output=True, text=True).stdout
+    example = re.search(
+        r"^build/main (.*)$", (folder / "README.md").read_text(), re.MULTILINE
+    ).group(1)
+    shown = subprocess.run(
+        ["build/main", *example.split()], cwd=folder, check=True, capture_output=True, text=True
+    ).stdout
     assert re.search(r"^ +0\.0 s +\w+ +cost", shown)
     costs = [float(value) for value in re.findall(r"cost +([\d.]+)", shown)]
     assert len(costs) == 11
@@ -242,7 +307,12 @@ def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
     assert "@" not in (folder / "README.md").read_text()
 
     (folder / "inputs").write_bytes(b"\0" * 10)
-    assert subprocess.run(["build/replay", "inputs", "outputs"], cwd=folder, capture_output=True, check=False).returncode == 2
+    assert (
+        subprocess.run(
+            ["build/replay", "inputs", "outputs"], cwd=folder, capture_output=True, check=False
+        ).returncode
+        == 2
+    )
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):

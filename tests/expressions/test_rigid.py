@@ -46,7 +46,9 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("wrong", "said"), BAD, ids=["mirror", "row", "sheared", "nan", "far", "shape", "text"])
+@pytest.mark.parametrize(
+    ("wrong", "said"), BAD, ids=["mirror", "row", "sheared", "nan", "far", "shape", "text"]
+)
 @pytest.mark.parametrize("where", ["guide", "optimise", "whole body", "step"])
 def test_everybody_refuses_the_same_poses(where: str, wrong: Any, said: str) -> None:
     problem = problem_of("screwing")
@@ -56,7 +58,9 @@ def test_everybody_refuses_the_same_poses(where: str, wrong: Any, said: str) -> 
         assert "pose" in step.reason
         return
     if where == "whole body":
-        whole_body = pytest.importorskip("ergoqp.whole_body", reason="the extra mink is not installed")
+        whole_body = pytest.importorskip(
+            "ergoqp.whole_body", reason="the extra mink is not installed"
+        )
     given = {
         "guide": lambda: Stepper(problem, guide=wrong),
         "optimise": lambda: optimise(problem, comfort_of("screwing"), pose=wrong, starts=1),
@@ -67,15 +71,21 @@ def test_everybody_refuses_the_same_poses(where: str, wrong: Any, said: str) -> 
 
 
 def test_the_cone_holds_for_a_pose_of_four_decimals() -> None:
-    """A column that is too long looked nearer to the middle of the cone: 0.4 deg outside of 1 deg, and `optimal`."""
+    """A column that is too long looked nearer to the middle of the cone: 0.4 deg outside of 1 deg,
+    and `optimal`."""
     problem = problem_of("screwing")
     cone = problem.limit_of(AxisCone)
     tight = AxisCone(cone.direction, 1.0)
-    problem = problem.replace(limits=[tight if limit is cone else limit for limit in problem.limits])
+    problem = problem.replace(
+        limits=[tight if limit is cone else limit for limit in problem.limits]
+    )
     stepper, rng, farthest = Stepper(problem), np.random.default_rng(0), 0.0
     for _ in range(30):
         axis = rng.normal(size=3)
-        pose = moved(held_pose("screwing"), np.concatenate([np.zeros(3), np.radians(0.98) * axis / np.linalg.norm(axis)]))
+        pose = moved(
+            held_pose("screwing"),
+            np.concatenate([np.zeros(3), np.radians(0.98) * axis / np.linalg.norm(axis)]),
+        )
         stepper.reset()
         # As it is rounded, and stretched by as much as passes for a rotation.
         given = np.round(pose, 4)
@@ -83,7 +93,9 @@ def test_the_cone_holds_for_a_pose_of_four_decimals() -> None:
         step = stepper.step(near_comfort("screwing", rng, 20), given)
         left, _, right = np.linalg.svd(given[:3, :3])
         np.testing.assert_allclose(step.pose[:3, :3], left @ right, atol=1e-12)
-        true = np.degrees(np.arccos(np.clip((left @ right)[:, 0] @ np.asarray(cone.direction), -1, 1)))
+        true = np.degrees(
+            np.arccos(np.clip((left @ right)[:, 0] @ np.asarray(cone.direction), -1, 1))
+        )
         assert step.margins["tool axis"] == pytest.approx(np.radians(1.0 - true), abs=1e-9)
         farthest = max(farthest, true)
     assert farthest > 0.9

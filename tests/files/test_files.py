@@ -1,4 +1,5 @@
-"""Files that anybody may have made: read, or refused in one sentence, and never at the price that they claim."""
+"""Files that anybody may have made: read, or refused in one sentence, and never at the price that
+they claim."""
 
 from __future__ import annotations
 
@@ -23,7 +24,10 @@ from ergoqp.problem_files.load import load_problem
 
 def npy(shape: str, data: bytes, kind: str = "<f8") -> bytes:
     """An array file with a header of one's own."""
-    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
+    head = (
+        f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode()
+        + b"\n"
+    )
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + data
 
 
@@ -34,11 +38,17 @@ def packed(path: Path, **entries: bytes) -> Path:
     return path
 
 
-@pytest.mark.parametrize("shape", ["(10000000000000,)", "(3, 10000000000)", "(-5,)", "(9223372036854775807, 2)"])
-def test_an_array_that_claims_more_than_it_holds_is_refused_before_anything_is_allocated(tmp_path: Path, shape: str) -> None:
+@pytest.mark.parametrize(
+    "shape", ["(10000000000000,)", "(3, 10000000000)", "(-5,)", "(9223372036854775807, 2)"]
+)
+def test_an_array_that_claims_more_than_it_holds_is_refused_before_anything_is_allocated(
+    tmp_path: Path, shape: str
+) -> None:
     path = packed(tmp_path / "model.npz", header=npy(shape, b"\x00" * 80))
     tracemalloc.start()
-    with pytest.raises(ModelError, match=r"model\.npz: got no \.npz file of numbers, or a part of one"):
+    with pytest.raises(
+        ModelError, match=r"model\.npz: got no \.npz file of numbers, or a part of one"
+    ):
         read_npz(path)
     assert tracemalloc.get_traced_memory()[1] < 10_000_000
     tracemalloc.stop()
@@ -54,7 +64,9 @@ def test_a_file_that_unpacks_to_gigabytes_is_refused_by_its_directory(tmp_path: 
     at = content.index(b"PK\x01\x02")
     content[at + 24 : at + 28] = (LARGEST + 1).to_bytes(4, "little")
     path.write_bytes(bytes(content))
-    with pytest.raises(ModelError, match=rf"model\.npz: got {LARGEST + 1} bytes of arrays, allowed {LARGEST}"):
+    with pytest.raises(
+        ModelError, match=rf"model\.npz: got {LARGEST + 1} bytes of arrays, allowed {LARGEST}"
+    ):
         read_npz(path)
 
 
@@ -87,7 +99,9 @@ def test_models_with_a_part_that_is_none_or_missing_are_refused(tmp_path: Path, 
             else:
                 values[part] = arrays[part][:-1] if arrays[part].ndim else np.zeros((2, 2))
             path = tmp_path / "model.npz"
-            save_model(path, {key: value for key, value in header.items() if key != "format"}, values)
+            save_model(
+                path, {key: value for key, value in header.items() if key != "format"}, values
+            )
             with pytest.raises(ErgoqpError) as caught:
                 load_cost(path)
             assert "\n" not in str(caught.value), (part, broken)
@@ -146,10 +160,14 @@ def test_a_ledger_takes_over_nothing_that_is_no_trial(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("first", [0, 70])
-def test_a_short_run_of_the_benchmark_finds_nothing_wrong(tmp_path: Path, first: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_short_run_of_the_benchmark_finds_nothing_wrong(
+    tmp_path: Path, first: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # The benchmark has a cache of its own.
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    files = pytest.importorskip("benchmarks.files", reason="the benchmarks of the checkout are not importable here")
+    files = pytest.importorskip(
+        "benchmarks.files", reason="the benchmarks of the checkout are not importable here"
+    )
     kinds = [make(tmp_path) for make in files.KINDS if make.__name__ != "optima"]
     for number in range(first, first + 70):
         rng = np.random.default_rng([number, 99])

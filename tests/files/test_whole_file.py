@@ -86,7 +86,9 @@ def test_a_folder_is_filled_whole_or_not_at_all(tmp_path: Path, there: bool) -> 
             (scratch / "src" / "step.c").write_text("x" * size)
 
     def found() -> list[str]:
-        return sorted(str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*") if each.is_file())
+        return sorted(
+            str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*") if each.is_file()
+        )
 
     if there:
         folder.mkdir()
@@ -122,7 +124,8 @@ def test_what_stands_in_the_way_is_named_before_anything_is_changed(tmp_path: Pa
 
 
 def test_a_folder_that_is_there_is_filled_from_within(tmp_path: Path) -> None:
-    """It may be a disk of its own, from which nothing can be moved in one go, in a folder that cannot be written."""
+    """It may be a disk of its own, from which nothing can be moved in one go, in a folder that
+    cannot be written."""
     folder = tmp_path / "mounted"
     folder.mkdir()
     with whole_folder(folder) as scratch:

@@ -1,4 +1,5 @@
-"""The body: joints and their signs, scaling by stature and by measured lengths, and what is refused."""
+"""The body: joints and their signs, scaling by stature and by measured lengths, and what is
+refused."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ def kinematics() -> Kinematics:
 
 
 def sites(body: Body, angles: dict[str, float] | None = None) -> dict[str, np.ndarray]:
-    """Positions of all frames by MuJoCo, with the pelvis at the origin and some joints at angles [deg]."""
+    """Positions of all frames by MuJoCo, with the pelvis at the origin and some joints at angles
+    [deg]."""
     data = mujoco.MjData(body.model)
     for joint, angle in (angles or {}).items():
         data.qpos[4 + INDEX[joint]] = np.radians(angle)
@@ -29,10 +31,27 @@ def sites(body: Body, angles: dict[str, float] | None = None) -> dict[str, np.nd
 
 
 def test_the_joints_are_those_of_the_design_in_order() -> None:
-    arm = ["shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow_flexion", "forearm_pronation"]
+    arm = [
+        "shoulder_flexion",
+        "shoulder_abduction",
+        "shoulder_rotation",
+        "elbow_flexion",
+        "forearm_pronation",
+    ]
     arm += ["wrist_flexion", "wrist_deviation"]
-    leg = ["hip_flexion", "hip_abduction", "hip_rotation", "knee_flexion", "ankle_flexion", "ankle_inversion"]
-    expected = [f"{part}_{motion}" for part in ("trunk", "neck") for motion in ("flexion", "side_bend", "twist")]
+    leg = [
+        "hip_flexion",
+        "hip_abduction",
+        "hip_rotation",
+        "knee_flexion",
+        "ankle_flexion",
+        "ankle_inversion",
+    ]
+    expected = [
+        f"{part}_{motion}"
+        for part in ("trunk", "neck")
+        for motion in ("flexion", "side_bend", "twist")
+    ]
     expected += [f"{side}_{joint}" for side in ("right", "left") for joint in arm]
     expected += [f"{side}_{joint}" for side in ("right", "left") for joint in leg]
     assert list(JOINTS) == expected
@@ -49,7 +68,8 @@ def test_ranges_of_the_model_are_those_of_the_joints(stature: float) -> None:
     assert not model.jnt_limited[:4].any()
 
 
-# (joint, the frame that shows it, axis of the pelvis, direction): "o" stands for the side's outward direction.
+# (joint, the frame that shows it, axis of the pelvis, direction): "o" stands for the side's outward
+# direction.
 MIDDLE_SIGNS = [
     ("trunk_flexion", "head", X, +1),
     ("trunk_side_bend", "head", Y, +1),
@@ -65,7 +85,8 @@ SIDE_SIGNS = [
     ("shoulder_rotation", {"elbow_flexion": 90}, "knuckles", Y, "inward"),
     ("elbow_flexion", {}, "knuckles", X, +1),
     ("elbow_flexion", {}, "knuckles", Z, +1),
-    # Palms to the thighs: the thumb is in front; turned to pronation it comes to the thigh and the palm looks backward.
+    # Palms to the thighs: the thumb is in front; turned to pronation it comes to the thigh and the
+    # palm looks backward.
     ("forearm_pronation", {}, "thumb", Y, "inward"),
     ("forearm_pronation", {}, "grip", X, -1),
     ("wrist_flexion", {}, "fingertips", Y, "inward"),
@@ -95,7 +116,10 @@ def test_a_positive_angle_means_the_same_on_both_sides(
     outward = -1 if side == "right" else 1
     direction = {"outward": outward, "inward": -outward}.get(sign, sign)  # type: ignore[arg-type]
     before = {f"{side}_{name}": angle for name, angle in others.items()}
-    moved = sites(Body(), before | {f"{side}_{joint}": 10})[f"{side}_{frame}"] - sites(Body(), before)[f"{side}_{frame}"]
+    moved = (
+        sites(Body(), before | {f"{side}_{joint}": 10})[f"{side}_{frame}"]
+        - sites(Body(), before)[f"{side}_{frame}"]
+    )
     assert direction * moved[axis] > 0.002
 
 
@@ -108,7 +132,10 @@ def test_both_sides_are_mirror_images(kinematics: Kinematics) -> None:
             q[INDEX[joint]] = q[INDEX[joint.replace("right_", "left_")]] = value
     mirror = np.array([1, -1, 1])
     for frame in (frame for frame in FRAMES if frame.startswith("right_")):
-        right, left = (np.array(kinematics.function(f)(q)[0]).ravel() for f in (frame, frame.replace("right", "left")))
+        right, left = (
+            np.array(kinematics.function(f)(q)[0]).ravel()
+            for f in (frame, frame.replace("right", "left"))
+        )
         np.testing.assert_allclose(right * mirror, left, atol=1e-12)
 
 
@@ -117,21 +144,28 @@ def test_zero_is_upright_with_hanging_arms_and_palms_to_the_thighs(kinematics: K
     assert at["head_top"][Z] - at["right_sole"][Z] == pytest.approx(1.75, abs=0.005)
     for side, outward in (("right", -1), ("left", 1)):
         assert outward * at[f"{side}_shoulder"][Y] > 0.15
-        np.testing.assert_allclose(at[f"{side}_fingertips"][:2], at[f"{side}_shoulder"][:2], atol=1e-9)
+        np.testing.assert_allclose(
+            at[f"{side}_fingertips"][:2], at[f"{side}_shoulder"][:2], atol=1e-9
+        )
         # The palm's middle is on the body's side of the knuckles, the thumb in front.
         assert outward * (at[f"{side}_knuckles"][Y] - at[f"{side}_grip"][Y]) > 0.01
         assert at[f"{side}_thumb"][X] > 0.04
 
 
-def test_the_grip_has_the_axes_of_the_world_when_the_elbow_is_bent_square(kinematics: Kinematics) -> None:
+def test_the_grip_has_the_axes_of_the_world_when_the_elbow_is_bent_square(
+    kinematics: Kinematics,
+) -> None:
     for side in SIDES:
         q = np.zeros(32)
         q[INDEX[f"{side}_elbow_flexion"]] = np.pi / 2
-        np.testing.assert_allclose(np.array(kinematics.function(f"{side}_grip")(q)[1]), np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(
+            np.array(kinematics.function(f"{side}_grip")(q)[1]), np.eye(3), atol=1e-12
+        )
 
 
 def measured(body: Body) -> dict[str, float]:
-    """Segment lengths as distances between frames of the zero posture, which know nothing of how the model was scaled."""
+    """Segment lengths as distances between frames of the zero posture, which know nothing of how
+    the model was scaled."""
     at = sites(body)
 
     def apart(a: str, b: str) -> float:
@@ -176,8 +210,14 @@ def test_a_measured_length_is_kept_and_changes_no_other(name: str, factor: float
 
 
 def test_a_longer_foot_reaches_further_forward() -> None:
-    before, after = sites(Body()), sites(Body(lengths={"foot_length": 1.1 * Body().lengths["foot_length"]}))
-    heel_to_toe = {name: at["right_toe"][X] - at["right_heel"][X] for name, at in (("before", before), ("after", after))}
+    before, after = (
+        sites(Body()),
+        sites(Body(lengths={"foot_length": 1.1 * Body().lengths["foot_length"]})),
+    )
+    heel_to_toe = {
+        name: at["right_toe"][X] - at["right_heel"][X]
+        for name, at in (("before", before), ("after", after))
+    }
     assert heel_to_toe["after"] == pytest.approx(1.1 * heel_to_toe["before"])
 
 
@@ -193,7 +233,9 @@ def test_lengths_alone_suggest_the_stature_of_most_of_the_body() -> None:
 
 def test_mass_is_that_of_the_person() -> None:
     assert Body().model.body_subtreemass[0] == pytest.approx(NOMINAL_MASS, abs=1e-3)
-    assert Body.of_stature(1.6, mass=95.0).model.body_subtreemass[0] == pytest.approx(95.0, abs=1e-3)
+    assert Body.of_stature(1.6, mass=95.0).model.body_subtreemass[0] == pytest.approx(
+        95.0, abs=1e-3
+    )
     # The same build at every stature.
     for stature in (1.5, 2.0):
         body = Body.of_stature(stature)
@@ -213,7 +255,10 @@ def test_mass_is_that_of_the_person() -> None:
         (lambda: Body(lengths={"thigh": float("nan")}), "length of thigh: got nan m"),
         (lambda: Body.of_lengths({}), r"segment lengths: got \[\], allowed a non-empty part"),
         (lambda: Body.of_lengths({"tail": 0.2}), r"segment lengths: got \['tail'\]"),
-        (lambda: Body.of_lengths({"thigh": 0.43, "trunk": 0.53, "shank": 0.0}), "length of shank: got 0.0 m"),
+        (
+            lambda: Body.of_lengths({"thigh": 0.43, "trunk": 0.53, "shank": 0.0}),
+            "length of shank: got 0.0 m",
+        ),
     ],
 )
 def test_a_body_that_is_not_one_is_refused(make, sentence: str) -> None:

@@ -1,4 +1,5 @@
-"""Features: steps are found where they are, made soft, flat far away; relevances are the slope of the evidence, and true."""
+"""Features: steps are found where they are, made soft, flat far away; relevances are the slope of
+the evidence, and true."""
 
 import casadi as ca
 import numpy as np
@@ -14,10 +15,13 @@ WIDTHS, SHARES = (0.05, 0.4), (0.8, 0.2)
 
 
 def stepped(n=2000, seed=0):
-    """Labels that jump at 0.3 in column 0 and at -0.5 and 0.5 in column 2; column 1 does not matter."""
+    """Labels that jump at 0.3 in column 0 and at -0.5 and 0.5 in column 2; column 1 does not
+    matter."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1, 1, (n, 3))
-    labels = 1 + 2.0 * (points[:, 0] > 0.3) + (np.abs(points[:, 2]) > 0.5) + 0.3 * rng.normal(size=n)
+    labels = (
+        1 + 2.0 * (points[:, 0] > 0.3) + (np.abs(points[:, 2]) > 0.5) + 0.3 * rng.normal(size=n)
+    )
     return points, labels
 
 
@@ -27,10 +31,15 @@ def test_steps_are_found_and_nothing_else():
     np.testing.assert_allclose(steps.place, [0.3, -0.5, 0.5], atol=0.01)
     np.testing.assert_allclose(steps.height, [2, -1, 1], atol=0.05)
     assert steps.used == [0, 2]
-    assert len(Steps.fit(stepped()[0], np.random.default_rng(1).normal(size=2000), WIDTHS, SHARES)) == 0
+    assert (
+        len(Steps.fit(stepped()[0], np.random.default_rng(1).normal(size=2000), WIDTHS, SHARES))
+        == 0
+    )
 
 
-@pytest.mark.parametrize("features", [Steps.fit(*stepped(), WIDTHS, SHARES), Columns((2, 0)), Columns((0, 1, 2))])
+@pytest.mark.parametrize(
+    "features", [Steps.fit(*stepped(), WIDTHS, SHARES), Columns((2, 0)), Columns((0, 1, 2))]
+)
 def test_numbers_and_expression_are_the_same(features):
     x = ca.MX.sym("x", 3)
     function = ca.Function("f", [x], [features.expression(x)])
@@ -39,8 +48,12 @@ def test_numbers_and_expression_are_the_same(features):
     assert found.shape == (50, len(features))
     np.testing.assert_allclose(found, features.values(points), rtol=0, atol=1e-13)
     settings, arrays = features.parts()
-    np.testing.assert_array_equal(features_from(settings, arrays).values(points), features.values(points))
-    np.testing.assert_allclose(features.part([1]).values(points), features.values(points)[:, [1]], rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(
+        features_from(settings, arrays).values(points), features.values(points)
+    )
+    np.testing.assert_allclose(
+        features.part([1]).values(points), features.values(points)[:, [1]], rtol=0, atol=1e-14
+    )
 
 
 def test_soft_steps_reach_the_levels_and_are_flat_outside():
@@ -70,17 +83,22 @@ def test_slope_of_the_evidence():
     logs = rng.normal(size=5) - 0.5
     value, gradient = _cost(logs, points, labels)
     for i, step in enumerate(1e-5 * np.eye(5)):
-        difference = (_cost(logs + step, points, labels)[0] - _cost(logs - step, points, labels)[0]) / 2e-5
+        difference = (
+            _cost(logs + step, points, labels)[0] - _cost(logs - step, points, labels)[0]
+        ) / 2e-5
         assert abs(difference - gradient[i]) < 1e-7
     scaled = points * np.exp(logs[:3] / 2)
     distances = ((scaled[:, np.newaxis] - scaled) ** 2).sum(axis=2)
     covariance = np.exp(logs[3] - distances) + np.exp(logs[4]) * np.eye(40)
-    likelihood = 0.5 * labels @ np.linalg.solve(covariance, labels) + 0.5 * np.linalg.slogdet(covariance)[1]
+    likelihood = (
+        0.5 * labels @ np.linalg.solve(covariance, labels) + 0.5 * np.linalg.slogdet(covariance)[1]
+    )
     np.testing.assert_allclose(40 * value, likelihood, rtol=1e-10)
 
 
 @pytest.mark.parametrize(
-    ("widths", "shares"), [((), ()), ((0.1,), (0.5,)), ((0.1, 0.2), (1.0,)), ((0.0,), (1.0,)), ((0.1, 0.2), (1.5, -0.5))]
+    ("widths", "shares"),
+    [((), ()), ((0.1,), (0.5,)), ((0.1, 0.2), (1.0,)), ((0.0,), (1.0,)), ((0.1, 0.2), (1.5, -0.5))],
 )
 def test_widths_that_do_not_do_are_named(widths, shares):
     with pytest.raises(ModelError, match=r"steps: got widths .*allowed positive widths"):

@@ -1,4 +1,5 @@
-"""Regression in a mixture: against dense textbook formulas, against sampling, against differences, in every split."""
+"""Regression in a mixture: against dense textbook formulas, against sampling, against differences,
+in every split."""
 
 import casadi as ca
 import numpy as np
@@ -14,12 +15,15 @@ def mixture(columns=5, count=4, seed=0):
     roots = rng.normal(size=(count, columns, columns))
     weights = rng.dirichlet(np.ones(count))
     return MixtureRegression(
-        weights, 1.5 * rng.normal(size=(count, columns)), roots @ roots.swapaxes(1, 2) + 0.2 * np.eye(columns)
+        weights,
+        1.5 * rng.normal(size=(count, columns)),
+        roots @ roots.swapaxes(1, 2) + 0.2 * np.eye(columns),
     )
 
 
 def conditional_by_the_book(m, inputs, outputs, x):
-    """Return mean and covariance of the outputs at one x: densities by scipy, conditionals by plain inverses."""
+    """Return mean and covariance of the outputs at one x: densities by scipy, conditionals by plain
+    inverses."""
     densities, means, covariances = [], [], []
     for weight, mean, covariance in zip(m.weights, m.means, m.covariances, strict=True):
         s_ii, s_io = covariance[np.ix_(inputs, inputs)], covariance[np.ix_(inputs, outputs)]
@@ -41,7 +45,11 @@ def test_equals_the_textbook(inputs, outputs):
     m = mixture()
     regression = m.split(inputs, outputs)
     points = np.random.default_rng(1).normal(size=(20, len(inputs))) * 2
-    mean, covariance, log_density = regression.mean(points), regression.covariance(points), regression.log_density(points)
+    mean, covariance, log_density = (
+        regression.mean(points),
+        regression.covariance(points),
+        regression.log_density(points),
+    )
     assert mean.shape == (20, len(outputs))
     for i, x in enumerate(points):
         density, expected, spread = conditional_by_the_book(m, inputs, outputs, x)
@@ -51,12 +59,15 @@ def test_equals_the_textbook(inputs, outputs):
 
 
 def test_the_covariance_is_that_of_samples():
-    """The output's own covariance enters eq. 2.6, not the cross term that the report prints: samples decide."""
+    """The output's own covariance enters eq. 2.6, not the cross term that the report prints:
+    samples decide."""
     m, x = mixture(3, 2, seed=4), 0.4
     rng = np.random.default_rng(0)
     chosen = rng.choice(2, 4_000_000, p=m.weights)
     roots = np.linalg.cholesky(m.covariances)
-    samples = m.means[chosen] + np.einsum("nij,nj->ni", roots[chosen], rng.normal(size=(len(chosen), 3)))
+    samples = m.means[chosen] + np.einsum(
+        "nij,nj->ni", roots[chosen], rng.normal(size=(len(chosen), 3))
+    )
     near = samples[np.abs(samples[:, 0] - x) < 0.01][:, 1:]
     assert len(near) > 5000
     regression = m.split([0], [1, 2])
@@ -72,7 +83,9 @@ def test_derivative_equals_differences(inputs, outputs, tempered):
         regression = regression.tempered((0.5, 1.0, 6.0), (0.2, 0.5, 0.3))
     points = np.random.default_rng(2).normal(size=(15, len(inputs)))
     h = 1e-5 * np.eye(len(inputs))
-    differences = np.stack([(regression.mean(points + d) - regression.mean(points - d)) / 2e-5 for d in h], axis=2)
+    differences = np.stack(
+        [(regression.mean(points + d) - regression.mean(points - d)) / 2e-5 for d in h], axis=2
+    )
     np.testing.assert_allclose(regression.derivative(points), differences, rtol=1e-6, atol=1e-7)
     local, switching = regression.terms(points)
     np.testing.assert_allclose(local + switching, differences, rtol=1e-6, atol=1e-7)
@@ -100,7 +113,9 @@ def test_responsibilities_share_and_temper():
     points = np.random.default_rng(0).normal(size=(50, 2)) * 3
     densities = np.exp(regression.log_densities(points))
     np.testing.assert_allclose(
-        regression.responsibilities(points), densities / densities.sum(axis=1, keepdims=True), atol=1e-12
+        regression.responsibilities(points),
+        densities / densities.sum(axis=1, keepdims=True),
+        atol=1e-12,
     )
     roots = np.sqrt(densities)
     soft = regression.tempered((2.0,), (1.0,)).responsibilities(points)
@@ -108,10 +123,17 @@ def test_responsibilities_share_and_temper():
 
 
 def test_finite_in_many_dimensions_and_far_away():
-    """Densities of 40 dimensions at a distance of thousands of deviations underflow; their logarithms do not."""
+    """Densities of 40 dimensions at a distance of thousands of deviations underflow; their
+    logarithms do not."""
     regression = mixture(41, 6).split(range(40), [40])
-    points = np.random.default_rng(0).normal(size=(30, 40)) * np.geomspace(0.1, 1e5, 30)[:, np.newaxis]
-    for values in (regression.mean(points), regression.covariance(points), regression.derivative(points)):
+    points = (
+        np.random.default_rng(0).normal(size=(30, 40)) * np.geomspace(0.1, 1e5, 30)[:, np.newaxis]
+    )
+    for values in (
+        regression.mean(points),
+        regression.covariance(points),
+        regression.derivative(points),
+    ):
         assert np.isfinite(values).all()
     x = ca.MX.sym("x", 40)
     function = ca.Function("f", [x], list(regression.expression(x)))
@@ -128,14 +150,23 @@ def test_an_output_may_have_no_variance():
     covariances[:, 2], covariances[:, :, 2] = 0, 0
     regression = MixtureRegression(m.weights, m.means, covariances).split([0, 1], [2])
     points = np.random.default_rng(0).normal(size=(10, 2))
-    np.testing.assert_allclose(regression.mean(points)[:, 0], regression.responsibilities(points) @ m.means[:, 2], atol=1e-12)
+    np.testing.assert_allclose(
+        regression.mean(points)[:, 0],
+        regression.responsibilities(points) @ m.means[:, 2],
+        atol=1e-12,
+    )
     with pytest.raises(ModelError, match="no variance in some direction of the inputs"):
         MixtureRegression(m.weights, m.means, covariances).split([2], [0])
 
 
-@pytest.mark.parametrize(("inputs", "outputs"), [([], [1]), ([0], []), ([0, 1], [1]), ([0, 0], [1]), ([0], [5]), ([-1], [0])])
+@pytest.mark.parametrize(
+    ("inputs", "outputs"),
+    [([], [1]), ([0], []), ([0, 1], [1]), ([0, 0], [1]), ([0], [5]), ([-1], [0])],
+)
 def test_bad_splits_are_named(inputs, outputs):
-    with pytest.raises(ModelError, match=r"split: got inputs .*, allowed columns 0 to 4, each once"):
+    with pytest.raises(
+        ModelError, match=r"split: got inputs .*, allowed columns 0 to 4, each once"
+    ):
         mixture().split(inputs, outputs)
 
 

@@ -42,7 +42,9 @@ def test_a_cut_file_is_refused_wherever_it_was_cut(path):
     whole = path.read_bytes()
     for length in (0, 1, 30, len(whole) // 2, len(whole) - 30, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(ModelError, match=r"no \.npz file|not a model file|cannot be read") as error:
+        with pytest.raises(
+            ModelError, match=r"no \.npz file|not a model file|cannot be read"
+        ) as error:
             load_model(path)
         one_sentence(error)
 
@@ -132,9 +134,16 @@ def test_other_kinds_are_named(path):
 
 
 def test_a_model_that_lacks_a_part_is_refused(path):
-    header = {"kind": "quadratic", "coordinates": ["trunk_flexion"], "minimum": 1.0, "settings": {"constant": 1.0}}
+    header = {
+        "kind": "quadratic",
+        "coordinates": ["trunk_flexion"],
+        "minimum": 1.0,
+        "settings": {"constant": 1.0},
+    }
     save_model(path, header, {"slopes": np.zeros(1)})
-    with pytest.raises(ModelError, match=r"does not hold what a model of kind 'quadratic' needs .*curvatures"):
+    with pytest.raises(
+        ModelError, match=r"does not hold what a model of kind 'quadratic' needs .*curvatures"
+    ):
         load_cost(path)
     save_model(path, header, {"slopes": np.zeros(2), "curvatures": np.zeros(2)})
     with pytest.raises(ModelError, match=r"quadratic: got slopes and curvatures of shapes"):

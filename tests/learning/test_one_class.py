@@ -1,4 +1,5 @@
-"""The one-class boundary: scikit-learn's own zero set, a margin without underflow, its bound from below, its file."""
+"""The one-class boundary: scikit-learn's own zero set, a margin without underflow, its bound from
+below, its file."""
 
 import casadi as ca
 import numpy as np
@@ -37,7 +38,9 @@ def read(model, point):
     d=st.integers(1, 20),
     nu=st.floats(0.02, 0.7),
     narrow=st.floats(0.1, 2),
-    scaler=st.sampled_from(["StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler", None]),
+    scaler=st.sampled_from(
+        ["StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler", None]
+    ),
 )
 def test_equals_the_decision_function_of_scikit_learn(seed, d, nu, narrow, scaler):
     rng = np.random.default_rng(seed)
@@ -51,10 +54,14 @@ def test_equals_the_decision_function_of_scikit_learn(seed, d, nu, narrow, scale
     expected = estimator.decision_function(near)
     np.testing.assert_allclose(model.decision(near), expected, rtol=0, atol=1e-10)
     margin = model.margin(near)
-    np.testing.assert_allclose(np.exp(model.log_rho) * np.expm1(margin), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.exp(model.log_rho) * np.expm1(margin), expected, rtol=0, atol=1e-9
+    )
     clear = np.abs(expected) > 1e-9
     np.testing.assert_array_equal((margin >= 0)[clear], (estimator.predict(near) == 1)[clear])
-    np.testing.assert_allclose([read(model, point)[0] for point in near], margin, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        [read(model, point)[0] for point in near], margin, rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("away", [0.0, 1.0, 30.0, 1e3, 1e6])
@@ -63,11 +70,14 @@ def test_margin_and_slope_are_true_however_far_away(away):
     model = OneClass.fit(cloud(rng), FOREARM)
     for _ in range(20):
         direction = rng.normal(size=6)
-        point = model.mean + model.scale * (rng.normal(size=6) + away * direction / np.linalg.norm(direction))
+        point = model.mean + model.scale * (
+            rng.normal(size=6) + away * direction / np.linalg.norm(direction)
+        )
         value, slope = read(model, point)
         assert abs(value - model.margin(point)[0]) <= 1e-12 * (1 + abs(value))
         assert np.isfinite(slope).all()
-        # Steps that grow with the distance, so that rounding of a value that grows with its square stays below them.
+        # Steps that grow with the distance, so that rounding of a value that grows with its square
+        # stays below them.
         h = 1e-3 * (1 + away)
         for axis in range(6):
             step = np.zeros(6)
@@ -80,14 +90,22 @@ def test_margin_and_slope_are_true_however_far_away(away):
 
 
 @settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 10**6), reach=st.sampled_from([1e-3, 0.1, 1.0, 10.0]), away=st.sampled_from([0.3, 1.0, 5.0, 100.0]))
+@given(
+    seed=st.integers(0, 10**6),
+    reach=st.sampled_from([1e-3, 0.1, 1.0, 10.0]),
+    away=st.sampled_from([0.3, 1.0, 5.0, 100.0]),
+)
 def test_the_bound_from_below_holds_for_every_displacement(seed, reach, away):
     rng = np.random.default_rng(seed)
     model = OneClass.fit(cloud(rng, 100, 4), NAMES[:4], nu=0.3, gamma=rng.uniform(0.05, 1))
     point = model.mean + model.scale * away * rng.normal(size=4)
     value, slope = read(model, point)
     displacements = reach * rng.normal(size=(50, 4)) * model.scale
-    bound = value + displacements @ slope - model.gamma * ((displacements / model.scale) ** 2).sum(axis=1)
+    bound = (
+        value
+        + displacements @ slope
+        - model.gamma * ((displacements / model.scale) ** 2).sum(axis=1)
+    )
     slack = model.margin(point + displacements) - bound
     assert slack.min() >= -1e-9 * (1 + abs(value))
     first_order = model.margin(point + displacements) - value - displacements @ slope
@@ -102,7 +120,9 @@ def test_a_fit_keeps_the_points_inside_but_the_share_nu():
         assert 0.1 * nu < (model.margin(points) < -1e-6).mean() <= nu
         assert (model.weights > 0).all()
         assert model.coordinates.names == FOREARM
-    np.testing.assert_allclose((model.mean, model.scale), (points.mean(axis=0), points.std(axis=0)), rtol=1e-12)
+    np.testing.assert_allclose(
+        (model.mean, model.scale), (points.mean(axis=0), points.std(axis=0)), rtol=1e-12
+    )
     plain = OneClass.fit(points, FOREARM, scale=False)
     assert not plain.mean.any()
     assert (plain.scale == 1).all()
@@ -125,7 +145,9 @@ def test_sparse_support_vectors():
     points = cloud(np.random.default_rng(0), 60, 3)
     estimator = svm.OneClassSVM(nu=0.2, gamma=0.01).fit(sparse.csr_matrix(points))
     model = OneClass.from_estimator(estimator, NAMES[:3])
-    np.testing.assert_allclose(model.decision(points), estimator.decision_function(sparse.csr_matrix(points)), atol=1e-12)
+    np.testing.assert_allclose(
+        model.decision(points), estimator.decision_function(sparse.csr_matrix(points)), atol=1e-12
+    )
 
 
 def test_saved_and_loaded_is_the_same(tmp_path):
@@ -159,7 +181,11 @@ def test_other_files_are_named(tmp_path):
         (np.eye(3), {"nu": 1.0}, "nu: got 1.0"),
         (np.eye(3), {"nu": 0.0}, "nu: got 0.0"),
         (np.eye(3), {"gamma": -1.0}, "gamma: got -1.0"),
-        (np.random.default_rng(0).normal(size=(300, 3)), {"gamma": 1e4}, "nothing is inside with nu 0.02 and gamma 10000"),
+        (
+            np.random.default_rng(0).normal(size=(300, 3)),
+            {"gamma": 1e4},
+            "nothing is inside with nu 0.02 and gamma 10000",
+        ),
     ],
 )
 def test_data_that_do_not_do_are_named(points, settings, sentence):
@@ -182,7 +208,10 @@ def test_estimators_that_do_not_do_are_named():
         (made(one(kernel="linear")), "got the kernel 'linear', allowed 'rbf'"),
         (made(svm.SVR()), "got a SVR, allowed a OneClassSVM"),
         (one(), "OneClassSVM that is not fitted"),
-        (made(preprocessing.QuantileTransformer(n_quantiles=10), one()), "got the step QuantileTransformer"),
+        (
+            made(preprocessing.QuantileTransformer(n_quantiles=10), one()),
+            "got the step QuantileTransformer",
+        ),
         (made(preprocessing.MinMaxScaler(clip=True), one()), "MinMaxScaler that clips"),
         ("svm", "got a str, allowed an estimator of scikit-learn"),
         (one().fit(points[:, :2]), "got one of 2 inputs, allowed 3"),
@@ -208,4 +237,6 @@ def test_parts_that_do_not_fit_are_named():
         OneClass(["a", "b"], 1.0, [0], [1], [[0.0]], [1], 0.1)
     with pytest.raises(ModelError, match="shapes"):
         OneClass(["a"], 1.0, [0], [1], [[0.0]], [0], 0.1)
-    assert ca.is_equal(ca.DM(OneClass(["a"], 1.0, [0], [1], [[0.0]], [1], 0.5).margin([[0.0]])), ca.DM(np.log(2)))
+    assert ca.is_equal(
+        ca.DM(OneClass(["a"], 1.0, [0], [1], [[0.0]], [1], 0.5).margin([[0.0]])), ca.DM(np.log(2))
+    )

@@ -14,7 +14,13 @@ from ergoqp.limits.stop import Stop
 from ergoqp.step.bounds import movable_rows, no_further, row_bounds
 from ergoqp.step.qp import FREE
 
-SIZES = {"posture": (32, 1), "observed": (32, 1), "pose": (4, 4), "sensitivity": (32, 6), "swing": (6, 1)}
+SIZES = {
+    "posture": (32, 1),
+    "observed": (32, 1),
+    "pose": (4, 4),
+    "sensitivity": (32, 6),
+    "swing": (6, 1),
+}
 SIZES |= {"change": (6, 1), "ahead": (6, 1), "shift": (32, 1)}
 NAMES = list(SIZES)
 DEFAULTS = {"observed": np.ones(32), "pose": np.eye(4)}
@@ -38,21 +44,35 @@ def _rows(limit: Any, uncertain: bool) -> ca.Function:
 def _build(limit: Any, uncertain: bool) -> ca.Function:
     parts = symbols()
     displacement, m = ca.SX.sym("displacement", 6), len(limit.names)
-    unsure = {"lost below": ca.SX.sym("below", m), "lost above": ca.SX.sym("above", m), "turn": ca.SX.sym("turn")}
+    unsure = {
+        "lost below": ca.SX.sym("below", m),
+        "lost above": ca.SX.sym("above", m),
+        "turn": ca.SX.sym("turn"),
+    }
     situation = Situation(**parts)
     if uncertain:
         below, above, turn = unsure.values()
         situation = Situation(**parts, lost={limit.names[0]: (below, above)}, turn=turn)
     rows = limit.rows(situation)
-    outputs = [rows.matrix, rows.below, rows.above, rows.rate, limit.margins(situation, displacement)]
+    outputs = [
+        rows.matrix,
+        rows.below,
+        rows.above,
+        rows.rate,
+        limit.margins(situation, displacement),
+    ]
     inputs = [*parts.values(), displacement, *(unsure.values() if uncertain else ())]
     return ca.Function("limit", inputs, [ca.densify(part) for part in outputs])
 
 
-def ask(limit: Any, *, displacement: Any = (0.0,) * 6, lost: Any = None, turn: Any = None, **given: Any) -> list[np.ndarray]:
-    """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is zero or as at rest.
+def ask(
+    limit: Any, *, displacement: Any = (0.0,) * 6, lost: Any = None, turn: Any = None, **given: Any
+) -> list[np.ndarray]:
+    """Return (matrix, below, above, rate, margins) of a limit in a situation; what is not given is
+    zero or as at rest.
 
-    `lost` (distances to the lower and to the upper ends that do not count) and `turn`, together: of a declared robot.
+    `lost` (distances to the lower and to the upper ends that do not count) and `turn`, together: of
+    a declared robot.
     """
     values = [given.pop(name, DEFAULTS.get(name, np.zeros(SIZES[name]))) for name in NAMES]
     assert not given, f"unknown: {list(given)}"
@@ -72,8 +92,11 @@ def _brake(stop: Stop) -> ca.Function:
     return ca.Function("brake", [previous, dt], [ca.densify(part) for part in outputs])
 
 
-def brake_of(limit: TwistLimit, previous: np.ndarray, dt: float, **law: float) -> dict[str, np.ndarray]:
-    """Braking from a planned twist, and the displacement of its own period and stop; `law` are other attributes of `Stop`."""
+def brake_of(
+    limit: TwistLimit, previous: np.ndarray, dt: float, **law: float
+) -> dict[str, np.ndarray]:
+    """Braking from a planned twist, and the displacement of its own period and stop; `law` are
+    other attributes of `Stop`."""
     names = ("twist", "low", "high", "reach", "displacement", "time")
     found = _brake(Stop(limit, **law))(previous, dt)
     return dict(zip(names, (np.array(part).ravel(order="F") for part in found), strict=True))
@@ -95,18 +118,25 @@ def _build_bounds(limit: Any, twist_limit: TwistLimit) -> tuple[ca.Function, lis
     pose, posture, sensitivity = parts["pose"], parts["posture"], parts["sensitivity"]
     # What is sent as planned: the rows are tested without the mean and without a declared robot.
     brake = Stop(twist_limit).braking(previous, dt)
-    situation = Situation(posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1))
+    situation = Situation(
+        posture, ca.SX.ones(32), pose, sensitivity, previous * brake.reach, ca.SX(6, 1)
+    )
     movable = movable_rows(twist_limit, [limit], situation)
     all_rows = no_further(twist_limit, limit, limit.rows(situation), brake)
-    rows = Rows(*(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows)))
-    found = row_bounds(twist_limit, [limit], rows, movable, _away(limit, rows, movable), brake, ca.SX(1))
+    rows = Rows(
+        *(ca.densify(ca.SX(getattr(all_rows, part.name)))[movable, :] for part in fields(Rows))
+    )
+    found = row_bounds(
+        twist_limit, [limit], rows, movable, _away(limit, rows, movable), brake, ca.SX(1)
+    )
     outputs = [found.lower, found.upper, found.side, found.cap, found.matrix]
     inputs = [pose, previous, dt, posture, sensitivity]
     return ca.Function("bounds", inputs, [ca.densify(part) for part in outputs]), movable
 
 
 def _away(limit: Any, rows: Rows, movable: list[int]) -> ca.SX:
-    """How far outside rows are that ask to come back, beyond the upper ends and beyond the lower ones."""
+    """How far outside rows are that ask to come back, beyond the upper ends and beyond the lower
+    ones."""
     asks = ca.DM(np.broadcast_to(limit.returns, len(limit.names))[movable].astype(float))
     distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
     return ca.if_else(distance < -limit.tolerance, -distance, 0) * ca.vertcat(asks, asks)
@@ -121,7 +151,8 @@ def bounds_of(
     posture: Any = 0.0,
     sensitivity: Any = 0.0,
 ) -> dict[str, np.ndarray]:
-    """Bounds in the last pass, of the rows that some twist can move, for a stop that is as long as it looks."""
+    """Bounds in the last pass, of the rows that some twist can move, for a stop that is as long as
+    it looks."""
     function, names = _bounds(limit, twist_limit)[0], ("lower", "upper", "side", "cap", "matrix")
     found = function(pose, previous, dt, posture, sensitivity)
     return dict(zip(names, (np.array(part).ravel(order="F") for part in found), strict=True))

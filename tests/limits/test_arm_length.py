@@ -34,7 +34,11 @@ class Toward:
 def problem(goal, length=LENGTH, speed=SPEED):
     control = ergoqp.Control(comfort=0.0)
     return ergoqp.Problem(
-        cost=Toward(goal), response=LinearResponse(), limits=[speed, ArmLength(length)], control=control, name="arm"
+        cost=Toward(goal),
+        response=LinearResponse(),
+        limits=[speed, ArmLength(length)],
+        control=control,
+        name="arm",
     )
 
 
@@ -119,7 +123,13 @@ def test_the_bow_bounds_how_far_an_arc_strays_from_its_tangent():
         angle = way / LENGTH
         straight = np.array([0.0, way / 2, 0.0, 0.0, -way / 2, 0.0])
         # Both points turn about their middle.
-        turn = LENGTH / 2 * np.array([1 - np.cos(angle), np.sin(angle), 0, -(1 - np.cos(angle)), -np.sin(angle), 0])
+        turn = (
+            LENGTH
+            / 2
+            * np.array(
+                [1 - np.cos(angle), np.sin(angle), 0, -(1 - np.cos(angle)), -np.sin(angle), 0]
+            )
+        )
         assert np.linalg.norm(turn - straight - pull) <= rest[0] + LENGTH * angle**4 / 24
 
 
@@ -136,17 +146,26 @@ def test_speeds_that_leave_no_acceleration_are_refused():
 
 def test_limits_of_another_state_are_refused():
     with pytest.raises(ProblemError, match="JointLimit"):
-        ergoqp.Problem(cost=Toward(np.zeros(6)), response=LinearResponse(), limits=[SPEED, JointLimit()])
-    with pytest.raises(ProblemError, match="elbow_x"):
-        ergoqp.Problem(cost=Toward(np.zeros(32)), response=IkResponse(), limits=[TwistLimit(), ArmLength(LENGTH)])
+        ergoqp.Problem(
+            cost=Toward(np.zeros(6)), response=LinearResponse(), limits=[SPEED, JointLimit()]
+        )
     with pytest.raises(ProblemError, match="elbow_x"):
         ergoqp.Problem(
-            cost=Toward(np.zeros(6)), response=LinearResponse(matrix=2 * np.eye(6)), limits=[SPEED, ArmLength(LENGTH)]
+            cost=Toward(np.zeros(32)),
+            response=IkResponse(),
+            limits=[TwistLimit(), ArmLength(LENGTH)],
+        )
+    with pytest.raises(ProblemError, match="elbow_x"):
+        ergoqp.Problem(
+            cost=Toward(np.zeros(6)),
+            response=LinearResponse(matrix=2 * np.eye(6)),
+            limits=[SPEED, ArmLength(LENGTH)],
         )
 
 
 def test_what_is_set_aside_is_what_turning_takes_and_the_mending():
-    """Two points that circle each other at a relative speed v at a distance L: each is pulled in by v^2 / (2 L)."""
+    """Two points that circle each other at a relative speed v at a distance L: each is pulled in by
+    v^2 / (2 L)."""
     limit = TwistLimit(0.15, 0.15, 1.5, 1.5)
     apart, dt = np.linalg.norm(2 * limit.speed[:3]), 1e-4
     angles = apart / LENGTH * np.array([-dt, 0, dt])

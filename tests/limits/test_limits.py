@@ -36,7 +36,7 @@ def angle(axis: np.ndarray, direction: Any) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(toward, axis)), toward @ axis))
 
 
-# --- the box -------------------------------------------------------------------------------------------------------------
+# --- the box --------------------------------------------------------------------------------------
 
 
 def test_box_rows_are_the_distances_and_their_derivatives() -> None:
@@ -75,9 +75,14 @@ def test_a_way_through_a_box_counts_as_further_out_than_where_it_began(end: str)
     assert ended == pytest.approx(-0.015)
 
 
-# --- the cone ------------------------------------------------------------------------------------------------------------
+# --- the cone -------------------------------------------------------------------------------------
 
-CONES = [AxisCone((1, 0, 0), 35), AxisCone((1.0, 0.3, -0.2), 50), AxisCone((0, 0, 2), 3), AxisCone((-1, 1, 1), 120)]
+CONES = [
+    AxisCone((1, 0, 0), 35),
+    AxisCone((1.0, 0.3, -0.2), 50),
+    AxisCone((0, 0, 2), 3),
+    AxisCone((-1, 1, 1), 120),
+]
 
 
 def axes_on_the_way(pose: np.ndarray, turn: np.ndarray, count: int) -> np.ndarray:
@@ -96,7 +101,8 @@ def test_cone_margin_is_the_least_on_the_way(cone: AxisCone, seed: int, length: 
     if seed % 5 == 0:
         # The axis starts on the cone itself, where it matters most.
         pose[:3, :3] = moved(
-            frame_along(cone.direction), np.array([0, 0, 0, *(np.radians(cone.half_angle_deg) * _level(cone))])
+            frame_along(cone.direction),
+            np.array([0, 0, 0, *(np.radians(cone.half_angle_deg) * _level(cone))]),
         )[:3, :3]
     turn *= length / np.linalg.norm(turn)
     displacement = np.concatenate([rng.normal(size=3), turn])
@@ -125,11 +131,15 @@ def test_cone_margin_sees_the_axis_swing_out_and_back() -> None:
     # A whole turn ends where it began; on its way the axis was 80 degrees off.
     cone, pose = AxisCone((1, 0, 0), 60), np.eye(4)
     about = np.array([np.cos(np.radians(40)), np.sin(np.radians(40)), 0])
-    margin = ask(cone, pose=pose, displacement=np.concatenate([np.zeros(3), 2 * np.pi * about]))[4][0]
+    margin = ask(cone, pose=pose, displacement=np.concatenate([np.zeros(3), 2 * np.pi * about]))[4][
+        0
+    ]
     assert margin == pytest.approx(np.radians(60 - 80), abs=1e-9)
 
 
-def test_cone_row_is_the_derivative_amid_the_swing_and_never_promises_room_that_is_not_there() -> None:
+def test_cone_row_is_the_derivative_amid_the_swing_and_never_promises_room_that_is_not_there() -> (
+    None
+):
     cone = AxisCone((1.0, 0.3, -0.2), 50)
     rng = np.random.default_rng(1)
     inside = 0
@@ -149,7 +159,10 @@ def test_cone_row_is_the_derivative_amid_the_swing_and_never_promises_room_that_
             assert above[0] == pytest.approx(margin, abs=1e-9)
         middle = moved(pose, swing / 2)
         there = angle(middle[:3, 0], cone.direction)
-        change = [(angle(moved(middle, step)[:3, 0], cone.direction) - there) / 1e-6 for step in 1e-6 * np.eye(6)]
+        change = [
+            (angle(moved(middle, step)[:3, 0], cone.direction) - there) / 1e-6
+            for step in 1e-6 * np.eye(6)
+        ]
         np.testing.assert_allclose(matrix[0], change, atol=1e-5)
     assert inside > 3
 
@@ -157,14 +170,16 @@ def test_cone_row_is_the_derivative_amid_the_swing_and_never_promises_room_that_
 def test_cone_on_its_own_axis_and_opposite_to_it_is_finite() -> None:
     for sign in (1, -1):
         pose = np.diag([sign, sign, 1.0, 1.0])
-        matrix, _, above, _, margins = ask(AxisCone((1, 0, 0), 35), pose=pose, swing=np.ones(6), displacement=np.ones(6) * 0.1)
+        matrix, _, above, _, margins = ask(
+            AxisCone((1, 0, 0), 35), pose=pose, swing=np.ones(6), displacement=np.ones(6) * 0.1
+        )
         assert np.isfinite(matrix).all()
         assert np.isfinite(above).all()
         assert np.isfinite(margins).all()
         assert margins[0] < np.radians(35)
 
 
-# --- what a declared robot may have done already, or not ------------------------------------------------------------------
+# --- what a declared robot may have done already, or not ------------------------------------------
 
 
 def test_distances_that_cannot_be_counted_on_are_not_there() -> None:
@@ -187,7 +202,9 @@ def test_distances_that_cannot_be_counted_on_are_not_there() -> None:
 
 @pytest.mark.parametrize("largest", [0.01, 0.03, 0.08])
 @pytest.mark.parametrize("cone", CONES, ids=lambda cone: f"{cone.half_angle_deg} deg")
-def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(cone: AxisCone, largest: float) -> None:
+def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(
+    cone: AxisCone, largest: float
+) -> None:
     for seed in range(200):
         rng = np.random.default_rng(seed)
         tilt = rng.uniform(0, 1) * np.radians(cone.half_angle_deg)
@@ -209,7 +226,7 @@ def test_a_cone_holds_whatever_share_of_each_turn_under_way_is_done(cone: AxisCo
             assert left >= margin - 1e-9, (seed, np.degrees(left), np.degrees(margin))
 
 
-# --- the joints ----------------------------------------------------------------------------------------------------------
+# --- the joints -----------------------------------------------------------------------------------
 
 
 def test_joint_rows_are_the_joints() -> None:
@@ -228,7 +245,10 @@ def test_joint_rows_are_the_joints() -> None:
 def test_joint_rows_are_where_the_joints_will_be_when_what_is_under_way_is_done() -> None:
     rng = np.random.default_rng(5)
     q, S, shift = rng.uniform(LOWER, UPPER), rng.normal(size=(32, 6)), rng.normal(size=32) * 0.1
-    ahead, there = ask(NARROW, posture=q, sensitivity=S, shift=shift), ask(NARROW, posture=q + shift, sensitivity=S)
+    ahead, there = (
+        ask(NARROW, posture=q, sensitivity=S, shift=shift),
+        ask(NARROW, posture=q + shift, sensitivity=S),
+    )
     for found, same in zip(ahead, there, strict=True):
         np.testing.assert_allclose(found, same, atol=1e-15)
 
@@ -237,31 +257,41 @@ def test_only_what_was_narrowed_is_asked_back_and_only_where_that_is_wanted() ->
     assert not any(NARROW.returns)
     assert not any(JointLimit(recover=True).returns)
     asking = JointLimit(ranges_deg={"trunk_flexion": (-5, 40)}, recover=True)
-    assert [name for name, returns in zip(JOINTS, asking.returns, strict=True) if returns] == ["trunk_flexion"]
+    assert [name for name, returns in zip(JOINTS, asking.returns, strict=True) if returns] == [
+        "trunk_flexion"
+    ]
     assert all(BOX.returns)
     assert all(CONES[0].returns)
 
 
 def test_joint_margins_look_along_the_way() -> None:
     rng = np.random.default_rng(3)
-    q, S, displacement = rng.uniform(LOWER, UPPER), rng.normal(size=(32, 6)), rng.normal(size=6) * 0.2
+    q, S, displacement = (
+        rng.uniform(LOWER, UPPER),
+        rng.normal(size=(32, 6)),
+        rng.normal(size=6) * 0.2,
+    )
     line = q + np.linspace(0, 1, 101)[:, None] * (S @ displacement)
     lower, upper = NARROW.range
     brute = np.minimum(line - lower, upper - line).min(axis=0)
-    np.testing.assert_allclose(ask(NARROW, posture=q, sensitivity=S, displacement=displacement)[4], brute, atol=1e-12)
+    np.testing.assert_allclose(
+        ask(NARROW, posture=q, sensitivity=S, displacement=displacement)[4], brute, atol=1e-12
+    )
 
 
 def test_a_joint_that_nobody_sees_has_no_margin() -> None:
     q, seen = np.full(32, 3.0), np.ones(32)
     seen[[0, 7]] = 0
     q[0] = np.nan
-    _, below, above, _, margins = ask(NARROW, posture=q, observed=seen, sensitivity=np.ones((32, 6)), displacement=np.ones(6))
+    _, below, above, _, margins = ask(
+        NARROW, posture=q, observed=seen, sensitivity=np.ones((32, 6)), displacement=np.ones(6)
+    )
     for part in (below, above, margins):
         assert np.isposinf(part[[0, 7]]).all()
         assert np.isfinite(np.delete(part, [0, 7])).all()
 
 
-# --- construction --------------------------------------------------------------------------------------------------------
+# --- construction ---------------------------------------------------------------------------------
 
 
 def test_twist_limit_gives_vectors_with_frozen_axes_at_zero() -> None:
@@ -282,12 +312,30 @@ def test_names_tell_rows_apart() -> None:
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: WorkspaceBox((0, 0, 0), (1, -1, 1)), "workspace: got lower .* above upper .*, allowed lower <= upper"),
-        (lambda: WorkspaceBox((0, 0), (1, 1, 1)), "workspace lower: got .* allowed three finite numbers"),
-        (lambda: WorkspaceBox((0, 0, 0), (1, np.inf, 1)), "workspace upper: got .* allowed three finite numbers"),
-        (lambda: WorkspaceBox((0, np.nan, 0), (1, 1, 1)), "workspace lower: got .* allowed three finite numbers"),
-        (lambda: AxisCone((0, 0, 0), 30), "tool axis direction: got .* allowed any vector from 1e-9"),
-        (lambda: AxisCone((np.nan, 0, 1), 30), "tool axis direction: got .* allowed three finite numbers"),
+        (
+            lambda: WorkspaceBox((0, 0, 0), (1, -1, 1)),
+            "workspace: got lower .* above upper .*, allowed lower <= upper",
+        ),
+        (
+            lambda: WorkspaceBox((0, 0), (1, 1, 1)),
+            "workspace lower: got .* allowed three finite numbers",
+        ),
+        (
+            lambda: WorkspaceBox((0, 0, 0), (1, np.inf, 1)),
+            "workspace upper: got .* allowed three finite numbers",
+        ),
+        (
+            lambda: WorkspaceBox((0, np.nan, 0), (1, 1, 1)),
+            "workspace lower: got .* allowed three finite numbers",
+        ),
+        (
+            lambda: AxisCone((0, 0, 0), 30),
+            "tool axis direction: got .* allowed any vector from 1e-9",
+        ),
+        (
+            lambda: AxisCone((np.nan, 0, 1), 30),
+            "tool axis direction: got .* allowed three finite numbers",
+        ),
         (lambda: AxisCone((1, 0, 0), 0), "half_angle_deg: got 0 deg, allowed 1e-06 to 170 deg"),
         (lambda: AxisCone((1, 0, 0), 180), "half_angle_deg: got 180"),
         (lambda: AxisCone((1, 0, 0), np.nan), "half_angle_deg: got nan"),
@@ -296,10 +344,22 @@ def test_names_tell_rows_apart() -> None:
         (lambda: TwistLimit(linear_acceleration=np.inf), "linear_acceleration: got inf"),
         (lambda: TwistLimit(angular_acceleration=np.nan), "angular_acceleration: got nan"),
         (lambda: TwistLimit(axes=()), "axes: got"),
-        (lambda: TwistLimit(axes=("x", "roll")), "axes: got .* allowed some of x, y, z, rx, ry, rz"),
-        (lambda: JointLimit(ranges_deg={"tail": (0, 1)}), "ranges_deg: got 'tail', allowed a joint"),
-        (lambda: JointLimit(ranges_deg={"trunk_flexion": (40, -5)}), "ranges_deg of trunk_flexion: got 40 to -5"),
-        (lambda: JointLimit(ranges_deg={"trunk_flexion": (0, 200)}), "allowed within -30 to 110 deg"),
+        (
+            lambda: TwistLimit(axes=("x", "roll")),
+            "axes: got .* allowed some of x, y, z, rx, ry, rz",
+        ),
+        (
+            lambda: JointLimit(ranges_deg={"tail": (0, 1)}),
+            "ranges_deg: got 'tail', allowed a joint",
+        ),
+        (
+            lambda: JointLimit(ranges_deg={"trunk_flexion": (40, -5)}),
+            "ranges_deg of trunk_flexion: got 40 to -5",
+        ),
+        (
+            lambda: JointLimit(ranges_deg={"trunk_flexion": (0, 200)}),
+            "allowed within -30 to 110 deg",
+        ),
         (
             lambda: JointLimit(ranges_deg={"trunk_flexion": (np.nan, 20)}),
             "ranges_deg of trunk_flexion: got .nan, 20., allowed two numbers",
@@ -317,9 +377,15 @@ def test_names_tell_rows_apart() -> None:
             lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), tolerance=np.nan),
             "workspace tolerance: got nan, allowed",
         ),
-        (lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=0.0), "workspace recovery_time: got 0.0"),
-        (lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=np.inf), "workspace recovery_time: got inf"),
-        (lambda: AxisCone((1, 0, 0), 20, tolerance=None), "tool axis tolerance: got None"),  # type: ignore[arg-type]
+        (
+            lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=0.0),
+            "workspace recovery_time: got 0.0",
+        ),
+        (
+            lambda: WorkspaceBox((0, 0, 0), (1, 1, 1), recovery_time=np.inf),
+            "workspace recovery_time: got inf",
+        ),
+        (lambda: AxisCone((1, 0, 0), 20, tolerance=None), "tool axis tolerance: got None"),
         (lambda: AxisCone((1, 0, 0), 20, recovery_time=-1.0), "tool axis recovery_time: got -1.0"),
         (lambda: TwistLimit(aside=-1.0), "aside: got -1.0"),
         (lambda: TwistLimit(aside=1000.5), "aside: got 1000.5, allowed 0 to 1000"),
@@ -332,13 +398,18 @@ def test_wrong_limits_are_refused(make: Any, sentence: str) -> None:
 
 @pytest.mark.parametrize("part", ["matrix", "below", "above", "rate", "reserve"])
 def test_rows_of_several_sizes_are_refused(part: str) -> None:
-    parts = {name: ca.SX(2, 6 if name == "matrix" else 1) for name in ("matrix", "below", "above", "rate", "reserve")}
+    parts = {
+        name: ca.SX(2, 6 if name == "matrix" else 1)
+        for name in ("matrix", "below", "above", "rate", "reserve")
+    }
     Rows(**parts)
     with pytest.raises(ProblemError, match=f"rows whose {part} has shape"):
         Rows(**parts | {part: ca.SX(2, 2)})
 
 
-@pytest.mark.parametrize("limit", [BOX, NARROW, TwistLimit(), AxisCone((1, 0, 0), 20), ArmLength(0.27)], ids=type)
+@pytest.mark.parametrize(
+    "limit", [BOX, NARROW, TwistLimit(), AxisCone((1, 0, 0), 20), ArmLength(0.27)], ids=type
+)
 def test_limits_cannot_be_changed_unnoticed(limit: Any) -> None:
     with pytest.raises(FrozenInstanceError):
         limit.tolerance = 1.0

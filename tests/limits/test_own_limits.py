@@ -1,4 +1,5 @@
-"""A limit of the user's own is held by everybody: the step, the guide, the optimum, the maps, the starts and the checker."""
+"""A limit of the user's own is held by everybody: the step, the guide, the optimum, the maps, the
+starts and the checker."""
 
 from __future__ import annotations
 
@@ -56,7 +57,8 @@ class HalfSpace:
 
 @dataclass(frozen=True)
 class Elbows:
-    """The elbows are together bent by at least so much: a limit of the posture, measured outside of the scalars."""
+    """The elbows are together bent by at least so much: a limit of the posture, measured outside of
+    the scalars."""
 
     least: float
     tolerance: float = 1e-4
@@ -79,7 +81,9 @@ class Elbows:
         matrix = ca.sum1(situation.sensitivity[list(self.joints), :])
         shift = ca.sum1(situation.shift[list(self.joints)])
         free = ca.SX([ca.inf])
-        return Rows(matrix, situation.readings["elbows"] + shift - self.least, free, free, ca.SX(1, 1))
+        return Rows(
+            matrix, situation.readings["elbows"] + shift - self.least, free, free, ca.SX(1, 1)
+        )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Straight in the model."""
@@ -111,7 +115,10 @@ def test_a_second_box_is_own() -> None:
 def test_the_guide_is_not_a_place_behind_the_wall() -> None:
     pose = held_pose("screwing")
     Stepper(walled(pose[0, 3] - 0.01), guide=pose)
-    with pytest.raises(InputError, match=r"guide: got the place \(.*\) m, which is outside wall, allowed within all limits"):
+    with pytest.raises(
+        InputError,
+        match=r"guide: got the place \(.*\) m, which is outside wall, allowed within all limits",
+    ):
         Stepper(walled(pose[0, 3] + 0.01), guide=pose)
 
 
@@ -126,11 +133,29 @@ def test_the_step_and_the_checker_hold_it() -> None:
             q = near_comfort("screwing", rng, 60)
         before = loop.pose
         step = loop.step(q)
-        assert checker.check(step.twist, previous, before, q, step.posture_rate, 0.01, stops=step.status == "braking") == []
+        assert (
+            checker.check(
+                step.twist,
+                previous,
+                before,
+                q,
+                step.posture_rate,
+                0.01,
+                stops=step.status == "braking",
+            )
+            == []
+        )
         previous, nearest = step.twist, min(nearest, loop.pose[0, 3] - wall)
     assert -1e-8 <= nearest < 0.002
     # And the checker would have seen it.
-    assert checker.check(np.array([-0.1, 0, 0, 0, 0, 0]), np.array([-0.1, 0, 0, 0, 0, 0]), loop.pose, None, np.zeros(32), 5.0)
+    assert checker.check(
+        np.array([-0.1, 0, 0, 0, 0, 0]),
+        np.array([-0.1, 0, 0, 0, 0, 0]),
+        loop.pose,
+        None,
+        np.zeros(32),
+        5.0,
+    )
     assert checker.units["wall"] == "m"
     assert checker.max_violation["wall"] > 0.01
 
@@ -147,7 +172,10 @@ def test_a_limit_of_the_posture_is_checked_by_what_it_measures() -> None:
     assert checker.max_violation["elbows"] == pytest.approx(0.015)
     # Braking comes before it, and what gave way was said.
     assert checker.check(still, still, held_pose("screwing"), q, rate, 0.05, stops=True) == []
-    assert checker.check(still, still, held_pose("screwing"), q, rate, 0.05, gave_way=("elbows",)) == []
+    assert (
+        checker.check(still, still, held_pose("screwing"), q, rate, 0.05, gave_way=("elbows",))
+        == []
+    )
 
 
 @pytest.mark.parametrize("posture", [False, True], ids=["object", "posture"])
@@ -156,7 +184,9 @@ def test_the_optimum_holds_it(posture: bool) -> None:
     problem, start = problem_of("screwing"), comfort_of("screwing")
     free = optimise(problem, start, starts=6, seed=0)
     if posture:
-        joints = tuple(problem.coordinates.index(f"{side}_elbow_flexion") for side in ("right", "left"))
+        joints = tuple(
+            problem.coordinates.index(f"{side}_elbow_flexion") for side in ("right", "left")
+        )
         least = float(free.posture[list(joints)].sum()) + 0.1
         own = problem.replace(limits=[*problem.limits, Elbows(least, joints=joints)])
         found = optimise(own, start, starts=6, seed=0)
@@ -174,7 +204,10 @@ def test_maps_and_starts_are_not_behind_the_wall() -> None:
     box = problem_of("low_bin").limit_of(WorkspaceBox)
     problem = walled((box.lower[0] + box.upper[0]) / 2, "low_bin")
     person = Follower(problem.response)
-    reached, plain = (workspace_map(each, person, spacing=0.2, cache=False) for each in (problem, problem_of("low_bin")))
+    reached, plain = (
+        workspace_map(each, person, spacing=0.2, cache=False)
+        for each in (problem, problem_of("low_bin"))
+    )
     behind = reached.poses[:, 0, 3] < (box.lower[0] + box.upper[0]) / 2 - 1e-5
     assert (plain.scores[behind] > 0).any()
     assert not reached.scores[behind].any()

@@ -1,4 +1,5 @@
-"""The compiled step gives what the interpreted one gives, and says what is missing when it cannot be made."""
+"""The compiled step gives what the interpreted one gives, and says what is missing when it cannot
+be made."""
 
 import errno
 import os
@@ -22,7 +23,9 @@ from ergoqp.solvers import solver_named
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
-pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler")
+pytestmark = pytest.mark.skipif(
+    not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler"
+)
 
 
 @pytest.fixture(params=["no-such-compiler", '"'])
@@ -41,11 +44,25 @@ def test_compiled_answers_are_those_of_the_interpreted_step(name):
     for call, one in wandering_steps(problem, plain, 400, seed=3):
         other = fast.step(**call)
         statuses.add(one.status)
-        for output in ("twist", "pose_used", "posture_rate", "margins", "causes", "fault", "next_state"):
-            np.testing.assert_allclose(other.account(output), one.account(output), atol=1e-9, rtol=0)
-        if one.residuals["qp"] < TOLERANCE:  # what a solver leaves behind when it gives up is its own
+        for output in (
+            "twist",
+            "pose_used",
+            "posture_rate",
+            "margins",
+            "causes",
+            "fault",
+            "next_state",
+        ):
+            np.testing.assert_allclose(
+                other.account(output), one.account(output), atol=1e-9, rtol=0
+            )
+        if (
+            one.residuals["qp"] < TOLERANCE
+        ):  # what a solver leaves behind when it gives up is its own
             for output in ("slack", "residuals"):
-                np.testing.assert_allclose(other.account(output), one.account(output), atol=1e-6, rtol=0)
+                np.testing.assert_allclose(
+                    other.account(output), one.account(output), atol=1e-6, rtol=0
+                )
     assert len(statuses) > 2
 
 
@@ -58,7 +75,9 @@ def test_compiled_it_takes_over_and_brakes_alike():
     for dt, elapsed in ((None, 0.0), (0.02, 0.0), (0.005, 0.07)):
         one, other = (stepper.brake(dt, elapsed) for stepper in steppers)
         assert 0 < np.abs(one.twist).max() < 0.6
-        np.testing.assert_allclose(other.account("next_state"), one.account("next_state"), atol=1e-12, rtol=0)
+        np.testing.assert_allclose(
+            other.account("next_state"), one.account("next_state"), atol=1e-12, rtol=0
+        )
 
 
 def test_a_second_stepper_finds_the_library_again(monkeypatch):
@@ -74,7 +93,9 @@ def test_only_daqp_is_compiled():
 
 
 def test_no_compiler_is_one_sentence(no_compiler):
-    with pytest.raises(CompilerError, match=r"C compiler: got CC='.*', which is not a program here, allowed"):
+    with pytest.raises(
+        CompilerError, match=r"C compiler: got CC='.*', which is not a program here, allowed"
+    ):
         Stepper(ergoqp.load_problem("screwing"), compiled=True)
 
 
@@ -101,7 +122,9 @@ def test_the_solver_in_c_agrees_with_the_plugin(case):
         if case == "not a number":
             g[0] = np.nan
         box = np.full(6, 2.0)
-        x, rows, bounds = (np.array(part).ravel() for part in native(H, g, A, lower, upper, -box, box))
+        x, rows, bounds = (
+            np.array(part).ravel() for part in native(H, g, A, lower, upper, -box, box)
+        )
         if case == "solvable":
             expected = [np.array(part).ravel() for part in plugin(H, g, A, lower, upper, -box, box)]
             for have, want in zip((x, rows, bounds), expected, strict=True):
@@ -147,7 +170,10 @@ def test_a_compiler_that_writes_nothing_is_named(command, tmp_path, monkeypatch)
     monkeypatch.setenv("CC", command)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     try:
-        with pytest.raises(CompilerError, match=f"C compiler: got '{command}', which wrote no library, allowed a C compiler"):
+        with pytest.raises(
+            CompilerError,
+            match=f"C compiler: got '{command}', which wrote no library, allowed a C compiler",
+        ):
             shared_library("small", SMALL, [], [])
     finally:
         native_compiler.compiler.cache_clear()
@@ -156,7 +182,9 @@ def test_a_compiler_that_writes_nothing_is_named(command, tmp_path, monkeypatch)
 def test_a_cache_that_cannot_be_written_to_is_one_sentence(tmp_path, monkeypatch):
     (tmp_path / "ergoqp").write_text("a file where a folder belongs")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    with pytest.raises(CompilerError, match=r"compiled step: got .* in the cache '.*', allowed a folder with room"):
+    with pytest.raises(
+        CompilerError, match=r"compiled step: got .* in the cache '.*', allowed a folder with room"
+    ):
         shared_library("small", SMALL, [], [])
 
 
@@ -166,7 +194,9 @@ def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch):
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(CompilerError, match="compiled step: got No space left on device in the cache"):
+    with pytest.raises(
+        CompilerError, match="compiled step: got No space left on device in the cache"
+    ):
         shared_library("small", SMALL, [], [])
 
 
@@ -174,12 +204,15 @@ def test_a_library_that_cannot_be_loaded_is_one_sentence(monkeypatch, tmp_path):
     other = tmp_path / "other.so"
     other.write_bytes(b"not a library" * 1000)
     monkeypatch.setattr(compiled, "shared_library", lambda *_: other)
-    with pytest.raises(CompilerError, match=r"compiled step: the library '.*other\.so' cannot be loaded: "):
+    with pytest.raises(
+        CompilerError, match=r"compiled step: the library '.*other\.so' cannot be loaded: "
+    ):
         Stepper(ergoqp.load_problem("forearm"), compiled=True)
 
 
 def test_code_that_a_full_disk_cut_off_is_not_compiled():
-    """CasADi's generator does not say when it cannot write: half of the code went to the compiler."""
+    """CasADi's generator does not say when it cannot write: half of the code went to the
+    compiler."""
     x = ca.SX.sym("x", 300)
     function = ca.Function("f", [x], [ca.sin(x) + ca.cos(x)])
     assert generated(function, "f")["f.c"].endswith("#endif\n")

@@ -1,4 +1,5 @@
-"""One place for several people: the search against an independent enumeration, who pays, who cannot reach, and the files."""
+"""One place for several people: the search against an independent enumeration, who pays, who cannot
+reach, and the files."""
 
 import json
 from dataclasses import replace
@@ -32,7 +33,9 @@ def own_cache(tmp_path_factory):
 
 def with_box(problem, lower, upper):
     box = WorkspaceBox(lower, upper)
-    return problem.replace(limits=[box if isinstance(limit, WorkspaceBox) else limit for limit in problem.limits])
+    return problem.replace(
+        limits=[box if isinstance(limit, WorkspaceBox) else limit for limit in problem.limits]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +54,9 @@ def test_the_group_rests_at_its_place_as_told(low_bin, mean):
     for person, member in zip(read_people(low_bin, STATURES), mean.members, strict=True):
         follower = person.follower
         comfort = follower.response.comfort
-        posture, reached = follower.settle(comfort, mean.pose, follower.grasp(comfort), follower.stand(comfort))
+        posture, reached = follower.settle(
+            comfort, mean.pose, follower.grasp(comfort), follower.stand(comfort)
+        )
         assert reached
         assert low_bin.assess(posture).final[0] <= member.reba
         assert low_bin.assess(member.posture).final[0] == member.reba
@@ -89,7 +94,10 @@ def test_a_fixed_place_is_never_better_than_one_that_can_be_adjusted(low_bin):
         assert free[:, (free > 0).all(axis=0)].mean(axis=0).min() <= fixed
     # One entry by hand: the best height of the second person at the first place.
     column = grid.scores[1].reshape(grid.shape)[0, 0, :, 0]
-    assert grid.with_free("z")[1].reshape(grid.shape[0], grid.shape[1], grid.shape[3])[0, 0, 0] == column[column > 0].min()
+    assert (
+        grid.with_free("z")[1].reshape(grid.shape[0], grid.shape[1], grid.shape[3])[0, 0, 0]
+        == column[column > 0].min()
+    )
 
 
 def test_what_can_be_set_is_never_worse_than_fixed(mean):
@@ -105,13 +113,18 @@ def test_the_grid_is_the_maps_own_in_the_order_of_the_poses(low_bin):
     for number in range(0, grid.scores.shape[1], 7):
         follower, posture = people[0].follower, grid.postures[0, number]
         if grid.scores[0, number]:
-            assert np.allclose(follower.contact(posture)[0][:3, 3], grid.poses[number, :3, 3], atol=0.02)
+            assert np.allclose(
+                follower.contact(posture)[0][:3, 3], grid.poses[number, :3, 3], atol=0.02
+            )
             assert low_bin.assess(posture).final[0] == grid.scores[0, number]
 
 
 def test_two_processes_find_the_same(low_bin):
     desk = load_problem("desk")
-    one, two = (best_for_group(desk, (1.5, 1.9), spacing=0.25, starts=2, jobs=jobs, cache=False) for jobs in (1, 2))
+    one, two = (
+        best_for_group(desk, (1.5, 1.9), spacing=0.25, starts=2, jobs=jobs, cache=False)
+        for jobs in (1, 2)
+    )
     assert np.array_equal(one.pose, two.pose)
     assert np.array_equal(one.grid.scores, two.grid.scores)
     assert [member.reba for member in one.members] == [member.reba for member in two.members]
@@ -121,7 +134,10 @@ def test_a_stopped_study_goes_on_from_what_is_kept(low_bin, monkeypatch):
     people = read_people(low_bin, (1.6, 1.8))
     shared_grid(low_bin, people[:1], 0.2)
     settled = []
-    monkeypatch.setattr("ergoqp.simulation.best._compute", lambda *arguments: settled.append(arguments) or _nothing())
+    monkeypatch.setattr(
+        "ergoqp.simulation.best._compute",
+        lambda *arguments: settled.append(arguments) or _nothing(),
+    )
     with pytest.raises(RuntimeError, match="only the second"):
         shared_grid(low_bin, people, 0.2)
     assert [person.response.body.stature for _, person, _ in settled] == [1.8]
@@ -132,8 +148,14 @@ def _nothing():
 
 
 def test_minimax_looks_at_the_worst_first():
-    scores, costs = np.array([[1, 3, 3, 0], [5, 3, 3, 1]]), np.array([[1.0, 3, 2, np.inf], [5.0, 3, 3, 1]])
-    order = {objective: np.lexsort(keys(scores, costs, objective).T[::-1]).tolist() for objective in ("minimax", "mean")}
+    scores, costs = (
+        np.array([[1, 3, 3, 0], [5, 3, 3, 1]]),
+        np.array([[1.0, 3, 2, np.inf], [5.0, 3, 3, 1]]),
+    )
+    order = {
+        objective: np.lexsort(keys(scores, costs, objective).T[::-1]).tolist()
+        for objective in ("minimax", "mean")
+    }
     assert order == {"minimax": [2, 1, 0, 3], "mean": [2, 1, 0, 3]}
     scores[0, 0], scores[1, 0] = 1, 4
     assert np.lexsort(keys(scores, costs, "mean").T[::-1])[0] == 0
@@ -181,8 +203,12 @@ def test_who_cannot_reach_is_named(low_bin):
 def test_who_is_left_out_where_most_can_reach_is_named(low_bin, monkeypatch):
     scores = np.array([[2, 2, 0], [0, 3, 3], [4, 0, 4]])
     grid = SimpleNamespace(scores=scores, reached_by_all=(scores > 0).all(axis=0))
-    monkeypatch.setattr("ergoqp.placing.group.optimise.shared_grid", lambda *arguments, **options: grid)
-    with pytest.raises(InputError, match=r"no place is reached by all; where most can reach, 1\.60 m cannot"):
+    monkeypatch.setattr(
+        "ergoqp.placing.group.optimise.shared_grid", lambda *arguments, **options: grid
+    )
+    with pytest.raises(
+        InputError, match=r"no place is reached by all; where most can reach, 1\.60 m cannot"
+    ):
         best_for_group(low_bin, (1.5, 1.6, 1.7))
 
 
@@ -194,14 +220,20 @@ def test_drawn_people_are_of_their_seeds(low_bin):
     assert best_for_group(low_bin, people[:1], starts=1, spacing=0.3).maximum <= 4
 
 
-@pytest.mark.parametrize(("count", "seed", "words"), [(1.5, 0, r"group: got 1\.5 people"), (1, "a", "seed: got 'a'")])
+@pytest.mark.parametrize(
+    ("count", "seed", "words"), [(1.5, 0, r"group: got 1\.5 people"), (1, "a", "seed: got 'a'")]
+)
 def test_what_draws_nobody_is_named(low_bin, count, seed, words):
     with pytest.raises(InputError, match=words):
         drawn_people(low_bin, count, seed)
 
 
 def test_people_of_the_same_stature_keep_their_names_apart(low_bin):
-    assert [person.label for person in read_people(low_bin, (1.7, 1.7, 1.7))] == ["1.70 m", "1.70 m (2)", "1.70 m (3)"]
+    assert [person.label for person in read_people(low_bin, (1.7, 1.7, 1.7))] == [
+        "1.70 m",
+        "1.70 m (2)",
+        "1.70 m (3)",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -233,7 +265,9 @@ def test_other_hands_are_not_the_same_task(low_bin):
 
 
 def test_a_workspace_is_needed(low_bin):
-    bare = low_bin.replace(limits=[limit for limit in low_bin.limits if not isinstance(limit, AxisCone)])
+    bare = low_bin.replace(
+        limits=[limit for limit in low_bin.limits if not isinstance(limit, AxisCone)]
+    )
     with pytest.raises(InputError, match=r"has no limits\.tool_axis"):
         best_for_group(bare, (1.7,))
 
@@ -242,7 +276,9 @@ def test_the_files(mean, tmp_path):
     summary = json.loads(mean.save(tmp_path / "out").read_text(encoding="utf-8"))
     assert summary["mean"] == pytest.approx(mean.mean)
     assert summary["free"]["none"]["maximum"] == mean.free["none"][0]
-    assert [member["pays"] for member in summary["members"]] == [member.pays for member in mean.members]
+    assert [member["pays"] for member in summary["members"]] == [
+        member.pays for member in mean.members
+    ]
     assert summary["position_m"] == pytest.approx(mean.pose[:3, 3].tolist(), abs=1e-6)
     with np.load(tmp_path / "out" / "group.npz", allow_pickle=False) as arrays:
         assert arrays["scores"].shape == (3, *mean.grid.shape)
@@ -250,10 +286,19 @@ def test_the_files(mean, tmp_path):
 
 
 def test_every_key_array_and_column_is_documented(mean, tmp_path):
-    text = (Path(__file__).resolve().parents[2] / "docs" / "group_json.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "group_json.md").read_text(
+        encoding="utf-8"
+    )
     summary = json.loads(mean.save(tmp_path / "out").read_text(encoding="utf-8"))
     with np.load(tmp_path / "out" / "group.npz", allow_pickle=False) as arrays:
-        keys = {*summary, *summary["members"][0], *summary["free"], *summary["free"]["none"], *arrays.files, *COLUMNS}
+        keys = {
+            *summary,
+            *summary["members"][0],
+            *summary["free"],
+            *summary["free"]["none"],
+            *arrays.files,
+            *COLUMNS,
+        }
     assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
 
 

@@ -1,4 +1,5 @@
-"""The best place: verified by the person and the sheet, the same wherever it is computed, and clear about what is wrong."""
+"""The best place: verified by the person and the sheet, the same wherever it is computed, and clear
+about what is wrong."""
 
 import numpy as np
 import pytest
@@ -24,7 +25,9 @@ def best(problem) -> Optimum:
 
 
 def with_limit(problem, limit):
-    return problem.replace(limits=[*(each for each in problem.limits if not isinstance(each, type(limit))), limit])
+    return problem.replace(
+        limits=[*(each for each in problem.limits if not isinstance(each, type(limit))), limit]
+    )
 
 
 class TestBest:
@@ -150,7 +153,10 @@ class TestMistakes:
             optimise(problem.replace(limits=limits))
 
     def test_object_where_it_may_not_be(self, problem, best):
-        lift = with_limit(with_limit(problem, TwistLimit(axes=("z",))), WorkspaceBox((0.9, -0.2, 0.6), (1.0, 0.2, 1.2)))
+        lift = with_limit(
+            with_limit(problem, TwistLimit(axes=("z",))),
+            WorkspaceBox((0.9, -0.2, 0.6), (1.0, 0.2, 1.2)),
+        )
         with pytest.raises(InputError, match="where it cannot move"):
             optimise(lift, best.posture_before)
 

@@ -21,9 +21,25 @@ def optimum():
     pose[:3, :3] = turn_about(1, 0.4) @ turn_about(2, -2.9)
     trial = Trial(0, pose, posture, 3, 2.5, 1e-9, 1e-5, 0.01)
     return Optimum(
-        "dentist", "treats", "stackelberg", "ipopt", 4, person, pose, posture, 7, 3, 1e-9, 6.5, 2.5, 0.5, pose, posture,
-        (trial, Trial(1, pose, posture, 0, 2.5, 1e-9, 1e-5, 0.01, "out of reach")), ("Said.",),
-    )  # fmt: skip
+        "dentist",
+        "treats",
+        "stackelberg",
+        "ipopt",
+        4,
+        person,
+        pose,
+        posture,
+        7,
+        3,
+        1e-9,
+        6.5,
+        2.5,
+        0.5,
+        pose,
+        posture,
+        (trial, Trial(1, pose, posture, 0, 2.5, 1e-9, 1e-5, 0.01, "out of reach")),
+        ("Said.",),
+    )
 
 
 def test_saved_and_loaded(optimum, tmp_path):
@@ -79,7 +95,9 @@ def test_pose_that_is_none(optimum, tmp_path):
 
 def test_documented(optimum):
     """Every key of the file is in its documentation."""
-    text = (Path(__file__).resolve().parents[2] / "docs" / "optimum_json.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "optimum_json.md").read_text(
+        encoding="utf-8"
+    )
     values = optimum.as_dict()
     for key in (*values, *values["trials"][0]):
         assert f"`{key}`" in text, key

@@ -20,9 +20,15 @@ def screwing():
 def test_every_combination_once_with_its_label(screwing):
     found = dict(population(screwing, (1.5, 1.9), ("right", "both"), (0.5, 6.0)))
     assert list(found) == [
-        "1.50 m, right hand, 0.5 kg", "1.90 m, right hand, 0.5 kg", "1.50 m, both hands, 0.5 kg", "1.90 m, both hands, 0.5 kg",
-        "1.50 m, right hand, 6 kg", "1.90 m, right hand, 6 kg", "1.50 m, both hands, 6 kg", "1.90 m, both hands, 6 kg",
-    ]  # fmt: skip
+        "1.50 m, right hand, 0.5 kg",
+        "1.90 m, right hand, 0.5 kg",
+        "1.50 m, both hands, 0.5 kg",
+        "1.90 m, both hands, 0.5 kg",
+        "1.50 m, right hand, 6 kg",
+        "1.90 m, right hand, 6 kg",
+        "1.50 m, both hands, 6 kg",
+        "1.90 m, both hands, 6 kg",
+    ]
     problem = found["1.90 m, both hands, 6 kg"]
     assert problem.response.body.stature == 1.9
     assert problem.response.hands == ("right", "left")
@@ -32,7 +38,9 @@ def test_every_combination_once_with_its_label(screwing):
 def test_only_statures_by_default(screwing):
     found = list(population(screwing))
     assert [problem.response.body.stature for _, problem in found] == list(STATURES)
-    assert all(problem.cost is screwing.cost and problem.task == screwing.task for _, problem in found)
+    assert all(
+        problem.cost is screwing.cost and problem.task == screwing.task for _, problem in found
+    )
 
 
 def test_the_load_is_in_the_score_and_in_the_cost(screwing):
@@ -84,7 +92,9 @@ def test_only_people_have_statures():
 
 def test_everybody_has_their_own_best_place_and_who_has_none_says_why(screwing):
     box = WorkspaceBox((0.35, -0.1, 2.1), (0.45, 0.1, 2.15))
-    high = screwing.replace(limits=[box if isinstance(limit, WorkspaceBox) else limit for limit in screwing.limits])
+    high = screwing.replace(
+        limits=[box if isinstance(limit, WorkspaceBox) else limit for limit in screwing.limits]
+    )
     shares = []
     people = [("small", variant(high, stature=1.3)), ("tall", variant(screwing, stature=1.9))]
     small, tall = best_of_population(people, starts=2, progress=shares.append)

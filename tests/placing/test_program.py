@@ -1,4 +1,5 @@
-"""The program's residual is recomputed, and says so when something is not optimal, whatever a solver claims."""
+"""The program's residual is recomputed, and says so when something is not optimal, whatever a
+solver claims."""
 
 import casadi as ca
 import numpy as np
@@ -27,7 +28,9 @@ class Solved:
         place = self.program.place
         self.anchor = place.anchor(self.problem, begin.pose)
         unknowns = place.unknowns(begin.pose, self.anchor)
-        rest, _ = person.settle(posture, place.pose(unknowns, self.anchor), begin.grasp, begin.soles, steps=500)
+        rest, _ = person.settle(
+            posture, place.pose(unknowns, self.anchor), begin.grasp, begin.soles, steps=500
+        )
         self.given = self.program.given(posture, begin.grasp, begin.soles, self.anchor, *FINE)
         self.begin = self.program.start(unknowns, rest, person.contact(rest)[1], self.given)
         self.rest = rest
@@ -47,7 +50,9 @@ def multipliers(solved, x):
 
 class TestResidual:
     def test_small_at_a_solution_only(self, dentist):
-        x, rows, bounds = multipliers(dentist, dentist.program.solve(dentist.begin, dentist.given).values)
+        x, rows, bounds = multipliers(
+            dentist, dentist.program.solve(dentist.begin, dentist.given).values
+        )
         residual = dentist.program.residual
         assert residual(x, dentist.given, rows, bounds) <= 1e-6
         # Somewhere else, with other multipliers, or out of bounds it is not.
@@ -67,11 +72,14 @@ class TestResidual:
         assert dentist.program.residual(x, dentist.given, rows, bounds) == np.inf
 
     def test_its_slope_is_that_of_differences(self, dentist):
-        """The Lagrangian's slope against central differences of cost and rows, at a point that is not a solution."""
+        """The Lagrangian's slope against central differences of cost and rows, at a point that is
+        not a solution."""
         program, rng = dentist.program, np.random.default_rng(0)
         x = dentist.begin + 0.01 * rng.normal(size=len(dentist.begin))
         rows, bounds = rng.normal(size=program._nlp["g"].numel()), rng.normal(size=len(x))
-        parts = ca.Function("parts", [program._nlp["x"], program._nlp["p"]], [program._nlp["f"], program._nlp["g"]])
+        parts = ca.Function(
+            "parts", [program._nlp["x"], program._nlp["p"]], [program._nlp["f"], program._nlp["g"]]
+        )
 
         def lagrangian(at):
             value, row = parts(at, dentist.given)
@@ -82,7 +90,9 @@ class TestResidual:
         for i in range(len(x)):
             aside = np.zeros(len(x))
             aside[i] = step
-            assert slope[i] == pytest.approx((lagrangian(x + aside) - lagrangian(x - aside)) / (2 * step), rel=1e-4, abs=1e-4)
+            assert slope[i] == pytest.approx(
+                (lagrangian(x + aside) - lagrangian(x - aside)) / (2 * step), rel=1e-4, abs=1e-4
+            )
 
     def test_a_solver_that_raises_is_not_optimal(self, dentist, monkeypatch):
         def fails(**_):
@@ -95,17 +105,22 @@ class TestResidual:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_starts_near_the_persons_rest(name):
-    """What a start begins with nearly satisfies the person's conditions, joints at their ends included."""
+    """What a start begins with nearly satisfies the person's conditions, joints at their ends
+    included."""
     solved = Solved(name)
     program = solved.program
     none = np.zeros(program._nlp["g"].numel()), np.zeros(len(solved.begin))
     _, rows = program._optimality(solved.begin, solved.given, *none)
     equations = np.array(rows).ravel()[: program._rows.numel()]
     assert np.abs(equations).max() < 0.5
-    np.testing.assert_allclose(np.array(program.posture(solved.begin, solved.given)).ravel(), solved.rest, atol=0.01)
+    np.testing.assert_allclose(
+        np.array(program.posture(solved.begin, solved.given)).ravel(), solved.rest, atol=0.01
+    )
 
 
 def test_smooth_cost_is_that_of_the_cost(dentist):
     problem = dentist.problem
     narrow = SmoothReba((2.0,), (1.0,), **problem.task)
-    assert smooth_cost(problem, dentist.rest, 2.0) == pytest.approx(narrow(dentist.rest)[0], abs=1e-12)
+    assert smooth_cost(problem, dentist.rest, 2.0) == pytest.approx(
+        narrow(dentist.rest)[0], abs=1e-12
+    )

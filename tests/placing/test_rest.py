@@ -20,13 +20,20 @@ def rest_of(person, begin, pose, guess):
     response = person.response
     k = len(response.hands)
     place = Situated(
-        ca.SX.sym("q", 32), ca.SX.sym("grasp", 4, 4 * k), ca.SX.sym("soles", 4, 8), ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3),
+        ca.SX.sym("q", 32),
+        ca.SX.sym("grasp", 4, 4 * k),
+        ca.SX.sym("soles", 4, 8),
+        ca.SX.sym("p", 3),
+        ca.SX.sym("R", 3, 3),
         ca.SX.sym("eps"),
-    )  # fmt: skip
+    )
     rest = rest_conditions(response, place)
     unknowns = ca.vertcat(rest.aims, rest.pelvis, rest.multipliers)
     equations = ca.vertcat(rest.balance, rest.contact)
-    given = ca.vertcat(place.posture, *(ca.vec(part) for part in (place.grasp, place.soles, place.position, place.rotation)))
+    given = ca.vertcat(
+        place.posture,
+        *(ca.vec(part) for part in (place.grasp, place.soles, place.position, place.rotation)),
+    )
     given = ca.vertcat(given, place.relaxation)
     solver = ca.nlpsol("rest", "ipopt", {"x": unknowns, "p": given, "g": equations}, QUIET)
     posture = ca.Function("posture", [unknowns, given], [rest.posture])
@@ -47,13 +54,17 @@ def rest_of(person, begin, pose, guess):
         pelvis = person.contact(guess)[1]
         x[at : at + 4] = *pelvis[:3, 3], np.arctan2(pelvis[1, 0], pelvis[0, 0])
         at += 4
-    slope = ca.Function("slope", [unknowns, given], [ca.jacobian(rest.balance, rest.multipliers), rest.balance])
+    slope = ca.Function(
+        "slope", [unknowns, given], [ca.jacobian(rest.balance, rest.multipliers), rest.balance]
+    )
     matrix, right = (np.array(part) for part in slope(x, numbers))
     joints = len(rest.moved)
     held = ((guess <= LOWER + 1e-6) | (guess >= UPPER - 1e-6))[rest.moved]
     free = np.append(~held, np.ones(len(right) - joints, dtype=bool))
     x[at:] = np.linalg.lstsq(matrix[free], -right.ravel()[free], rcond=None)[0]
-    x[:joints] -= held * (right.ravel() + matrix @ x[at:])[:joints] / response.weight_vector[rest.moved]
+    x[:joints] -= (
+        held * (right.ravel() + matrix @ x[at:])[:joints] / response.weight_vector[rest.moved]
+    )
     found = solver(x0=x, p=numbers, lbg=0, ubg=0)
     assert float(ca.norm_inf(found["g"])) < 1e-4
     return np.array(posture(found["x"], numbers)).ravel()
@@ -66,7 +77,9 @@ def settled_at(person, begin, pose):
     assert reached
     targets = np.hstack([pose @ grip for grip in grasp])
     for _ in range(500):
-        posture, _, _ = person.move(posture, targets, soles, 1.0, 0.5 * person.response.relaxation_time)
+        posture, _, _ = person.move(
+            posture, targets, soles, 1.0, 0.5 * person.response.relaxation_time
+        )
     return posture
 
 

@@ -33,7 +33,11 @@ def same(one, other):
     for trial, again in zip(one.trials, other.trials, strict=True):
         np.testing.assert_array_equal(trial.pose, again.pose)
         np.testing.assert_array_equal(trial.posture, again.posture)
-        assert (trial.number, trial.reba, trial.kkt_residual) == (again.number, again.reba, again.kkt_residual)
+        assert (trial.number, trial.reba, trial.kkt_residual) == (
+            again.number,
+            again.reba,
+            again.kkt_residual,
+        )
     np.testing.assert_array_equal(one.pose, other.pose)
 
 
@@ -43,13 +47,21 @@ def test_same_in_two_processes(problem, alone):
 
 def test_another_seed_begins_elsewhere(problem, alone):
     other = optimise(problem, alone.posture_before, starts=6, seed=4, pose=alone.pose_before)
-    assert any(np.abs(a.pose - b.pose).max() > 0 for a, b in zip(other.trials[1:], alone.trials[1:], strict=True))
+    assert any(
+        np.abs(a.pose - b.pose).max() > 0
+        for a, b in zip(other.trials[1:], alone.trials[1:], strict=True)
+    )
 
 
 def test_same_on_a_cluster(problem, alone):
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=50
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="127.0.0.1:0",
+        host="127.0.0.1",
+        silence_logs=50,
     )
     with cluster:
         same(optimise(problem, starts=6, seed=3, scheduler=cluster.scheduler_address), alone)
@@ -59,7 +71,9 @@ def test_same_on_a_cluster(problem, alone):
 def test_no_cluster_there(problem, alone, address, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("ergoqp.placing.workers.TIMEOUT", 0.5)
-    with pytest.raises(InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"):
+    with pytest.raises(
+        InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"
+    ):
         optimise(problem, alone.posture_before, starts=2, scheduler=address)
 
 
@@ -74,7 +88,9 @@ def test_what_cannot_be_sent(problem, alone):
         def expression(self, q):
             return 1 + ca.sumsqr(q)
 
-    with pytest.raises(InputError, match=r"jobs: the terms of problem dentist cannot be sent to other processes"):
+    with pytest.raises(
+        InputError, match=r"jobs: the terms of problem dentist cannot be sent to other processes"
+    ):
         optimise(problem.replace(cost=Own()), alone.posture_before, starts=2, jobs=2)
 
 
@@ -101,7 +117,9 @@ def test_a_killed_run_goes_on(problem, alone, tmp_path):
     with ledger.open("a", encoding="utf-8") as file:
         file.write('{"key": "cut off in the mid')
     solved = []
-    again = optimise(problem, starts=len(finished) + 2, seed=3, out=tmp_path, progress=solved.append)
+    again = optimise(
+        problem, starts=len(finished) + 2, seed=3, out=tmp_path, progress=solved.append
+    )
     # Only the two that were missing were solved, and the others are the ones that were finished.
     assert len(solved) == 2
     for entry in finished:
@@ -109,16 +127,31 @@ def test_a_killed_run_goes_on(problem, alone, tmp_path):
     for trial, once in zip(again.trials, alone.trials, strict=False):
         np.testing.assert_array_equal(trial.pose, once.pose)
     nothing = optimise(
-        problem, starts=len(finished) + 2, seed=3, out=tmp_path, progress=lambda share: pytest.fail("solved again")
+        problem,
+        starts=len(finished) + 2,
+        seed=3,
+        out=tmp_path,
+        progress=lambda share: pytest.fail("solved again"),
     )
     same(nothing, again)
 
 
 def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tmp_path):
     optimise(problem, alone.posture_before, starts=1, out=tmp_path)
-    for options in ({"seed": 1}, {"mode": "cooperative"}, {"tau_deg": 1.0}, {"posture": problem.response.comfort}):
+    for options in (
+        {"seed": 1},
+        {"mode": "cooperative"},
+        {"tau_deg": 1.0},
+        {"posture": problem.response.comfort},
+    ):
         solved = []
-        arguments = {"posture": alone.posture_before, "starts": 1, "out": tmp_path, "progress": solved.append, **options}
+        arguments = {
+            "posture": alone.posture_before,
+            "starts": 1,
+            "out": tmp_path,
+            "progress": solved.append,
+            **options,
+        }
         optimise(problem, **arguments)
         assert solved == [1.0]
     heavier = ergoqp.load_problem("dentist").replace(task={**problem.task, "load_kg": 8})
@@ -130,18 +163,24 @@ def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tm
 def test_awkward_start_is_that_of_run(problem, alone):
     from ergoqp.simulation.person import Follower
 
-    np.testing.assert_array_equal(alone.posture_before, awkward_start(problem, Follower(problem.response), 3))
+    np.testing.assert_array_equal(
+        alone.posture_before, awkward_start(problem, Follower(problem.response), 3)
+    )
 
 
 @pytest.mark.parametrize("address", ["", " ", "nonsense"])
 def test_an_address_without_a_port_never_becomes_a_client(problem, alone, monkeypatch, address):
-    """A client that failed half-way printed a traceback behind the sentence when it was cleared away."""
+    """A client that failed half-way printed a traceback behind the sentence when it was cleared
+    away."""
 
     def client(*_, **__):
         raise AssertionError("a client was made")
 
     monkeypatch.setattr("distributed.Client", client)
     with pytest.raises(
-        InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers: missing port"
+        InputError,
+        match=(
+            r"scheduler: got .*, allowed the address of a Dask scheduler that answers: missing port"
+        ),
     ):
         optimise(problem, alone.posture_before, starts=2, scheduler=address)

@@ -1,4 +1,5 @@
-"""Workers that die in the middle of the work: one sentence, in finite time, and what was finished is kept."""
+"""Workers that die in the middle of the work: one sentence, in finite time, and what was finished
+is kept."""
 
 import dataclasses
 import functools
@@ -28,7 +29,12 @@ def cluster():
     distributed = pytest.importorskip("distributed")
     # Workers are not brought back: a nanny would.
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", host="127.0.0.1", silence_logs=50
+        n_workers=1,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="127.0.0.1:0",
+        host="127.0.0.1",
+        silence_logs=50,
     ) as cluster:
         yield cluster
 
@@ -49,9 +55,12 @@ def test_the_only_worker_is_gone(problem, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr("ergoqp.placing.workers.PATIENCE", 2.0)
     retire = after_first(lambda: cluster.scale(0))
     with pytest.raises(
-        WorkersError, match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}"
+        WorkersError,
+        match=rf"scheduler: tcp://.* has had no worker for 2 s, allowed a cluster with one; {KEPT}",
     ):
-        optimise(problem, starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=retire)
+        optimise(
+            problem, starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=retire
+        )
     assert (tmp_path / FILE).read_text(encoding="utf-8").count("\n") >= 1
 
 
@@ -100,17 +109,27 @@ def test_a_start_that_takes_long_is_waited_for(problem, cluster, monkeypatch):
 
 def test_the_scheduler_is_gone(problem, cluster, tmp_path):
     end = after_first(lambda: threading.Thread(target=cluster.close).start())
-    with pytest.raises(WorkersError, match=rf"scheduler: tcp://.* does not answer any more .*; {KEPT}"):
-        optimise(problem, starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=end)
+    with pytest.raises(
+        WorkersError, match=rf"scheduler: tcp://.* does not answer any more .*; {KEPT}"
+    ):
+        optimise(
+            problem, starts=400, out=tmp_path, scheduler=cluster.scheduler_address, progress=end
+        )
 
 
 def test_a_process_of_this_machine_is_ended(problem, tmp_path):
     psutil = pytest.importorskip("psutil")
 
     def end() -> None:
-        workers = [child for child in psutil.Process().children(recursive=True) if "popen_loky" in " ".join(child.cmdline())]
+        workers = [
+            child
+            for child in psutil.Process().children(recursive=True)
+            if "popen_loky" in " ".join(child.cmdline())
+        ]
         workers[0].kill()
 
-    with pytest.raises(WorkersError, match=rf"jobs: one of 2 processes that solved starts was ended, .*; {KEPT}"):
+    with pytest.raises(
+        WorkersError, match=rf"jobs: one of 2 processes that solved starts was ended, .*; {KEPT}"
+    ):
         optimise(problem, starts=400, out=tmp_path, jobs=2, progress=after_first(end))
     assert len(optimise(problem, starts=1, out=tmp_path, jobs=2).trials) == 1

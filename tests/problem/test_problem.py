@@ -19,7 +19,11 @@ from ergoqp.step.stepper import Stepper
 
 def terms(**changed: Any) -> dict[str, Any]:
     given = problem_of("screwing")
-    return {"cost": given.cost, "response": given.response, "limits": [TwistLimit(), JointLimit()]} | changed
+    return {
+        "cost": given.cost,
+        "response": given.response,
+        "limits": [TwistLimit(), JointLimit()],
+    } | changed
 
 
 def test_a_problem_of_python_steps() -> None:
@@ -36,7 +40,8 @@ def test_a_problem_of_python_steps() -> None:
 def test_the_sheet_is_read_as_the_task_says(name: str) -> None:
     problem, q = problem_of(name), comfort_of(name)
     assert problem.assess(q).final[0] == reba.assess(q, problem.method, **problem.task).final[0]
-    # The cost is of the same task: the smooth score is near the exact one where no band end is near.
+    # The cost is of the same task: the smooth score is near the exact one where no band end is
+    # near.
     assert abs(float(problem.cost(q)[0]) - problem.assess(q).final[0]) < 1.5
 
 
@@ -62,7 +67,10 @@ def test_limits_are_found_by_their_kind() -> None:
     [
         ({"limits": [JointLimit()]}, "limits: got 0 twist limits, allowed exactly one"),
         ({"limits": [TwistLimit(), TwistLimit()]}, "limits: got 2 twist limits"),
-        ({"limits": [TwistLimit(), JointLimit(), JointLimit()]}, "limits: got more than one row named .*trunk_flexion"),
+        (
+            {"limits": [TwistLimit(), JointLimit(), JointLimit()]},
+            "limits: got more than one row named .*trunk_flexion",
+        ),
         ({"dt": 0.0}, "dt: got 0.0 s, allowed 0.0001 to 0.1 s"),
         ({"dt": float("nan")}, "dt: got nan s"),
         ({"dt": 10}, "dt: got 10 s"),
@@ -88,7 +96,10 @@ def test_replacing_what_is_not_a_term_is_refused() -> None:
         ({"smoothing": float("nan")}, "control.smoothing: got nan"),
         ({"max_age": float("inf")}, "control.max_age: got inf"),
         ({"caution": "much"}, "control.caution: got 'much'"),
-        ({"rest_below": 1.0, "move_above": 0.1}, "control.move_above: got 0.1, allowed at least rest_below = 1.0"),
+        (
+            {"rest_below": 1.0, "move_above": 0.1},
+            "control.move_above: got 0.1, allowed at least rest_below = 1.0",
+        ),
     ],
 )
 def test_controls_that_are_none_are_refused(changed: dict[str, Any], sentence: str) -> None:
@@ -98,21 +109,30 @@ def test_controls_that_are_none_are_refused(changed: dict[str, Any], sentence: s
 
 def test_control_changes_the_answer() -> None:
     q = comfort_of("screwing") + 0.2 * np.random.default_rng(0).normal(size=32)
-    bold, shy = (problem_of("screwing").replace(control=Control(effort_linear=e, effort_angular=e)) for e in (0.1, 50.0))
+    bold, shy = (
+        problem_of("screwing").replace(control=Control(effort_linear=e, effort_angular=e))
+        for e in (0.1, 50.0)
+    )
     speeds = [np.linalg.norm([Stepper(p).step(q).twist for _ in range(1)]) for p in (bold, shy)]
     assert speeds[0] > 2 * speeds[1]
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-4, 2.4e-4])
 def test_a_workspace_without_room_along_a_free_axis_is_refused(width: float) -> None:
-    """With both ends in one place the object came back for ever and never rested; 0.2475 mm is what its mean may rise by."""
+    """With both ends in one place the object came back for ever and never rested; 0.2475 mm is what
+    its mean may rise by."""
     problem = problem_of("screwing")
     box = problem.limit_of(WorkspaceBox)
     flat = WorkspaceBox((0.4 - width / 2, *box.lower[1:]), (0.4 + width / 2, *box.upper[1:]))
     limits = [flat if limit is box else limit for limit in problem.limits]
-    with pytest.raises(ProblemError, match=r"workspace x: got .* mm from end to end, allowed at least 0.247 mm where"):
+    with pytest.raises(
+        ProblemError,
+        match=r"workspace x: got .* mm from end to end, allowed at least 0.247 mm where",
+    ):
         problem.replace(limits=limits)
-    along = [TwistLimit(axes=("y", "z")) if isinstance(limit, TwistLimit) else limit for limit in limits]
+    along = [
+        TwistLimit(axes=("y", "z")) if isinstance(limit, TwistLimit) else limit for limit in limits
+    ]
     assert problem.replace(limits=along).limit_of(WorkspaceBox) is flat
 
 
@@ -122,7 +142,9 @@ def test_the_narrowest_workspace_is_come_back_to_and_rested_in(above: bool, off:
     box, x = problem.limit_of(WorkspaceBox), float(pose[0, 3])
     middle = x - off if above else x + off
     narrow = WorkspaceBox((middle - 1.24e-4, *box.lower[1:]), (middle + 1.24e-4, *box.upper[1:]))
-    problem = problem.replace(limits=[narrow if limit is box else limit for limit in problem.limits])
+    problem = problem.replace(
+        limits=[narrow if limit is box else limit for limit in problem.limits]
+    )
     q, loop = comfort_of("screwing"), Held(Stepper(problem), pose)
     statuses = [loop.step(q).status for _ in range(300)]
     assert ("recovering" in statuses) == (off > 1.24e-4)

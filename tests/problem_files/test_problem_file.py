@@ -40,17 +40,22 @@ def test_the_problems_of_the_package() -> None:
         assert problem.name == name
         assert problem.title == raw["title"]
         box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-        np.testing.assert_allclose([box.lower, box.upper], [raw["limits"]["workspace"][end] for end in ("lower", "upper")])
+        np.testing.assert_allclose(
+            [box.lower, box.upper], [raw["limits"]["workspace"][end] for end in ("lower", "upper")]
+        )
         assert cone.half_angle_deg == raw["limits"]["tool_axis"]["half_angle_deg"]
         assert problem.twist_limit.linear_speed == raw["limits"]["twist"]["linear_speed"]
         assert problem.task["load_kg"] == raw["task"]["load_kg"]
         assert problem.task["seated"] == (raw["response"]["ik"]["stance"] == "seated")
-        assert list(problem.response.hands) == raw["response"]["ik"]["hands"]  # type: ignore[attr-defined]
+        assert list(problem.response.hands) == raw["response"]["ik"]["hands"]  # type: ignore
 
 
 def test_a_file_by_its_path(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text("dt = 0.005\n[response.ik]\nstature = 1.62\n[limits.joints]\nrate_deg = 45\n", encoding="utf-8")
+    path.write_text(
+        "dt = 0.005\n[response.ik]\nstature = 1.62\n[limits.joints]\nrate_deg = 45\n",
+        encoding="utf-8",
+    )
     problem = load_problem(path)
     assert (problem.name, problem.title, problem.dt) == ("mine", "mine", 0.005)
     assert problem.response.body.stature == 1.62  # type: ignore[attr-defined]
@@ -66,7 +71,9 @@ def test_the_least_problem_has_defaults() -> None:
 
 
 def test_cost_and_sheet_are_of_the_same_task() -> None:
-    light, heavy = (problem_from_dict(changed("task.load_kg", load), "load") for load in (0.0, 20.0))
+    light, heavy = (
+        problem_from_dict(changed("task.load_kg", load), "load") for load in (0.0, 20.0)
+    )
     q = np.zeros(32)
     assert heavy.assess(q).final[0] > light.assess(q).final[0]
     assert float(heavy.cost(q)[0]) > float(light.cost(q)[0]) + 0.5
@@ -79,16 +86,36 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
         ("dt", "0.01", ["dt", "got '0.01'"]),
         ("dt", float("nan"), ["dt", "nan"]),
         ("speed", 1.0, ["speed: got a key that is not known, allowed title"]),
-        ("robot", {"lagg": 0.1}, ["robot.lagg: got a key that is not known, allowed lag (the nearest), delay"]),
-        ("response.ik.stanse", "seated", ["response.ik.stanse: got a key that is not known, allowed stance (the nearest)"]),
-        ("limits.twist.linear_sped", 0.1, ["limits.twist.linear_sped: got a key", "linear_speed (the nearest)"]),
+        (
+            "robot",
+            {"lagg": 0.1},
+            ["robot.lagg: got a key that is not known, allowed lag (the nearest), delay"],
+        ),
+        (
+            "response.ik.stanse",
+            "seated",
+            ["response.ik.stanse: got a key that is not known, allowed stance (the nearest)"],
+        ),
+        (
+            "limits.twist.linear_sped",
+            0.1,
+            ["limits.twist.linear_sped: got a key", "linear_speed (the nearest)"],
+        ),
         ("response.ik.stature", 175, ["response.ik.stature", "2.3", "175"]),
-        ("response.ik.stance", "kneeling", ["response.ik.stance", "'standing' or 'seated'", "kneeling"]),
+        (
+            "response.ik.stance",
+            "kneeling",
+            ["response.ik.stance", "'standing' or 'seated'", "kneeling"],
+        ),
         ("response.ik.hands", [], ["response.ik.hands"]),
         ("response.ik.hands", ["left", "right"], ["hands: got", "allowed"]),
         ("response.ik.hands", "right", ["response.ik.hands"]),
         ("response.ik.tool", "pen", ["response.ik.tool", "pen"]),
-        ("response.ik.weights", {"elbow_flexion": 0}, ["response.ik.weights.elbow_flexion", "greater than 0"]),
+        (
+            "response.ik.weights",
+            {"elbow_flexion": 0},
+            ["response.ik.weights.elbow_flexion", "greater than 0"],
+        ),
         ("response.ik.weights", {"tail": 1.0}, ["weights: got 'tail', allowed a joint"]),
         (
             "response.ik.comfort_deg",
@@ -102,24 +129,68 @@ def test_cost_and_sheet_are_of_the_same_task() -> None:
         ("task.coupling", True, ["task.coupling", "True"]),
         ("task.shock", "yes", ["task.shock", "'yes'"]),
         ("task.seated", True, ["task.seated: got a key that is not known"]),
-        ("task.method", {"magic": 1}, ["task.method.magic: got a key that is not known, allowed band_ends"]),
-        ("task.method", {"arms": "both"}, ["task.method.arms: got 'both', allowed 'whole' or 'segments'"]),
+        (
+            "task.method",
+            {"magic": 1},
+            ["task.method.magic: got a key that is not known, allowed band_ends"],
+        ),
+        (
+            "task.method",
+            {"arms": "both"},
+            ["task.method.arms: got 'both', allowed 'whole' or 'segments'"],
+        ),
         ("limits.twist.axes", ["z", "roll"], ["limits.twist.axes.1", "roll"]),
         ("limits.twist.linear_speed", 0.0, ["limits.twist.linear_speed", "greater than 0"]),
         ("limits.workspace", {"lower": [0, 0, 0]}, ["limits.workspace.upper", "required"]),
-        ("limits.workspace", {"lower": [0.0, 0.0, 1.0], "upper": [1.0, 1.0, 0.0]}, ["lower", "above upper"]),
-        ("limits.workspace", {"lower": [0.0, 0.0], "upper": [1.0, 1.0, 1.0]}, ["limits.workspace.lower"]),
-        ("limits.tool_axis", {"direction": [0.0, 0.0, 0.0], "half_angle_deg": 10.0}, ["allowed any vector from"]),
-        ("limits.tool_axis", {"direction": [1e200, 1e200, 0.0], "half_angle_deg": 10.0}, ["allowed any vector from"]),
+        (
+            "limits.workspace",
+            {"lower": [0.0, 0.0, 1.0], "upper": [1.0, 1.0, 0.0]},
+            ["lower", "above upper"],
+        ),
+        (
+            "limits.workspace",
+            {"lower": [0.0, 0.0], "upper": [1.0, 1.0, 1.0]},
+            ["limits.workspace.lower"],
+        ),
+        (
+            "limits.tool_axis",
+            {"direction": [0.0, 0.0, 0.0], "half_angle_deg": 10.0},
+            ["allowed any vector from"],
+        ),
+        (
+            "limits.tool_axis",
+            {"direction": [1e200, 1e200, 0.0], "half_angle_deg": 10.0},
+            ["allowed any vector from"],
+        ),
         ("response", {"points": {}}, ["cost: got the sheet, allowed a learned cost"]),
-        ("limits.tool_axis", {"direction": [1.0, 0.0, 0.0], "half_angle_deg": 200.0}, ["limits.tool_axis.half_angle_deg"]),
+        (
+            "limits.tool_axis",
+            {"direction": [1.0, 0.0, 0.0], "half_angle_deg": 200.0},
+            ["limits.tool_axis.half_angle_deg"],
+        ),
         ("limits.joints.ranges_deg", {"tail": [0.0, 10.0]}, ["ranges_deg: got 'tail'"]),
-        ("limits.joints.ranges_deg", {"trunk_flexion": [0.0, 200.0]}, ["ranges_deg of trunk_flexion"]),
+        (
+            "limits.joints.ranges_deg",
+            {"trunk_flexion": [0.0, 200.0]},
+            ["ranges_deg of trunk_flexion"],
+        ),
         ("limits.friction", {}, ["limits.friction"]),
-        ("control", {"boldness": 1.0}, ["control.boldness: got a key that is not known, allowed look_ahead"]),
-        ("control", {"effort_linear": 1e308}, ["control.effort_linear: got 1e+308, allowed 0 to 1e+09"]),
+        (
+            "control",
+            {"boldness": 1.0},
+            ["control.boldness: got a key that is not known, allowed look_ahead"],
+        ),
+        (
+            "control",
+            {"effort_linear": 1e308},
+            ["control.effort_linear: got 1e+308, allowed 0 to 1e+09"],
+        ),
         ("control", {"look_ahead": -1.0}, ["control.look_ahead", "-1"]),
-        ("cost.smooth_reba.taus_deg", [0.0, 1.0], ["cost.smooth_reba.taus_deg.0", "greater than 0"]),
+        (
+            "cost.smooth_reba.taus_deg",
+            [0.0, 1.0],
+            ["cost.smooth_reba.taus_deg.0", "greater than 0"],
+        ),
         ("cost.smooth_reba.taus_deg", [1.0], ["weights"]),
         ("cost.magic", {}, ["cost.magic"]),
     ],
@@ -157,7 +228,11 @@ def test_all_mistakes_are_listed_at_once() -> None:
             {"right_elbow_flexion": [0.0, 2.4]},
             "got no angle beyond 2.4, usual are degrees, not",
         ),
-        ("response.ik.comfort_deg", {"elbow_flexion": 1.5, "hip_flexion": 0}, "got no angle beyond 1.5, usual are degrees"),
+        (
+            "response.ik.comfort_deg",
+            {"elbow_flexion": 1.5, "hip_flexion": 0},
+            "got no angle beyond 1.5, usual are degrees",
+        ),
         ("limits.workspace.upper", [800.0, 350.0, 1750.0], "got 800, usual are -3 to 3 m"),
         ("task.load_kg", 500.0, "got 500, usual are 0 to 50 kg"),
         ("cost.smooth_reba.taus_deg", [0.02, 0.2], "got 0.02, usual are 0.1 to 45 deg"),
@@ -165,8 +240,12 @@ def test_all_mistakes_are_listed_at_once() -> None:
 )
 def test_another_unit_is_noticed_unless_it_is_meant(key: str, value: Any, said: str) -> None:
     raw = changed(key, value)
-    raw["limits"] = {"workspace": {"lower": [0.0, 0.0, 0.5], "upper": [1.0, 1.0, 1.5]}} | raw.get("limits", {})
-    raw["limits"]["workspace"] = {"lower": [0.0, 0.0, 0.5], "upper": [1.0, 1.0, 1.5]} | raw["limits"]["workspace"]
+    raw["limits"] = {"workspace": {"lower": [0.0, 0.0, 0.5], "upper": [1.0, 1.0, 1.5]}} | raw.get(
+        "limits", {}
+    )
+    raw["limits"]["workspace"] = {"lower": [0.0, 0.0, 0.5], "upper": [1.0, 1.0, 1.5]} | raw[
+        "limits"
+    ]["workspace"]
     if "tool_axis" in raw["limits"]:
         raw["limits"]["tool_axis"] |= {"direction": [1.0, 0.0, 0.0]}
     with pytest.raises(ProblemError) as caught:
@@ -177,12 +256,15 @@ def test_another_unit_is_noticed_unless_it_is_meant(key: str, value: Any, said: 
 
 
 def test_what_is_named_as_meant_is_a_key() -> None:
-    with pytest.raises(ProblemError, match=r"unusual: got 'task.load', allowed task.load_kg \(the nearest\), cost"):
+    with pytest.raises(
+        ProblemError, match=r"unusual: got 'task.load', allowed task.load_kg \(the nearest\), cost"
+    ):
         problem_from_dict(changed("unusual", ["task.load"]), "mine")
 
 
 def test_who_sits_is_scored_as_one_who_sits() -> None:
-    """The stance and `seated` were two keys: one without the other scored a sitting person's knees."""
+    """The stance and `seated` were two keys: one without the other scored a sitting person's
+    knees."""
     knees = np.zeros(32)
     knees[[JOINTS.index(f"{side}_knee_flexion") for side in ("right", "left")]] = np.radians(85)
     for stance, score in (("seated", 1), ("standing", 2)):

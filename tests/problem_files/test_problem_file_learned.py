@@ -17,10 +17,21 @@ from ergoqp.step.stepper import Stepper
 def save_models(folder, name, coordinates):
     """A small network and a boundary of these coordinates."""
     rng, d = np.random.default_rng(0), len(coordinates)
-    network = {"places": rng.normal(size=(d, 3)), "sharpness": np.ones((d, 3)), "mixing": rng.normal(size=(d, 3, 2))}
-    network |= {"W1": rng.normal(size=(2 * d, 4)), "b1": np.zeros(4), "W2": rng.normal(size=(4, 3)), "b2": np.zeros(3)}
+    network = {
+        "places": rng.normal(size=(d, 3)),
+        "sharpness": np.ones((d, 3)),
+        "mixing": rng.normal(size=(d, 3, 2)),
+    }
+    network |= {
+        "W1": rng.normal(size=(2 * d, 4)),
+        "b1": np.zeros(4),
+        "W2": rng.normal(size=(4, 3)),
+        "b2": np.zeros(3),
+    }
     Neural(network, [1, 2, 3], coordinates, 1.0).save(folder / f"{name}_cost.npz")
-    OneClass.fit(rng.normal(size=(200, d)), coordinates, nu=0.1).save(folder / f"{name}_boundary.npz")
+    OneClass.fit(rng.normal(size=(200, d)), coordinates, nu=0.1).save(
+        folder / f"{name}_boundary.npz"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +46,11 @@ def arm(**limits):
     return {
         "response": {"points": {}},
         "cost": {"learned": {"model": "arm_cost.npz"}},
-        "limits": {"arm_length": {"length": 0.26}, "one_class_boundary": {"model": "arm_boundary.npz", "hard": True}} | limits,
+        "limits": {
+            "arm_length": {"length": 0.26},
+            "one_class_boundary": {"model": "arm_boundary.npz", "hard": True},
+        }
+        | limits,
     }
 
 
@@ -80,10 +95,16 @@ def test_a_path_is_relative_to_the_file(folder):
     [
         (body(cost={"learned": {"model": "absent.npz"}}), "model: got 'absent.npz', allowed"),
         (body(cost={"learned": {"model": "absent"}}), "model: got 'absent', allowed"),
-        (body(cost={"learned": {"model": "body_cost.npz"}, "smooth_reba": {}}), "only one of smooth_reba and learned"),
+        (
+            body(cost={"learned": {"model": "body_cost.npz"}, "smooth_reba": {}}),
+            "only one of smooth_reba and learned",
+        ),
         (body(cost={"learned": {"model": "arm_cost.npz"}}), "cost: got a model of elbow_x"),
         (body(task={"load_kg": 6.0}), "allowed none: the cost was learned without them"),
-        (body(limits={"one_class_boundary": {"model": "arm_boundary.npz"}}), "limits: got a model of elbow_x"),
+        (
+            body(limits={"one_class_boundary": {"model": "arm_boundary.npz"}}),
+            "limits: got a model of elbow_x",
+        ),
         (body(limits={"one_class_boundary": {"model": "body_cost.npz"}}), "one_class"),
         (body(limits={"arm_length": {"length": 0.26}}), "allowed only where the state is elbow_x"),
         (body(response={}), "exactly one of ik and points"),

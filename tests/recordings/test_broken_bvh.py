@@ -56,37 +56,79 @@ BROKEN = {
     "no rows": (lambda t: t[: t.index(ROW)].replace("Frames: 3", "Frames: 0"), "0 rows"),
     "empty": (lambda t: "", "empty"),
     "blank": (lambda t: "\n \n\t\n", "empty"),
-    "huge frame count": (lambda t: t.replace("Frames: 3", "Frames: 100000000"), "allowed 100000000, as is stated"),
+    "huge frame count": (
+        lambda t: t.replace("Frames: 3", "Frames: 100000000"),
+        "allowed 100000000, as is stated",
+    ),
     "absurd frame count": (lambda t: t.replace("Frames: 3", "Frames: " + "9" * 5000), "line 17"),
     "negative frame count": (lambda t: t.replace("Frames: 3", "Frames: -3"), "line 17"),
-    "fewer frames stated": (lambda t: t.replace("Frames: 3", "Frames: 2"), "got 3 rows, allowed 2, as is stated"),
-    "NaN": (lambda t: t.replace(ROW, "0 1 nan 0 0 0 1 2 3", 1), "line 19: number 3 of the row is 'nan'"),
+    "fewer frames stated": (
+        lambda t: t.replace("Frames: 3", "Frames: 2"),
+        "got 3 rows, allowed 2, as is stated",
+    ),
+    "NaN": (
+        lambda t: t.replace(ROW, "0 1 nan 0 0 0 1 2 3", 1),
+        "line 19: number 3 of the row is 'nan'",
+    ),
     "infinity": (lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2 1e999", 1), "line 19: number 9"),
-    "a word in a row": (lambda t: t.replace(ROW, "0 1 zero 0 0 0 1 2 3", 1), "line 19: number 3 of the row: got 'zero'"),
-    "narrow row": (lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2", 1), "got a row of 8 numbers, allowed 9"),
+    "a word in a row": (
+        lambda t: t.replace(ROW, "0 1 zero 0 0 0 1 2 3", 1),
+        "line 19: number 3 of the row: got 'zero'",
+    ),
+    "narrow row": (
+        lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2", 1),
+        "got a row of 8 numbers, allowed 9",
+    ),
     "wide row": (lambda t: t.replace(ROW, ROW + " 4", 1), "got a row of 10 numbers, allowed 9"),
-    "frame time zero": (lambda t: t.replace("Time: 0.1", "Time: 0"), "line 18: the frame time is 0 s"),
-    "frame time NaN": (lambda t: t.replace("Time: 0.1", "Time: nan"), "line 18: the frame time is 'nan'"),
+    "frame time zero": (
+        lambda t: t.replace("Time: 0.1", "Time: 0"),
+        "line 18: the frame time is 0 s",
+    ),
+    "frame time NaN": (
+        lambda t: t.replace("Time: 0.1", "Time: nan"),
+        "line 18: the frame time is 'nan'",
+    ),
     "frame rate as time": (lambda t: t.replace("Time: 0.1", "Time: 120"), "at most 10 s"),
     "two joints of one name": (
         lambda t: t.replace("JOINT Arm", "JOINT Hips"),
         "line 6: joint 'Hips' is already defined in line 2",
     ),
     "name with a space": (lambda t: t.replace("JOINT Arm", "JOINT Left Arm"), "without spaces"),
-    "unknown channel": (lambda t: t.replace("3 Zrotation", "3 Wrotation"), "line 9: channel 'Wrotation' is not supported"),
+    "unknown channel": (
+        lambda t: t.replace("3 Zrotation", "3 Wrotation"),
+        "line 9: channel 'Wrotation' is not supported",
+    ),
     "channel twice": (lambda t: t.replace("3 Zrotation", "3 Xrotation"), "got a channel twice"),
     "channel count": (
         lambda t: t.replace("CHANNELS 3", "CHANNELS 4"),
         "line 9: CHANNELS: got 3 channels, allowed as many as it states, '4'",
     ),
-    "infinite offset": (lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 inf 0", 1), "line 8: OFFSET is 'inf'"),
-    "short offset": (lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1", 1), "line 8: OFFSET: got 2 numbers"),
+    "infinite offset": (
+        lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 inf 0", 1),
+        "line 8: OFFSET is 'inf'",
+    ),
+    "short offset": (
+        lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1", 1),
+        "line 8: OFFSET: got 2 numbers",
+    ),
     "lost brace": (lambda t: t.replace("{", "", 1), "line 6"),
-    "brace too few": (lambda t: t.replace("    }\n  }\n", "    }\n"), "got MOTION with 1 braces open"),
-    "two roots": (lambda t: t.replace("JOINT Arm", "ROOT Arm"), "line 6: ROOT 'Arm' is out of place"),
+    "brace too few": (
+        lambda t: t.replace("    }\n  }\n", "    }\n"),
+        "got MOTION with 1 braces open",
+    ),
+    "two roots": (
+        lambda t: t.replace("JOINT Arm", "ROOT Arm"),
+        "line 6: ROOT 'Arm' is out of place",
+    ),
     "parts out of order": (lambda t: t.replace("  OFFSET 0 0 0\n", "", 1), "OFFSET"),
-    "not a BVH": (lambda t: "solid cube\n" + t, "line 1: a BVH file starts with the line HIERARCHY"),
-    "bones between stars": (lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1e300 0", 1), "finite numbers up to"),
+    "not a BVH": (
+        lambda t: "solid cube\n" + t,
+        "line 1: a BVH file starts with the line HIERARCHY",
+    ),
+    "bones between stars": (
+        lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1e300 0", 1),
+        "finite numbers up to",
+    ),
 }
 
 
@@ -135,7 +177,9 @@ def test_a_skeleton_nested_beyond_reason(tmp_path: Path):
     assert "nested too deeply" in message(path)
 
 
-@pytest.mark.parametrize("change", [lambda t: "\ufeff" + t, lambda t: t.replace("\n", "\r\n"), lambda t: t + "\n\n  \n"])
+@pytest.mark.parametrize(
+    "change", [lambda t: "\ufeff" + t, lambda t: t.replace("\n", "\r\n"), lambda t: t + "\n\n  \n"]
+)
 def test_harmless_variants_are_read(change, tmp_path: Path):
     path = tmp_path / "variant.bvh"
     path.write_bytes(change(small_file()).encode())
@@ -151,16 +195,35 @@ def test_the_missing_reader_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         return imported(name, *rest, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without_bvhio)
-    with pytest.raises(MissingExtraError, match=r"reading BVH files needs the package 'bvhio'.*ergoqp\[mocap\]"):
+    with pytest.raises(
+        MissingExtraError, match=r"reading BVH files needs the package 'bvhio'.*ergoqp\[mocap\]"
+    ):
         bvh.read_bvh(tmp_path / "any.bvh")
 
 
 PIECES = st.sampled_from(
-    ["{", "}", "MOTION", "JOINT", "End Site", "OFFSET", "CHANNELS 3", "Frames: 9", "nan", "-1e9", "\x00", "é", "\n", ""]
+    [
+        "{",
+        "}",
+        "MOTION",
+        "JOINT",
+        "End Site",
+        "OFFSET",
+        "CHANNELS 3",
+        "Frames: 9",
+        "nan",
+        "-1e9",
+        "\x00",
+        "é",
+        "\n",
+        "",
+    ]
 )
 
 
-@settings(deadline=1000, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    deadline=1000, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(data=st.data())
 def test_no_mutation_crashes_or_hangs(data: st.DataObject, tmp_path: Path):
     text = small_file()
@@ -176,7 +239,9 @@ def test_no_mutation_crashes_or_hangs(data: st.DataObject, tmp_path: Path):
         assert np.isfinite(motion.positions).all()
 
 
-@settings(deadline=1000, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    deadline=1000, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(content=st.binary(max_size=300))
 def test_no_bytes_crash_the_reader(content: bytes, tmp_path: Path):
     path = tmp_path / "bytes.bvh"

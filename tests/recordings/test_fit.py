@@ -19,7 +19,9 @@ def model() -> CentreModel:
 def configuration(generator: np.random.Generator, margin: float = 0.2) -> np.ndarray:
     """A pelvis somewhere, heading anywhere, and a posture inside the ranges."""
     base = generator.uniform([-2, -2, 0.5, -np.pi], [2, 2, 1.5, np.pi])
-    return np.concatenate([base, LOWER + (UPPER - LOWER) * generator.uniform(margin, 1 - margin, len(JOINTS))])
+    return np.concatenate(
+        [base, LOWER + (UPPER - LOWER) * generator.uniform(margin, 1 - margin, len(JOINTS))]
+    )
 
 
 def test_the_jacobian_is_the_derivative(model: CentreModel):
@@ -54,14 +56,19 @@ def test_every_joint_is_told_by_all_centres_and_none_by_one(model: CentreModel):
 
 def test_points_that_are_lost_for_a_while(model: CentreModel):
     start = configuration(np.random.default_rng(4), margin=0.35)
-    path = np.stack([start + 0.02 * i * np.eye(UNKNOWNS)[BASE + INDEX["left_elbow_flexion"]] for i in range(12)])
+    path = np.stack(
+        [start + 0.02 * i * np.eye(UNKNOWNS)[BASE + INDEX["left_elbow_flexion"]] for i in range(12)]
+    )
     targets = np.stack([model(z)[0].copy() for z in path])
     hand = [CENTRES.index(f"left_{name}") for name in ("wrist", "knuckles", "thumb")]
     targets[4:7][:, hand] = np.nan
     targets[9] = np.nan
     found = fit(model, targets)
     elbow = INDEX["left_elbow_flexion"]
-    assert found.observed[:, elbow].tolist() == [True] * 4 + [False] * 3 + [True] * 2 + [False] + [True] * 2
+    assert (
+        found.observed[:, elbow].tolist()
+        == [True] * 4 + [False] * 3 + [True] * 2 + [False] + [True] * 2
+    )
     assert (found.configurations[4:7, BASE + elbow] == 0).all()
     assert found.configurations[[0, 3, 7, 8, 10, 11], BASE + elbow] == pytest.approx(
         path[[0, 3, 7, 8, 10, 11], BASE + elbow], abs=0.02

@@ -1,4 +1,5 @@
-"""From a file to postures: the project's own recording, read back; what is found out and said about a file."""
+"""From a file to postures: the project's own recording, read back; what is found out and said about
+a file."""
 
 from __future__ import annotations
 
@@ -22,8 +23,12 @@ DEGREE = np.radians(1)
 def movement(frames: int = 60) -> tuple[np.ndarray, np.ndarray]:
     """Smooth postures far from straight limbs, and a pelvis that walks along an arc."""
     generator = np.random.default_rng(7)
-    middle = np.radians([20, 5, 5, 15, 3, 8, *2 * [40, 25, 15, 70, 10, 5, 4], *2 * [40, 10, 8, 60, 5, 6]])
-    amplitude = np.radians([12, 6, 8, 8, 5, 10, *2 * [20, 15, 12, 25, 25, 15, 8], *2 * [15, 7, 8, 20, 8, 6]])
+    middle = np.radians(
+        [20, 5, 5, 15, 3, 8, *2 * [40, 25, 15, 70, 10, 5, 4], *2 * [40, 10, 8, 60, 5, 6]]
+    )
+    amplitude = np.radians(
+        [12, 6, 8, 8, 5, 10, *2 * [20, 15, 12, 25, 25, 15, 8], *2 * [15, 7, 8, 20, 8, 6]]
+    )
     phase = generator.uniform(0, 2 * np.pi, len(JOINTS))
     time = np.linspace(0, 2 * np.pi, frames)[:, None]
     postures = middle + amplitude * np.sin(time + phase)
@@ -31,7 +36,9 @@ def movement(frames: int = 60) -> tuple[np.ndarray, np.ndarray]:
     poses = np.tile(np.eye(4), (frames, 1, 1))
     poses[:, 0, 0] = poses[:, 1, 1] = np.cos(heading)
     poses[:, 1, 0], poses[:, 0, 1] = np.sin(heading), -np.sin(heading)
-    poses[:, :3, 3] = np.stack([np.cos(heading), np.sin(heading), 0.9 + 0.02 * np.sin(time[:, 0])], axis=1)
+    poses[:, :3, 3] = np.stack(
+        [np.cos(heading), np.sin(heading), 0.9 + 0.02 * np.sin(time[:, 0])], axis=1
+    )
     return postures, poses
 
 
@@ -49,7 +56,9 @@ def told(recording: Recording) -> str:
 
 def test_what_was_written_is_read_back(tmp_path: Path):
     postures, poses = movement()
-    body = Body.of_lengths({"upper_arm": 0.33, "forearm": 0.24, "thigh": 0.40, "shank": 0.42, "trunk": 0.50})
+    body = Body.of_lengths(
+        {"upper_arm": 0.33, "forearm": 0.24, "thigh": 0.40, "shank": 0.42, "trunk": 0.50}
+    )
     path = write_bvh(tmp_path / "own.bvh", postures, poses, body, 1 / 50)
     recording = load_recording(path)
     assert recording.observed.all()
@@ -60,7 +69,15 @@ def test_what_was_written_is_read_back(tmp_path: Path):
     assert recording.fit_error.max() < 0.002
     assert recording.time == pytest.approx(np.arange(60) / 50)
     assert recording.object_poses is None
-    for segment in ("upper_arm", "forearm", "thigh", "shank", "trunk", "shoulder_width", "foot_length"):
+    for segment in (
+        "upper_arm",
+        "forearm",
+        "thigh",
+        "shank",
+        "trunk",
+        "shoulder_width",
+        "foot_length",
+    ):
         assert recording.person.lengths[segment] == pytest.approx(body.lengths[segment], abs=1e-4)
 
 
@@ -68,7 +85,9 @@ def test_a_quarter_turn_in_the_middle_of_the_rotation_order_is_written_right(tmp
     postures, poses = movement(3)
     postures[1, INDEX["left_elbow_flexion"]] = np.pi / 2
     postures[1, INDEX["left_forearm_pronation"]] = 0.0
-    recording = load_recording(write_bvh(tmp_path / "turn.bvh", postures, poses, Body.of_stature(1.75), 0.1))
+    recording = load_recording(
+        write_bvh(tmp_path / "turn.bvh", postures, poses, Body.of_stature(1.75), 0.1)
+    )
     assert recording.fit_error.max() < 0.001
 
 
@@ -91,7 +110,9 @@ def test_ranges_are_kept_exactly_even_where_the_recording_goes_beyond(tmp_path: 
     postures, poses = movement(20)
     postures[:, INDEX["trunk_flexion"]] = np.radians(118)
     postures[:, INDEX["right_hip_abduction"]] = np.radians(60)
-    recording = load_recording(write_bvh(tmp_path / "beyond.bvh", postures, poses, Body.of_stature(1.7), 0.1))
+    recording = load_recording(
+        write_bvh(tmp_path / "beyond.bvh", postures, poses, Body.of_stature(1.7), 0.1)
+    )
     assert (recording.postures >= LOWER).all()
     assert (recording.postures <= UPPER).all()
     assert recording.fit_error.max() > 0.01
@@ -99,9 +120,13 @@ def test_ranges_are_kept_exactly_even_where_the_recording_goes_beyond(tmp_path: 
 
 def test_a_missing_arm_is_not_invented(demo: Path, tmp_path: Path):
     # Under names that no naming has, the joints are as good as gone.
-    path = edited(demo, tmp_path / "one_arm.bvh", (r"right_(elbow|wrist|knuckles|thumb)", r"extra_\1"))
+    path = edited(
+        demo, tmp_path / "one_arm.bvh", (r"right_(elbow|wrist|knuckles|thumb)", r"extra_\1")
+    )
     recording = load_recording(path)
-    arm = [i for i, name in enumerate(JOINTS) if re.match("right_(shoulder|elbow|forearm|wrist)", name)]
+    arm = [
+        i for i, name in enumerate(JOINTS) if re.match("right_(shoulder|elbow|forearm|wrist)", name)
+    ]
     assert not recording.observed[:, arm].any()
     assert (recording.postures[:, arm] == 0).all()
     assert recording.observed[:, [i for i in range(32) if i not in arm]].all()
@@ -111,7 +136,11 @@ def test_a_missing_arm_is_not_invented(demo: Path, tmp_path: Path):
 
 
 def test_what_the_points_do_not_tell_is_unobserved(demo: Path, tmp_path: Path):
-    path = edited(demo, tmp_path / "few.bvh", (r"(nose|right_thumb|left_knuckles|left_toe|left_thumb)", r"extra_\1"))
+    path = edited(
+        demo,
+        tmp_path / "few.bvh",
+        (r"(nose|right_thumb|left_knuckles|left_toe|left_thumb)", r"extra_\1"),
+    )
     recording = load_recording(path)
     missing = {name for name, seen in zip(JOINTS, recording.observed[0], strict=True) if not seen}
     assert missing == {
@@ -148,7 +177,9 @@ def scaled(source: Path, target: Path, factor: float) -> Path:
 
 def test_a_unit_that_fits_nobody_is_asked_for(demo: Path, tmp_path: Path):
     path = scaled(demo, tmp_path / "feet.bvh", 0.01 / 0.3048)
-    with pytest.raises(RecordingError, match=r"feet.bvh: the unit of length is not known.*unit_to_m"):
+    with pytest.raises(
+        RecordingError, match=r"feet.bvh: the unit of length is not known.*unit_to_m"
+    ):
         load_recording(path)
     assert load_recording(path, unit_to_m=0.3048).person.stature == pytest.approx(1.72, abs=2e-3)
     with pytest.raises(RecordingError, match=r"with a unit of 1 m, stature.*check unit_to_m"):
@@ -156,7 +187,8 @@ def test_a_unit_that_fits_nobody_is_asked_for(demo: Path, tmp_path: Path):
 
 
 def test_the_vertical_axis_is_found_and_may_be_stated(demo: Path, tmp_path: Path):
-    # The same numbers with z up: y becomes z, z becomes x, x becomes y, in offsets, positions and turns.
+    # The same numbers with z up: y becomes z, z becomes x, x becomes y, in offsets, positions and
+    # turns.
     text = demo.read_text()
     for axis, other in (
         ("Xpos", "ypos"),
@@ -229,13 +261,25 @@ def test_an_unknown_skeleton_needs_a_mapping(demo: Path, tmp_path: Path):
     with pytest.raises(RecordingError, match=r"no known naming.*x_pelvis_joint.*mapping"):
         load_recording(path)
     mapping = tmp_path / "mapping.toml"
-    names = ("neck", "head", "right_shoulder", "left_shoulder", "right_elbow", "right_wrist", "right_hip", "left_hip")
+    names = (
+        "neck",
+        "head",
+        "right_shoulder",
+        "left_shoulder",
+        "right_elbow",
+        "right_wrist",
+        "right_hip",
+        "left_hip",
+    )
     mapping.write_text("".join(f'{name} = "x_{name}_joint"\n' for name in names))
     recording = load_recording(path, mapping=mapping)
     expected = load_recording(demo)
     for joint in ("trunk_flexion", "neck_flexion", "right_shoulder_flexion", "right_elbow_flexion"):
         assert recording.observed[:, INDEX[joint]].all()
-        assert np.abs(recording.postures[:, INDEX[joint]] - expected.postures[:, INDEX[joint]]).max() < DEGREE
+        assert (
+            np.abs(recording.postures[:, INDEX[joint]] - expected.postures[:, INDEX[joint]]).max()
+            < DEGREE
+        )
     assert "right knee flexion" in told(recording)
     for line, said in (
         ('neck = "nobody"', "names nobody"),

@@ -1,4 +1,5 @@
-"""Recordings made by others: how well the body fits them, and the angles of a person who drives a screw."""
+"""Recordings made by others: how well the body fits them, and the angles of a person who drives a
+screw."""
 
 from pathlib import Path
 
@@ -14,10 +15,20 @@ from ergoqp.recordings.fitting.axes import to_world
 
 FILES = {
     # file: naming, unit [m], largest median fit error [m], joints that its points do not tell
-    "cmu_131_01_walk_max": ("CMU for 3ds Max", 0.056444, 0.012, {"neck_twist", "forearm_pronation"}),
+    "cmu_131_01_walk_max": (
+        "CMU for 3ds Max",
+        0.056444,
+        0.012,
+        {"neck_twist", "forearm_pronation"},
+    ),
     "cmu_62_04_screwing_keyframes": ("CMU", 0.056444, 0.020, {"neck_twist", "forearm_pronation"}),
     "toolbox_freebvh": ("mixamo", 0.01, 0.019, set()),
-    "xsens_motionbox": ("Xsens", 0.01, 0.007, {"neck_twist", "forearm_pronation", "wrist_flexion", "wrist_deviation"}),
+    "xsens_motionbox": (
+        "Xsens",
+        0.01,
+        0.007,
+        {"neck_twist", "forearm_pronation", "wrist_flexion", "wrist_deviation"},
+    ),
 }
 
 
@@ -51,7 +62,9 @@ def test_the_joint_centres_are_those_of_bvhio(name: str, shared: Path):
             key = joint.Keyframes[frame]
             position = position + rotation @ np.array(key.Position.to_tuple())
             # Columns of a rotation are the turned axes.
-            rotation = rotation @ np.array([(key.Rotation * axis).to_tuple() for axis in glm_axes()]).T
+            rotation = (
+                rotation @ np.array([(key.Rotation * axis).to_tuple() for axis in glm_axes()]).T
+            )
             assert motion.of(joint.Name)[frame] == pytest.approx(position, abs=1e-3)
             pending.extend((child, position, rotation) for child in joint.Children)
 
@@ -64,8 +77,12 @@ def glm_axes():
 
 def test_the_calibration_frame_is_told_and_the_box_is_reached_in_a_stoop(shared: Path):
     recording = load_recording(shared / "mocap" / "bvh" / "xsens_motionbox.bvh")
-    assert any("Between the frames 1 and 2 a joint moves" in sentence for sentence in recording.assumptions)
-    arms = np.degrees(recording.postures[0, [INDEX["right_shoulder_abduction"], INDEX["left_shoulder_abduction"]]])
+    assert any(
+        "Between the frames 1 and 2 a joint moves" in sentence for sentence in recording.assumptions
+    )
+    arms = np.degrees(
+        recording.postures[0, [INDEX["right_shoulder_abduction"], INDEX["left_shoulder_abduction"]]]
+    )
     assert arms == pytest.approx([90, 90], abs=5)
     assert np.degrees(recording.postures[:, INDEX["trunk_flexion"]].max()) > 60
 
@@ -79,13 +96,22 @@ def arm_angles(place: dict[str, np.ndarray]) -> np.ndarray:
     trunk = place["neck"] - (place["right_hip"] + place["left_hip"]) / 2
     upper_arm = place["right_elbow"] - place["right_shoulder"]
     forearm = place["right_wrist"] - place["right_elbow"]
-    return np.array([angle(trunk, np.array([0.0, 0.0, 1.0])), angle(-upper_arm, trunk), angle(upper_arm, forearm)])
+    return np.array(
+        [
+            angle(trunk, np.array([0.0, 0.0, 1.0])),
+            angle(-upper_arm, trunk),
+            angle(upper_arm, forearm),
+        ]
+    )
 
 
 def fitted_places(recording: Recording, frame: int, names: list[str]) -> dict[str, np.ndarray]:
     kinematics = Kinematics(recording.person)
     pose, posture = recording.base_poses[frame], ca.DM(recording.postures[frame])
-    return {name: pose[:3, :3] @ np.array(kinematics.at(name, posture)[0]).ravel() + pose[:3, 3] for name in names}
+    return {
+        name: pose[:3, :3] @ np.array(kinematics.at(name, posture)[0]).ravel() + pose[:3, 3]
+        for name in names
+    }
 
 
 def test_the_screwing_arm_has_the_angles_of_the_raw_joints(shared: Path):
@@ -100,7 +126,9 @@ def test_the_screwing_arm_has_the_angles_of_the_raw_joints(shared: Path):
         "right_wrist": "RightHand",
     }
     for frame in range(3, 12):
-        raw = arm_angles({ours: to_world(motion.of(name)[frame], 0.056444, "y") for ours, name in theirs.items()})
+        raw = arm_angles(
+            {ours: to_world(motion.of(name)[frame], 0.056444, "y") for ours, name in theirs.items()}
+        )
         assert (raw > [22, 51, 73]).all()
         assert (raw < [27, 59, 82]).all()
         fitted = arm_angles(fitted_places(recording, frame, list(theirs)))

@@ -23,7 +23,14 @@ from ergoqp.report.group_page import write_group_page
 from ergoqp.report.optimum_page import change_of, place_words, write_optimum_page
 from ergoqp.simulation.person import Follower
 
-CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+CHROMIUM = next(
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
+)
 PATIENCE = 120_000  # of a busy machine [ms]
 
 
@@ -49,7 +56,12 @@ def desk():
 def pages(desk, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
     best = replace(optimise(desk, starts=2), title="<i>Desk</i> & more")
-    write_optimum_page(best, desk, folder / "optimum.html", cooperative=optimise(desk, starts=1, mode="cooperative"))
+    write_optimum_page(
+        best,
+        desk,
+        folder / "optimum.html",
+        cooperative=optimise(desk, starts=1, mode="cooperative"),
+    )
     people = read_people(desk, (1.5, 1.9))
     found = replace(best_for_group(desk, people, starts=1, cache=False), title="<i>Desk</i> & more")
     write_group_page(found, desk, people, folder / "group.html")
@@ -57,10 +69,24 @@ def pages(desk, tmp_path_factory):
 
 
 SECTIONS = {
-    "optimum": ["Postures", "Map", "Segments and reasons", "At rest, and with the posture chosen", "Starts", "Options"],
-    "group": ["Postures", "People", "What could be made adjustable", "Map of the highest score", "Map of the mean score",
-              "Reasons", "Options"],
-}  # fmt: skip
+    "optimum": [
+        "Postures",
+        "Map",
+        "Segments and reasons",
+        "At rest, and with the posture chosen",
+        "Starts",
+        "Options",
+    ],
+    "group": [
+        "Postures",
+        "People",
+        "What could be made adjustable",
+        "Map of the highest score",
+        "Map of the mean score",
+        "Reasons",
+        "Options",
+    ],
+}
 
 
 @pytest.mark.parametrize("name", ["optimum", "group"])
@@ -71,7 +97,9 @@ def test_page_in_a_browser(browser, pages, name, width):
     requests, errors = [], []
     page.on("request", lambda request: requests.append(request.url))
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on(
+        "console", lambda message: errors.append(message.text) if message.type == "error" else None
+    )
     page.goto(pages[name].as_uri(), wait_until="load", timeout=PATIENCE)
     assert page.locator("h2").all_inner_texts() == [*SECTIONS[name], "Assumptions"]
     charts = page.locator("svg.chart[role=img]")
@@ -107,7 +135,11 @@ def test_a_slice_is_what_the_person_does_there(desk):
         there = np.eye(4)
         there[:3, 3] = (0.42, 0.0, found.vertical[row])
         angle = found.horizontal[column]
-        there[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        there[:3, :3] = [
+            [np.cos(angle), 0, np.sin(angle)],
+            [0, 1, 0],
+            [-np.sin(angle), 0, np.cos(angle)],
+        ]
         rest, reached = follower.settle(comfort, there, grasp, soles)
         assert found.scores[0, row, column] == (desk.assess(rest).final[0] if reached else 0)
 
@@ -129,7 +161,14 @@ def test_tilts_outside_the_cone_are_no_places():
 
 def made_slice(scores, across=0, up=2):
     rows, columns = scores.shape[1:]
-    return Slice(across, up, np.linspace(-0.2, 0.2, columns), np.linspace(0.5, 1.0, rows), scores, np.zeros(5))
+    return Slice(
+        across,
+        up,
+        np.linspace(-0.2, 0.2, columns),
+        np.linspace(0.5, 1.0, rows),
+        scores,
+        np.zeros(5),
+    )
 
 
 def parsed(svg):
@@ -140,8 +179,14 @@ def parsed(svg):
 def test_a_map_has_a_numbered_cell_per_place():
     scores = np.array([[[1, 4, 0], [2, 9, -1]]])
     values = scores[0].astype(float)
-    root = parsed(score_map(made_slice(scores), values, "map", [Spot(np.array([0.2, 0, 1.0, 0, 0]), "best")]))
-    cells = [(rect.get("class"), rect.find("title").text) for rect in root.iter("rect") if rect.find("title") is not None]
+    root = parsed(
+        score_map(made_slice(scores), values, "map", [Spot(np.array([0.2, 0, 1.0, 0, 0]), "best")])
+    )
+    cells = [
+        (rect.get("class"), rect.find("title").text)
+        for rect in root.iter("rect")
+        if rect.find("title") is not None
+    ]
     assert [style for style, _ in cells] == ["level0", "level2", "missed", "level1", "level3"]
     assert [words.rpartition(": ")[2] for _, words in cells] == ["1", "4", "not reached", "2", "9"]
     assert cells[0][1].startswith("x −0.2, z 0.5")
@@ -182,7 +227,11 @@ def test_a_row_of_people_is_on_one_scale():
     highest = []
     for left, right in ((0.0, 0.5), (0.5, 1.0)):
         width = float(root.get("viewBox").split()[2])
-        tops = [float(line.get("y1")) for line in lines if left * width <= float(line.get("x1")) < right * width]
+        tops = [
+            float(line.get("y1"))
+            for line in lines
+            if left * width <= float(line.get("x1")) < right * width
+        ]
         highest.append(min(tops))
     floor = next(float(line.get("y1")) for line in root.iter("line") if line.get("class") == "axis")
     assert (floor - highest[0]) / (floor - highest[1]) == pytest.approx(1.5 / 2.0, rel=0.02)
@@ -209,10 +258,13 @@ def test_words():
 
 
 def test_the_map_of_an_optimum_is_of_the_same_hold():
-    """Held as in a twisted posture, on soles that stand apart: the map's cell at the best place has the optimum's score."""
+    """Held as in a twisted posture, on soles that stand apart: the map's cell at the best place has
+    the optimum's score."""
     problem = load_problem("screwing")
     follower = Follower(problem.response)
-    now = posture(AWKWARD | {"right_wrist_flexion": 40, "left_hip_abduction": 10, "left_ankle_inversion": 5})
+    now = posture(
+        AWKWARD | {"right_wrist_flexion": 40, "left_hip_abduction": 10, "left_ankle_inversion": 5}
+    )
     best = optimise(problem, now, starts=3)
     held = begin_from(follower, best.posture_before, best.pose_before)
     start = replace(held, posture=best.posture, pose=best.pose)

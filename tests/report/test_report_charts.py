@@ -31,7 +31,16 @@ def test_score_chart_names_its_bands_axes_and_marks():
     time = np.arange(100) / 10
     final = np.repeat([9, 4], 50)
     root = parsed(score_chart(time, final, final + 0.1, [(0.0, 9, "before"), (9.9, 4, "after")]))
-    assert {"time, s", "REBA score", "negligible", "low", "medium", "high", "before 9", "after 4"} <= set(words(root))
+    assert {
+        "time, s",
+        "REBA score",
+        "negligible",
+        "low",
+        "medium",
+        "high",
+        "before 9",
+        "after 4",
+    } <= set(words(root))
     assert "From 9 to 4, highest 9, lowest 4." in root.find("desc").text
 
 
@@ -42,7 +51,9 @@ def test_score_chart_leaves_a_gap_where_there_is_no_score():
 
 
 def test_score_chart_of_nothing_scored():
-    assert "No score." in parsed(score_chart(np.arange(3.0), np.zeros(3, dtype=int))).find("desc").text
+    assert (
+        "No score." in parsed(score_chart(np.arange(3.0), np.zeros(3, dtype=int))).find("desc").text
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 60_000])
@@ -53,7 +64,9 @@ def test_charts_of_any_length_are_small(count):
     segments = {name: random.integers(1, 3, count) for name in palette.SEGMENTS}
     drawn = [
         score_chart(time, final, final + random.normal(size=count)),
-        lines_chart("twist", time, {"vx": random.normal(size=count), "vy": np.zeros(count)}, "mm/s"),
+        lines_chart(
+            "twist", time, {"vx": random.normal(size=count), "vy": np.zeros(count)}, "mm/s"
+        ),
         segments_strips(time, segments),
         timing_chart(1e-5 * random.lognormal(size=count), 0.001),
     ]
@@ -63,7 +76,11 @@ def test_charts_of_any_length_are_small(count):
 
 
 def test_lines_without_a_number_leave_an_empty_frame():
-    parsed(lines_chart("fit error", np.arange(5.0), {"fit error": np.full(5, np.nan)}, "mm", from_zero=True))
+    parsed(
+        lines_chart(
+            "fit error", np.arange(5.0), {"fit error": np.full(5, np.nan)}, "mm", from_zero=True
+        )
+    )
 
 
 def test_timing_chart_says_median_and_period():
@@ -73,7 +90,9 @@ def test_timing_chart_says_median_and_period():
 
 
 def test_shares_are_written():
-    root = parsed(shares_chart("share", {"low risk": 0.75, "high risk": 0.25, "none": 0.0}, [1, 3, -1]))
+    root = parsed(
+        shares_chart("share", {"low risk": 0.75, "high risk": 0.25, "none": 0.0}, [1, 3, -1])
+    )
     assert {"75 %", "25 %", "low risk, 75.0 %", "none, 0.0 %"} <= set(words(root))
 
 
@@ -103,7 +122,12 @@ def test_segments_before_and_after():
 
 def test_figure_has_the_colours_of_the_scores():
     svg = posture_figure(
-        Body(), posture(EASY), np.eye(4), dict.fromkeys(palette.SEGMENTS, 1) | {"trunk": 5}, "before", np.eye(4)
+        Body(),
+        posture(EASY),
+        np.eye(4),
+        dict.fromkeys(palette.SEGMENTS, 1) | {"trunk": 5},
+        "before",
+        np.eye(4),
     )
     parsed(svg)
     assert palette.COLOURS[0] in svg

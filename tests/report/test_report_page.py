@@ -19,7 +19,14 @@ from ergoqp.report.score_page import write_score_page
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 
-CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+CHROMIUM = next(
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
+)
 ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",
@@ -30,7 +37,19 @@ ARGUMENTS = (
     "--disable-sync",
     "--no-first-run",
 )
-SERIES = ["time", "postures", "base_poses", "poses", "twists", "reba", "cost", "statuses", "reasons", "active", "step_time"]
+SERIES = [
+    "time",
+    "postures",
+    "base_poses",
+    "poses",
+    "twists",
+    "reba",
+    "cost",
+    "statuses",
+    "reasons",
+    "active",
+    "step_time",
+]
 PATIENCE = 120_000  # of software rendering on a busy machine [ms]
 
 
@@ -48,11 +67,19 @@ def browser():
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    run = make_run(3, 50, title="<i>Screwing</i> & more", recording="a<b>.bvh", reasons=["<script>bad()</script>"] * 151)
+    run = make_run(
+        3,
+        50,
+        title="<i>Screwing</i> & more",
+        recording="a<b>.bvh",
+        reasons=["<script>bad()</script>"] * 151,
+    )
     write_run_page(run, folder / "run.html")
     recording = make_recording(2, 50)
     assessment = reba.assess(recording.postures, seated=True)
-    write_score_page(recording, assessment, folder / "score.html", [("load", "0 kg")], "take<1>.bvh")
+    write_score_page(
+        recording, assessment, folder / "score.html", [("load", "0 kg")], "take<1>.bvh"
+    )
     return {"run": folder / "run.html", "score": folder / "score.html"}
 
 
@@ -63,7 +90,9 @@ def test_page_in_a_browser(browser, pages, name):
     requests, errors = [], []
     page.on("request", lambda request: requests.append(request.url))
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on(
+        "console", lambda message: errors.append(message.text) if message.type == "error" else None
+    )
     page.goto(pages[name].as_uri(), wait_until="load", timeout=PATIENCE)
 
     replay = page.frame_locator("iframe")
@@ -117,15 +146,32 @@ class Reader(HTMLParser):
 
 def page_with(words):
     return Page(
-        title=words, subtitle=words, headlines=[Headline(words, words, 2, words)], change=words, facts=[(words, words)],
-        replay=words, replay_note=words, figures=[Picture("<svg></svg>", words)],
-        sections=[Section(words, words, [Picture("<svg></svg>", words)], [Table((words,), [(words,)], [0], [0])], [words])],
-    )  # fmt: skip
+        title=words,
+        subtitle=words,
+        headlines=[Headline(words, words, 2, words)],
+        change=words,
+        facts=[(words, words)],
+        replay=words,
+        replay_note=words,
+        figures=[Picture("<svg></svg>", words)],
+        sections=[
+            Section(
+                words,
+                words,
+                [Picture("<svg></svg>", words)],
+                [Table((words,), [(words,)], [0], [0])],
+                [words],
+            )
+        ],
+    )
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=60)
 @given(
-    st.one_of(st.text(max_size=40), st.sampled_from(["<script>", "</title><b>", '"><img src=x>', "{{ page }}", "&amp;", "'"]))
+    st.one_of(
+        st.text(max_size=40),
+        st.sampled_from(["<script>", "</title><b>", '"><img src=x>', "{{ page }}", "&amp;", "'"]),
+    )
 )
 def test_words_of_the_user_never_become_markup(words):
     plain, given_words = Reader(), Reader()
@@ -151,28 +197,48 @@ def test_nothing_is_printed_and_no_thread_is_left(tmp_path, capfd):
 def test_a_recording_without_any_score_still_has_a_page(tmp_path):
     recording = make_recording(2, 50)
     recording.postures = np.full_like(recording.postures, np.nan)
-    write_score_page(recording, reba.assess(recording.postures), tmp_path / "score.html", [], "nothing")
+    write_score_page(
+        recording, reba.assess(recording.postures), tmp_path / "score.html", [], "nothing"
+    )
     assert "no frame could be scored" in (tmp_path / "score.html").read_text(encoding="utf-8")
 
 
 def test_the_same_reason_is_told_once(tmp_path):
     run = make_run(1)
-    reasons = [f"outside, coming back: workspace x by {0.1 - i / 1000:.3f}" for i in range(len(run.time))]
-    write_run_page(replace(run, reasons=reasons, statuses=["recovering"] * len(run.time)), tmp_path / "run.html")
+    reasons = [
+        f"outside, coming back: workspace x by {0.1 - i / 1000:.3f}" for i in range(len(run.time))
+    ]
+    write_run_page(
+        replace(run, reasons=reasons, statuses=["recovering"] * len(run.time)),
+        tmp_path / "run.html",
+    )
     assert (tmp_path / "run.html").read_text(encoding="utf-8").count("workspace x by") == 1
 
 
 def test_a_seated_person_has_a_seat(tmp_path):
     run = make_run(0.2)
     seated = replace(run, assessment=reba.assess(run.postures[[0, -1]], seated=True))
-    movement = Movement(run.body, run.time, run.postures, run.base_poses, run.reba, {}, None, is_seated(seated.assessment))
+    movement = Movement(
+        run.body,
+        run.time,
+        run.postures,
+        run.base_poses,
+        run.reba,
+        {},
+        None,
+        is_seated(seated.assessment),
+    )
     assert movement.seated
     timing = timing_of(run.time)
-    assert len(scene_html(movement, timing)) > len(scene_html(replace(movement, seated=False), timing))
+    assert len(scene_html(movement, timing)) > len(
+        scene_html(replace(movement, seated=False), timing)
+    )
 
 
 def test_a_run_of_one_step_has_a_page(tmp_path):
     run = make_run(0.2)
     cut = {name: getattr(run, name)[:1] for name in SERIES}
-    write_run_page(replace(run, **cut, assessment=reba.assess(run.postures[:1])), tmp_path / "run.html")
+    write_run_page(
+        replace(run, **cut, assessment=reba.assess(run.postures[:1])), tmp_path / "run.html"
+    )
     assert (tmp_path / "run.html").stat().st_size > 100_000

@@ -40,7 +40,15 @@ def test_a_missing_posture_is_held():
     postures[[0, 2, 3]] = np.nan
     objects = np.tile(np.eye(4), (5, 1, 1)) * np.arange(5.0)[:, None, None]
     objects[4] = np.nan
-    movement = Movement(Body(), np.arange(5.0), postures, np.tile(np.eye(4), (5, 1, 1)), np.array([0, 2, 0, 0, 3]), {}, objects)
+    movement = Movement(
+        Body(),
+        np.arange(5.0),
+        postures,
+        np.tile(np.eye(4), (5, 1, 1)),
+        np.array([0, 2, 0, 0, 3]),
+        {},
+        objects,
+    )
     shown = movement.at(np.arange(5))
     assert shown.postures[:, 0].tolist() == [1, 1, 1, 1, 4]
     assert shown.final.tolist() == [0, 2, 0, 0, 3]
@@ -49,7 +57,13 @@ def test_a_missing_posture_is_held():
 
 
 def test_a_movement_without_any_posture_can_still_be_shown():
-    movement = Movement(Body(), np.arange(2.0), np.full((2, 32), np.nan), np.tile(np.eye(4), (2, 1, 1)), np.zeros(2, dtype=int))
+    movement = Movement(
+        Body(),
+        np.arange(2.0),
+        np.full((2, 32), np.nan),
+        np.tile(np.eye(4), (2, 1, 1)),
+        np.zeros(2, dtype=int),
+    )
     assert np.isfinite(movement.at(np.arange(2)).postures).all()
 
 
@@ -61,7 +75,11 @@ def test_parts_are_where_the_kinematics_say():
     base[:3, 3] = [1, 2, 0.9]
     placement = place(body, q[None], base[None])
     kinematics = Kinematics(body)
-    owners = {"right_wrist": "right_wrist_deviation", "left_ankle": "left_ankle_inversion", "head": "head"}
+    owners = {
+        "right_wrist": "right_wrist_deviation",
+        "left_ankle": "left_ankle_inversion",
+        "head": "head",
+    }
     assert set(owners) <= set(FRAMES)
     for frame, owner in owners.items():
         position, *_ = kinematics.function(frame)(q)
@@ -83,12 +101,25 @@ def test_meshes_are_closed_and_face_outwards():
         assert faces.max() < len(vertices)
         corners = vertices[faces].astype(float)
         # Signed volume: positive when the triangles are seen counter-clockwise from outside.
-        volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+        volume = (
+            np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+        )
         assert volume > 0
 
 
 def test_colours_of_points_and_levels():
     assert palette.level_of_points([0, 1, 2, 5, 6]).tolist() == [-1, 0, 1, 4, 4]
-    assert palette.level_of_score([0, 1, 2, 3, 4, 7, 8, 10, 11, 15]).tolist() == [-1, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    assert palette.level_of_score([0, 1, 2, 3, 4, 7, 8, 10, 11, 15]).tolist() == [
+        -1,
+        0,
+        1,
+        1,
+        2,
+        2,
+        3,
+        3,
+        4,
+        4,
+    ]
     assert palette.risk_of_level(-1) == "not scored"
     assert palette.rgb("#0a10ff") == (10, 16, 255)

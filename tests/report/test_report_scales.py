@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ergoqp.report.charts.scales import Scale, changes, highest_per_column, padded, round_ticks, thinned, words_of
+from ergoqp.report.charts.scales import (
+    Scale,
+    changes,
+    highest_per_column,
+    padded,
+    round_ticks,
+    thinned,
+    words_of,
+)
 
 numbers = st.floats(-1e6, 1e6)
 
@@ -24,7 +32,9 @@ def test_logarithmic_scale_puts_the_geometric_mean_in_the_middle():
 
 
 def test_logarithmic_ticks_of_many_decades_are_powers_of_ten():
-    assert Scale(1, 1e6, 0, 1, logarithmic=True).ticks() == pytest.approx([1, 10, 100, 1e3, 1e4, 1e5, 1e6])
+    assert Scale(1, 1e6, 0, 1, logarithmic=True).ticks() == pytest.approx(
+        [1, 10, 100, 1e3, 1e4, 1e5, 1e6]
+    )
 
 
 @given(numbers, st.floats(1e-6, 1e6), st.integers(1, 12))
@@ -40,7 +50,13 @@ def test_ticks_are_round_and_inside(low, width, count):
 
 def test_ticks_of_a_score_axis():
     assert round_ticks(0, 20, 4) == [0, 5, 10, 15, 20]
-    assert [words_of(tick) for tick in round_ticks(-0.2, 0.2, 4)] == ["−0.2", "−0.1", "0", "0.1", "0.2"]
+    assert [words_of(tick) for tick in round_ticks(-0.2, 0.2, 4)] == [
+        "−0.2",
+        "−0.1",
+        "0",
+        "0.1",
+        "0.2",
+    ]
 
 
 @given(st.lists(st.one_of(numbers, st.just(np.nan)), min_size=1, max_size=400), st.integers(1, 20))

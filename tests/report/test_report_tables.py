@@ -38,7 +38,13 @@ def test_run_table_has_scores_statuses_timing_and_limits(run):
 
 
 def test_run_table_of_somebody_who_let_go(run):
-    text = printed(run_table(replace(run, let_go=2.5, title="[bold]not markup[/bold]", violations={}, person_outside={})))
+    text = printed(
+        run_table(
+            replace(
+                run, let_go=2.5, title="[bold]not markup[/bold]", violations={}, person_outside={}
+            )
+        )
+    )
     assert "could not reach any more at 2.5 s" in text
     assert "[bold]not markup[/bold]" in text
     assert "limits broken" in text
@@ -90,11 +96,16 @@ def test_scores_as_files(recording, tmp_path):
     assert sum(data["share"].values()) == pytest.approx(1, abs=1e-5)
     assert list(data["share"]) == list(reba.ACTION_LEVELS)
     assert data["worst"]["reasons"] == assessment.reasons(data["worst"]["frame"])
-    assert all(sum(each["share"].values()) == pytest.approx(1, abs=1e-5) for each in data["segments"].values())
+    assert all(
+        sum(each["share"].values()) == pytest.approx(1, abs=1e-5)
+        for each in data["segments"].values()
+    )
 
 
 def test_scores_of_a_recording_that_cannot_be_scored(recording, tmp_path):
-    nothing = SimpleNamespace(**vars(recording) | {"postures": np.full_like(recording.postures, np.nan)})
+    nothing = SimpleNamespace(
+        **vars(recording) | {"postures": np.full_like(recording.postures, np.nan)}
+    )
     nothing.fit_error = np.full(len(recording.time), np.nan)
     assessment = reba.assess(nothing.postures)
     _, summary = write_scores(nothing, assessment, tmp_path)
@@ -107,7 +118,9 @@ def test_scores_of_a_recording_that_cannot_be_scored(recording, tmp_path):
 @pytest.mark.parametrize("module", ["viser", "jinja2"])
 def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingExtraError, match=rf"the report page needs the package '{module}'.*ergoqp\[report\]"):
+    with pytest.raises(
+        MissingExtraError, match=rf"the report page needs the package '{module}'.*ergoqp\[report\]"
+    ):
         write_run_page(make_run(0.2), tmp_path / "report.html")
     with pytest.raises(MissingExtraError, match=module):
         write_score_page(recording, reba.assess(recording.postures), tmp_path / "report.html", [])
@@ -116,15 +129,16 @@ def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module)
 
 def test_tables_need_no_extra():
     code = (
-        "import sys; sys.modules['viser'] = sys.modules['jinja2'] = None; "
-        "from ergoqp.report.scores import write_scores; from ergoqp.report.tables import run_table, score_table"
+        "import sys; sys.modules['viser'] = sys.modules['jinja2'] = None; from ergoqp.report.scores"
+        " import write_scores; from ergoqp.report.tables import run_table, score_table"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
 def test_what_the_robot_did_stands_on_table_and_page_with_what_can_be_done(run, tmp_path):
-    """The page showed at the very end alone that the object had stood still for nine tenths of the time."""
+    """The page showed at the very end alone that the object had stood still for nine tenths of the
+    time."""
     steps = len(run.time)
     reasons = ["robot: late by 80 ms", *["robot: late by 81 ms"] * (steps - 2), ""]
     late = replace(run, reasons=reasons)
@@ -134,8 +148,13 @@ def test_what_the_robot_did_stands_on_table_and_page_with_what_can_be_done(run, 
     assert sentence in text
     assert f"h{hint}" in text
     write_run_page(late, tmp_path / "late.html")
-    assert f"<p>Said on the way: {sentence}. H{hint}.</p>" in (tmp_path / "late.html").read_text(encoding="utf-8")
-    bent = replace(run, reasons=["left knee flexion by 4.0 deg, measured beyond its end, where it is held"] * steps)
+    assert f"<p>Said on the way: {sentence}. H{hint}.</p>" in (tmp_path / "late.html").read_text(
+        encoding="utf-8"
+    )
+    bent = replace(
+        run,
+        reasons=["left knee flexion by 4.0 deg, measured beyond its end, where it is held"] * steps,
+    )
     write_run_page(bent, tmp_path / "bent.html")
     page = (tmp_path / "bent.html").read_text(encoding="utf-8")
     assert "<p>Said on the way: left knee flexion by 4.0 deg" in page

@@ -1,4 +1,5 @@
-"""S(q) a second time: MuJoCo's Jacobians, all 36 rates at once, soles as equations; nothing eliminated, no CasADi."""
+"""S(q) a second time: MuJoCo's Jacobians, all 36 rates at once, soles as equations; nothing
+eliminated, no CasADi."""
 
 from __future__ import annotations
 
@@ -54,13 +55,16 @@ def contact_of(response: IkResponse, data: mujoco.MjData) -> np.ndarray:
 
 
 def rows_of(response: IkResponse, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """Hand rows of all 36 rates, and what a twist of the contact asks of them; the free turn is taken out of both."""
+    """Hand rows of all 36 rates, and what a twist of the contact asks of them; the free turn is
+    taken out of both."""
     contact = contact_of(response, data)
     axis, moves, wants = contact[:3, 0], [], []
     for hand in response.hands:
         offset = frame(data, f"{hand}_grip")[:3, 3] - contact[:3, 3]
         carried = np.eye(6)
-        carried[:3, 3:] = -np.array([[0, -offset[2], offset[1]], [offset[2], 0, -offset[0]], [-offset[1], offset[0], 0]])
+        carried[:3, 3:] = -np.array(
+            [[0, -offset[2], offset[1]], [offset[2], 0, -offset[0]], [-offset[1], offset[0], 0]]
+        )
         kept = np.eye(6)
         if response.free_about_tool:
             kept[3:, 3:] -= np.outer(axis, axis)
@@ -72,18 +76,25 @@ def rows_of(response: IkResponse, data: mujoco.MjData) -> tuple[np.ndarray, np.n
 def mobile(response: IkResponse, locked: np.ndarray) -> np.ndarray:
     """The rates, of all 36, that may differ from zero."""
     base = [0, 1, 2, 3] if response.stance == "standing" else []
-    return np.array(base + [4 + INDEX[joint] for joint in response.joints if not locked[INDEX[joint]]])
+    return np.array(
+        base + [4 + INDEX[joint] for joint in response.joints if not locked[INDEX[joint]]]
+    )
 
 
-def sensitivity(response: IkResponse, posture: np.ndarray, locked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sensitivity(
+    response: IkResponse, posture: np.ndarray, locked: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return S (32, 6) and the unmet contact motion per twist (6 k, 6), world axes.
 
-    min 1/2 v'Wv + 1/2 balance |v_xy|^2 + 1/(2 damping^2) |hands v - wanted xi|^2  s.t.  both soles stay (standing).
+    min 1/2 v'Wv + 1/2 balance |v_xy|^2 + 1/(2 damping^2) |hands v - wanted xi|^2  s.t.  both soles
+    stay (standing).
     """
     data = placed(response, posture)
     moves, wants = rows_of(response, data)
     columns = mobile(response, locked)
-    weights = np.concatenate([[response.balance, response.balance, 0, 0], response.weight_vector])[columns]
+    weights = np.concatenate([[response.balance, response.balance, 0, 0], response.weight_vector])[
+        columns
+    ]
     hands = moves[:, columns]
     H = np.diag(weights) + hands.T @ hands / response.damping**2
     g = -hands.T @ wants / response.damping**2
@@ -91,7 +102,8 @@ def sensitivity(response: IkResponse, posture: np.ndarray, locked: np.ndarray) -
     if response.stance == "standing":
         soles = np.vstack([jacobian(data, "right_sole"), jacobian(data, "left_sole")])[:, columns]
     kkt = np.block([[H, soles.T], [soles, np.zeros((len(soles), len(soles)))]])
-    # Locked legs may leave fewer free rates than sole rows: the least-squares solution is the constrained optimum.
+    # Locked legs may leave fewer free rates than sole rows: the least-squares solution is the
+    # constrained optimum.
     answer = np.linalg.lstsq(kkt, np.vstack([-g, np.zeros((len(soles), 6))]), rcond=1e-13)[0]
     rates = np.zeros((36, 6))
     rates[columns] = answer[: len(columns)]

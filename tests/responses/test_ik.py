@@ -1,4 +1,5 @@
-"""The ik response against an independent computation, and what it means: contact kept, soles kept, locks, comfort."""
+"""The ik response against an independent computation, and what it means: contact kept, soles kept,
+locks, comfort."""
 
 from __future__ import annotations
 
@@ -17,9 +18,19 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.responses import IkResponse
 
 NOBODY = np.zeros(32)
-KINDS = list(itertools.product(("seated", "standing"), (("right",), ("left",), ("right", "left")), (True, False)))
+KINDS = list(
+    itertools.product(
+        ("seated", "standing"), (("right",), ("left",), ("right", "left")), (True, False)
+    )
+)
 KINDS.append(("standing", ("right",), True, "thumb"))
-COMFORT = {"elbow_flexion": 80, "knee_flexion": 25, "hip_flexion": 12, "ankle_flexion": 12, "shoulder_flexion": 15}
+COMFORT = {
+    "elbow_flexion": 80,
+    "knee_flexion": 25,
+    "hip_flexion": 12,
+    "ankle_flexion": 12,
+    "shoulder_flexion": 15,
+}
 
 
 @cache
@@ -44,7 +55,12 @@ def postures(count: int, seed: int = 0, spread: float = 25.0) -> np.ndarray:
             middle[INDEX[f"{side}_{name}"]] = np.radians(angle)
     noise = np.random.default_rng(seed).uniform(-1, 1, (count, 32)) * np.radians(spread)
     found = np.clip(middle + noise, LOWER, UPPER)
-    for joint in ("right_knee_flexion", "left_knee_flexion", "right_elbow_flexion", "left_elbow_flexion"):
+    for joint in (
+        "right_knee_flexion",
+        "left_knee_flexion",
+        "right_elbow_flexion",
+        "left_elbow_flexion",
+    ):
         found[:, INDEX[joint]] = np.maximum(found[:, INDEX[joint]], 0.15)
     return found
 
@@ -82,7 +98,9 @@ def test_a_person_whose_arm_is_locked_follows_with_the_rest() -> None:
     response = response_of(KINDS[6])
     posture = postures(1)[0]
     locked = np.zeros(32)
-    locked[[INDEX[joint] for joint in JOINTS if joint.startswith("right_") and INDEX[joint] < 20]] = 1
+    locked[
+        [INDEX[joint] for joint in JOINTS if joint.startswith("right_") and INDEX[joint] < 20]
+    ] = 1
     forward = np.array([1.0, 0, 0, 0, 0, 0])
     S, E = (np.array(part) for part in response.sensitivity()(posture, locked))
     rates = S @ forward
@@ -115,10 +133,21 @@ def test_after_a_small_motion_every_grip_is_where_the_object_is(kind: tuple) -> 
             for old, new in zip(before, after, strict=True):
                 wanted = twist[:3] + np.cross(twist[3:], old[:3, 3] - contact[:3, 3])
                 turned = (new[:3, :3] @ old[:3, :3].T - np.eye(3)) / dt
-                spin = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+                spin = (
+                    np.array(
+                        [
+                            turned[2, 1] - turned[1, 2],
+                            turned[0, 2] - turned[2, 0],
+                            turned[1, 0] - turned[0, 1],
+                        ]
+                    )
+                    / 2
+                )
                 missed = twist[3:] - spin
                 missed -= axis * (axis @ missed)
-                error = max(error, np.abs((new - old)[:3, 3] / dt - wanted).max(), np.abs(missed).max())
+                error = max(
+                    error, np.abs((new - old)[:3, 3] / dt - wanted).max(), np.abs(missed).max()
+                )
             errors.append(error)
         assert errors[1] < 0.6 * errors[0] + 1e-6
         assert errors[2] < 1e-3
@@ -162,7 +191,12 @@ def test_a_free_turn_about_the_tool_is_nobodys_business() -> None:
     rigid = response_of(("standing", ("right",), False))
     posture = postures(1, seed=6)[0]
     axis = np.array(rigid.contact()(posture)[0])[:3, 0]
-    assert np.abs(np.array(rigid.sensitivity()(posture, NOBODY)[0]) @ np.concatenate([np.zeros(3), axis])).max() > 0.3
+    assert (
+        np.abs(
+            np.array(rigid.sensitivity()(posture, NOBODY)[0]) @ np.concatenate([np.zeros(3), axis])
+        ).max()
+        > 0.3
+    )
 
 
 @pytest.mark.parametrize("kind", [KINDS[0], KINDS[4], KINDS[6], KINDS[10]], ids=str)
@@ -210,7 +244,9 @@ def test_the_world_is_anchored_to_the_soles_or_the_seat(kind: tuple) -> None:
         contact, pelvis = (np.array(part) for part in response.contact()(posture))
         np.testing.assert_allclose(contact, contact_of(response, data), atol=1e-6)
         for hand, grip in zip(
-            response.hands, np.split(np.array(response.grips()(posture)), len(response.hands), 1), strict=True
+            response.hands,
+            np.split(np.array(response.grips()(posture)), len(response.hands), 1),
+            strict=True,
         ):
             np.testing.assert_allclose(grip, frame(data, f"{hand}_grip"), atol=1e-12)
         np.testing.assert_allclose(pelvis, frame(data, "pelvis"), atol=1e-12)
@@ -229,7 +265,13 @@ def test_the_world_is_anchored_to_the_soles_or_the_seat(kind: tuple) -> None:
 def test_singular_arms_and_straight_knees_ask_for_nothing_infinite(kind: tuple) -> None:
     response = response_of(kind)
     rng = np.random.default_rng(10)
-    straight = [np.zeros(32), LOWER, UPPER, *rng.uniform(LOWER, UPPER, (10, 32)), *rng.choice([0.0, 1.0], (5, 32)) * UPPER]
+    straight = [
+        np.zeros(32),
+        LOWER,
+        UPPER,
+        *rng.uniform(LOWER, UPPER, (10, 32)),
+        *rng.choice([0.0, 1.0], (5, 32)) * UPPER,
+    ]
     for posture in straight:
         for locked in (NOBODY, np.ones(32), rng.integers(0, 2, 32)):
             S, E = (np.array(part) for part in response.sensitivity()(posture, locked))
@@ -257,7 +299,9 @@ def test_only_the_joints_of_the_chain_move() -> None:
         S = np.array(response.sensitivity()(postures(1)[0], NOBODY)[0])
         moving = {JOINTS[i] for i in np.flatnonzero(np.abs(S).max(axis=1) > 1e-9)}
         assert moving == set(response.joints), kind
-        assert [INDEX[joint] for joint in response.joints] == sorted(INDEX[joint] for joint in response.joints)
+        assert [INDEX[joint] for joint in response.joints] == sorted(
+            INDEX[joint] for joint in response.joints
+        )
     assert "neck_flexion" not in response_of(KINDS[6]).joints
     assert not any(joint.startswith("left_") for joint in response_of(KINDS[0]).joints)
 
@@ -267,7 +311,9 @@ def test_a_heavier_joint_moves_less() -> None:
     rates = {}
     for weight in (0.5, 2.5, 50.0):
         response = IkResponse(weights={"trunk_flexion": weight}, comfort_deg=COMFORT)
-        rates[weight] = abs((np.array(response.sensitivity()(posture, NOBODY)[0]) @ twist)[INDEX["trunk_flexion"]])
+        rates[weight] = abs(
+            (np.array(response.sensitivity()(posture, NOBODY)[0]) @ twist)[INDEX["trunk_flexion"]]
+        )
     assert rates[0.5] > rates[2.5] > 5 * rates[50.0]
 
 
@@ -277,7 +323,9 @@ def test_expression_is_the_unlocked_sensitivity() -> None:
     response, posture = response_of(KINDS[6]), postures(1)[0]
     q = ca.MX.sym("q", 32)
     by_expression = np.array(ca.Function("S", [q], [response.expression(q)])(posture))
-    np.testing.assert_array_equal(by_expression, np.array(response.sensitivity()(posture, NOBODY)[0]))
+    np.testing.assert_array_equal(
+        by_expression, np.array(response.sensitivity()(posture, NOBODY)[0])
+    )
 
 
 def test_reach_moves_the_grips_by_what_it_was_asked() -> None:
@@ -293,12 +341,19 @@ def test_reach_moves_the_grips_by_what_it_was_asked() -> None:
 @pytest.mark.parametrize("stature", [1.5, 1.75, 2.0])
 @pytest.mark.parametrize("hip", [70.0, 83.0, 95.0])
 def test_a_seat_is_set_to_the_person_so_that_the_feet_stand(stature: float, hip: float) -> None:
-    response = IkResponse(Body.of_stature(stature), stance="seated", comfort_deg={"hip_flexion": hip, "knee_flexion": 85})
+    response = IkResponse(
+        Body.of_stature(stature),
+        stance="seated",
+        comfort_deg={"hip_flexion": hip, "knee_flexion": 85},
+    )
     data = placed(response, response.comfort)
     for side in ("right", "left"):
         assert frame(data, f"{side}_sole")[2, 3] == pytest.approx(0, abs=1e-12)
     assert frame(data, "pelvis")[2, 3] == response.seat
-    assert response.footing == f"the pelvis stays on its seat, {response.seat:.2f} m high, with the feet on the floor"
+    assert (
+        response.footing
+        == f"the pelvis stays on its seat, {response.seat:.2f} m high, with the feet on the floor"
+    )
 
 
 @pytest.mark.parametrize(
@@ -316,15 +371,22 @@ def test_a_seat_that_does_not_fit_is_told(stature: float, footing: str) -> None:
 
 def test_a_seat_that_nobody_could_set_is_refused() -> None:
     response = IkResponse(stance="seated", comfort_deg={"hip_flexion": 115, "knee_flexion": 0})
-    with pytest.raises(InputError, match=r"seat_height: got none, .* comfort_deg puts the seat at -0\.\d+ m, allowed 0\.05 to"):
+    with pytest.raises(
+        InputError,
+        match=r"seat_height: got none, .* comfort_deg puts the seat at -0\.\d+ m, allowed 0\.05 to",
+    ):
         _ = response.seat
 
 
 def test_a_side_wins_over_both_sides() -> None:
-    response = IkResponse(weights={"right_elbow_flexion": 3.0, "elbow_flexion": 0.2}, comfort_deg={"knee_flexion": 18})
+    response = IkResponse(
+        weights={"right_elbow_flexion": 3.0, "elbow_flexion": 0.2}, comfort_deg={"knee_flexion": 18}
+    )
     assert response.weight_vector[INDEX["right_elbow_flexion"]] == 3.0
     assert response.weight_vector[INDEX["left_elbow_flexion"]] == 0.2
-    np.testing.assert_allclose(np.degrees(response.comfort[[INDEX["right_knee_flexion"], INDEX["left_knee_flexion"]]]), 18)
+    np.testing.assert_allclose(
+        np.degrees(response.comfort[[INDEX["right_knee_flexion"], INDEX["left_knee_flexion"]]]), 18
+    )
 
 
 @pytest.mark.parametrize(
@@ -335,7 +397,10 @@ def test_a_side_wins_over_both_sides() -> None:
         ({"stance": "kneeling"}, "stance: got 'kneeling', allowed 'standing' or 'seated'"),
         ({"tool": "pen"}, "tool: got 'pen', allowed one of along, thumb"),
         ({"seat_height": 55.0}, "seat_height: got 55.0, allowed 0.2 to 1.2"),
-        ({"seat_height": 0.5}, "seat_height: got 0.5 of a person who stands, allowed none, or stance 'seated'"),
+        (
+            {"seat_height": 0.5},
+            "seat_height: got 0.5 of a person who stands, allowed none, or stance 'seated'",
+        ),
         ({"damping": 0.0}, "damping: got 0.0"),
         ({"damping": float("nan")}, "damping: got nan"),
         ({"relaxation_time": -1.0}, "relaxation_time: got -1.0"),
@@ -344,7 +409,10 @@ def test_a_side_wins_over_both_sides() -> None:
         ({"weights": {"elbow_flexion": float("nan")}}, "weights of elbow_flexion: got"),
         ({"weights": {"tail": 1.0}}, "weights: got 'tail', allowed a joint such as"),
         ({"comfort_deg": {"elbow": 90}}, "comfort_deg: got 'elbow'"),
-        ({"comfort_deg": {"elbow_flexion": 200}}, "comfort_deg: right_elbow_flexion: got .*, which is beyond its range"),
+        (
+            {"comfort_deg": {"elbow_flexion": 200}},
+            "comfort_deg: right_elbow_flexion: got .*, which is beyond its range",
+        ),
         (
             {"comfort_deg": {"elbow_flexion": float("nan")}},
             "comfort_deg of elbow_flexion: got nan deg, allowed",

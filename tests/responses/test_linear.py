@@ -32,14 +32,18 @@ def test_the_state_follows_by_the_matrix():
 
 def test_a_system_of_ones_own_runs_through_the_same_step():
     response = LinearResponse(("a", "b"), [[1, 0, 0, 0, 0, 0], [0, 0.5, 0, 0, 0, 0]])
-    problem = ergoqp.Problem(cost=Bowl(), response=response, limits=[TwistLimit()], control=ergoqp.Control(comfort=0.0))
+    problem = ergoqp.Problem(
+        cost=Bowl(), response=response, limits=[TwistLimit()], control=ergoqp.Control(comfort=0.0)
+    )
     assert problem.coordinates == ("a", "b")
     stepper, state = Stepper(problem), np.zeros(2)
     for _ in range(800):
         step = stepper.step(state)
         state = state + np.asarray(response.matrix) @ step.twist * problem.dt
     assert state == pytest.approx(GOAL, abs=0.03)
-    assert stepper.step([0.0, 11.0]).reason == "posture: b is 11, allowed finite numbers within +-10"
+    assert (
+        stepper.step([0.0, 11.0]).reason == "posture: b is 11, allowed finite numbers within +-10"
+    )
     assert "allowed (2,)" in stepper.step(np.zeros(32)).reason
 
 

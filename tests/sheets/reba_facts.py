@@ -12,7 +12,8 @@ CASES: dict[str, dict[str, Any]] = _FACTS["cases"]
 
 
 def _numbers(text: str) -> np.ndarray:
-    """Return the numbers of a table as they stand: (line, group, number), or (line, number) where nothing is grouped."""
+    """Return the numbers of a table as they stand: (line, group, number), or (line, number) where
+    nothing is grouped."""
     lines = [[group.split() for group in line.split("|")] for line in text.strip().splitlines()]
     return np.array(lines, dtype=int)
 

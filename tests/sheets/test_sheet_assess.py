@@ -14,8 +14,18 @@ from ergoqp.sheets.method import sheet_of
 CELLS = {name: table.cells for name, table in sheet_of(reba.Method()).tables.items()}
 
 
-def plain_reba(angles, load=0, coupling=0, activity=0, seated=False, one_leg=False, supported=(0, 0), raised=(0, 0)):
-    """Return REBA of one posture as a worksheet is filled in, one line at a time; `angles` by joint name [deg]."""
+def plain_reba(
+    angles,
+    load=0,
+    coupling=0,
+    activity=0,
+    seated=False,
+    one_leg=False,
+    supported=(0, 0),
+    raised=(0, 0),
+):
+    """Return REBA of one posture as a worksheet is filled in, one line at a time; `angles` by joint
+    name [deg]."""
     a = angles
     flexion = a["neck_flexion"]
     neck = 1 if -5 <= flexion <= 20 else 2
@@ -79,7 +89,12 @@ def test_shapes_and_types():
     assert result.final.dtype == np.int64
     assert all(scores.shape == (7,) for scores in result.segments.values())
     assert set(result.segments) == {
-        *("neck", "trunk", "legs", "upper_arm", "lower_arm", "wrist"),
+        "neck",
+        "trunk",
+        "legs",
+        "upper_arm",
+        "lower_arm",
+        "wrist",
         *(f"{side}_{name}" for side in SIDES for name in ("upper_arm", "lower_arm", "wrist")),
     }
     assert reba.assess(np.zeros((0, 32))).final.shape == (0,)
@@ -183,7 +198,9 @@ def test_bad_options_are_named(options, named):
         reba.assess(np.zeros((2, 32)), **options)
 
 
-@pytest.mark.parametrize("wrong", [np.zeros(31), np.zeros((2, 33)), np.zeros((2, 2, 32)), 0.0, "upright", [[0], [0, 1]]])
+@pytest.mark.parametrize(
+    "wrong", [np.zeros(31), np.zeros((2, 33)), np.zeros((2, 2, 32)), 0.0, "upright", [[0], [0, 1]]]
+)
 def test_wrong_postures_are_refused(wrong):
     with pytest.raises(InputError, match=r"postures: got .*\(n, 32\)"):
         reba.assess(wrong)
@@ -226,14 +243,24 @@ def test_nan_makes_that_posture_invalid_and_no_other():
 
 def test_beyond_the_range_is_scored_by_the_outer_band_and_flagged():
     result = reba.assess(posture(left_elbow_flexion=170, trunk_flexion=-60))
-    assert np.flatnonzero(result.outside[0]).tolist() == [INDEX["trunk_flexion"], INDEX["left_elbow_flexion"]]
+    assert np.flatnonzero(result.outside[0]).tolist() == [
+        INDEX["trunk_flexion"],
+        INDEX["left_elbow_flexion"],
+    ]
     assert (result.segments["left_lower_arm"][0], result.segments["trunk"][0]) == (2, 3)
-    assert "left elbow flexion 170 deg is beyond its range 0 to 150: scored by the outer band" in result.reasons(0)
+    assert (
+        "left elbow flexion 170 deg is beyond its range 0 to 150: scored by the outer band"
+        in result.reasons(0)
+    )
     assert not reba.assess(np.stack([LOWER, UPPER])).outside.any()
 
 
 def test_the_worse_arm_governs_and_equal_arms_give_right():
-    result = reba.assess(np.stack([posture(left_shoulder_flexion=100), posture(right_shoulder_flexion=100), posture()]))
+    result = reba.assess(
+        np.stack(
+            [posture(left_shoulder_flexion=100), posture(right_shoulder_flexion=100), posture()]
+        )
+    )
     assert result.arm.tolist() == ["left", "right", "right"]
     assert result.segments["upper_arm"].tolist() == [4, 4, 1]
 

@@ -1,4 +1,5 @@
-"""Every open point of the standard as a parameter: each changes what it should, and nothing else is accepted."""
+"""Every open point of the standard as a parameter: each changes what it should, and nothing else is
+accepted."""
 
 import numpy as np
 import pytest
@@ -10,8 +11,20 @@ from ergoqp.errors import InputError
 METHODS = [
     ({"band_ends": "higher"}, "neck", {"neck_flexion": 20}, 1, 2),
     ({"additive": True}, "trunk", {"trunk_twist": 20, "trunk_side_bend": 20}, 2, 3),
-    ({"additive": True}, "neck", {"neck_twist": 20, "neck_side_bend": 20, "neck_flexion": 40}, 3, 3),
-    ({"additive": True}, "trunk", {"trunk_twist": 20, "trunk_side_bend": 20, "trunk_flexion": 70}, 5, 5),
+    (
+        {"additive": True},
+        "neck",
+        {"neck_twist": 20, "neck_side_bend": 20, "neck_flexion": 40},
+        3,
+        3,
+    ),
+    (
+        {"additive": True},
+        "trunk",
+        {"trunk_twist": 20, "trunk_side_bend": 20, "trunk_flexion": 70},
+        5,
+        5,
+    ),
     ({"trunk_extension": "capped"}, "trunk", {"trunk_flexion": -25}, 3, 2),
     ({"trunk_extension": "mirrored"}, "trunk", {"trunk_flexion": -70}, 3, 4),
     ({"adduction": True}, "right_upper_arm", {"right_shoulder_abduction": -30}, 1, 2),
@@ -56,16 +69,27 @@ def test_each_method_option_changes_what_it_should(change, segment, angles, defa
 
 
 def test_method_options_of_arms_and_highest_score():
-    # Right: upper arm 4, lower arm 1, wrist 1 (table 4); left: 1, 2, 2 (table 2); per segment: 4, 2, 2 (table 6).
+    # Right: upper arm 4, lower arm 1, wrist 1 (table 4); left: 1, 2, 2 (table 2); per segment: 4,
+    # 2, 2 (table 6).
     angles = {"right_shoulder_flexion": 100, "right_elbow_flexion": 80, "left_wrist_flexion": 30}
     whole, per_segment = reba.Method(), reba.Method(arms="segments")
-    assert [score(name, whole, **angles) for name in ("upper_arm", "lower_arm", "wrist", "final")] == [4, 1, 1, 2]
-    assert [score(name, per_segment, **angles) for name in ("upper_arm", "lower_arm", "wrist", "final")] == [4, 2, 2, 3]
+    assert [
+        score(name, whole, **angles) for name in ("upper_arm", "lower_arm", "wrist", "final")
+    ] == [4, 1, 1, 2]
+    assert [
+        score(name, per_segment, **angles) for name in ("upper_arm", "lower_arm", "wrist", "final")
+    ] == [4, 2, 2, 3]
     postures = random_postures(2000)
     finals = [reba.assess(postures, method).final for method in (whole, per_segment)]
     assert (finals[1] >= finals[0]).all()
     assert (finals[1] > finals[0]).any()
-    worst = {"trunk_flexion": 100, "trunk_twist": 30, "neck_flexion": 40, "neck_twist": 30, "right_knee_flexion": 90}
+    worst = {
+        "trunk_flexion": 100,
+        "trunk_twist": 30,
+        "neck_flexion": 40,
+        "neck_twist": 30,
+        "right_knee_flexion": 90,
+    }
     extremes = {"load_kg": 20, "shock": True, "coupling": 3, "activity": 3}
     assert score("final", whole, **worst, **extremes) == 15
     assert score("final", reba.Method(final_max=12), **worst, **extremes) == 12
@@ -79,10 +103,22 @@ def test_every_method_field_is_tested_above():
 @pytest.mark.parametrize(
     "change",
     [
-        *[{"band_ends": "upper"}, {"arms": None}, {"additive": "yes"}, {"final_max": 11}, {"final_max": 14.5}],
-        *[{"trunk_bent_deg": 4}, {"knee_bent_deg": 60}, {"elbow_low_deg": 120}, {"load_low_kg": 10}],
-        *[{"neck_flexion_deg": -1}, {"neck_twist_deg": 181}, {"wrist_flexion_deg": np.nan}, {"wrist_flexion_deg": "15"}],
-        *[{"neck_extension_deg": -20}, {"upper_arm_low_deg": 50}, {"upper_arm_high_deg": True}],
+        {"band_ends": "upper"},
+        {"arms": None},
+        {"additive": "yes"},
+        {"final_max": 11},
+        {"final_max": 14.5},
+        {"trunk_bent_deg": 4},
+        {"knee_bent_deg": 60},
+        {"elbow_low_deg": 120},
+        {"load_low_kg": 10},
+        {"neck_flexion_deg": -1},
+        {"neck_twist_deg": 181},
+        {"wrist_flexion_deg": np.nan},
+        {"wrist_flexion_deg": "15"},
+        {"neck_extension_deg": -20},
+        {"upper_arm_low_deg": 50},
+        {"upper_arm_high_deg": True},
     ],
 )
 def test_method_refuses_what_is_out_of_range(change):
@@ -98,9 +134,15 @@ def test_a_method_of_another_kind_is_refused():
 @pytest.mark.parametrize(
     ("extension", "scores"),
     [
-        ("worksheet", {-70: 3, -25: 3, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4}),
+        (
+            "worksheet",
+            {-70: 3, -25: 3, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4},
+        ),
         ("capped", {-70: 2, -25: 2, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4}),
-        ("mirrored", {-70: 4, -25: 3, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4}),
+        (
+            "mirrored",
+            {-70: 4, -25: 3, -15: 2, -6: 2, -4: 1, 4: 1, 6: 2, 15: 2, 25: 3, 55: 3, 65: 4},
+        ),
     ],
 )
 def test_every_band_of_the_trunk_in_every_reading(extension, scores):

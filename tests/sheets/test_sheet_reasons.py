@@ -14,7 +14,13 @@ from ergoqp.errors import InputError
 
 def test_reasons_read_well():
     result = reba.assess(
-        posture(neck_flexion=24.4, neck_twist=-15, right_knee_flexion=20.0, left_knee_flexion=30.02, left_elbow_flexion=80),
+        posture(
+            neck_flexion=24.4,
+            neck_twist=-15,
+            right_knee_flexion=20.0,
+            left_knee_flexion=30.02,
+            left_elbow_flexion=80,
+        ),
         load_kg=7.5,
         shock=True,
         one_leg=True,
@@ -64,15 +70,24 @@ def test_the_numbers_in_the_reasons_add_up(seed, additive, arms, extension, flag
         for name, scores in result.segments.items():
             if name in ("upper_arm", "lower_arm", "wrist"):
                 continue
-            (sentence,) = (s for s in sentences if s.startswith(name.replace("_", " ")) and ": " in s)
+            (sentence,) = (
+                s for s in sentences if s.startswith(name.replace("_", " ")) and ": " in s
+            )
             assert sum(int(n) for n in re.findall(r": ([+-]?\d+)(?:;|$)", sentence)) == scores[i]
-        final = re.fullmatch(r"REBA: table C \d+, activity \+2(?:, at most 12)?: (\d+), (.*)", sentences[11])
+        final = re.fullmatch(
+            r"REBA: table C \d+, activity \+2(?:, at most 12)?: (\d+), (.*)", sentences[11]
+        )
         assert final is not None
         assert (int(final[1]), final[2]) == (result.final[i], reba.ACTION_LEVELS[result.band[i]])
 
 
 def test_what_costs_points_is_what_counts():
-    degrees = {"trunk_flexion": 23, "right_elbow_flexion": 80, "left_wrist_flexion": 57, "right_wrist_flexion": 5}
+    degrees = {
+        "trunk_flexion": 23,
+        "right_elbow_flexion": 80,
+        "left_wrist_flexion": 57,
+        "right_wrist_flexion": 5,
+    }
     found = reba.assess(posture(**degrees), load_kg=7).costly(0)
     assert [sentence.partition(",")[0] for sentence in found] == [
         "trunk 23 deg flexion",
@@ -99,7 +114,10 @@ def test_what_costs_points_is_what_counts():
         ({"neck_flexion": 3}, "neck 3 deg flexion, 5 extension to 20 flexion: 1"),
         ({"right_elbow_flexion": 30}, "right lower arm 30 deg flexion, under 60: 2"),
         ({"right_elbow_flexion": 80}, "right lower arm 80 deg flexion, 60 to 100: 1"),
-        ({"trunk_twist": 20, "trunk_side_bend": -20}, "within 5: 1; twisted left 20 deg and bent to the right 20 deg: +1"),
+        (
+            {"trunk_twist": 20, "trunk_side_bend": -20},
+            "within 5: 1; twisted left 20 deg and bent to the right 20 deg: +1",
+        ),
     ],
 )
 def test_every_kind_of_band_has_its_words(angles, words):
@@ -107,5 +125,7 @@ def test_every_kind_of_band_has_its_words(angles, words):
 
 
 def test_where_both_count_both_are_told():
-    sentences = reba.assess(posture(trunk_twist=20, trunk_side_bend=-20), method=reba.Method(additive=True)).reasons(0)
+    sentences = reba.assess(
+        posture(trunk_twist=20, trunk_side_bend=-20), method=reba.Method(additive=True)
+    ).reasons(0)
     assert sentences[1].endswith("; twisted left 20 deg: +1; bent to the right 20 deg: +1")

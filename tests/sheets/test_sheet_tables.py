@@ -14,8 +14,16 @@ from ergoqp.sheets.interval import interval_sheet
 from ergoqp.sheets.method import sheet_of
 
 SHEET = sheet_of(reba.Method())
-NAMES = {"neck": "neck", "trunk": "trunk", "legs": "legs", "upper": "upper_arm", "lower": "lower_arm", "wrist": "wrist"}
-# Cases whose angles are measured by our conventions; the scores of what they leave out come from their segments.
+NAMES = {
+    "neck": "neck",
+    "trunk": "trunk",
+    "legs": "legs",
+    "upper": "upper_arm",
+    "lower": "lower_arm",
+    "wrist": "wrist",
+}
+# Cases whose angles are measured by our conventions; the scores of what they leave out come from
+# their segments.
 WITH_ANGLES = {
     "ergo_edge_ext_one_leg",
     "ergovision_stoop",
@@ -97,7 +105,8 @@ def test_published_cases_agree_by_their_segments():
     wrong = {
         name
         for name, case in CASES.items()
-        if segments_of(case) and not case["expected"].items() <= our_scores(segments_of(case)).items()
+        if segments_of(case)
+        and not case["expected"].items() <= our_scores(segments_of(case)).items()
     }
     assert wrong == {"ugeyik_tableC_3_4"}, "that one contradicts every worksheet and must disagree"
 
@@ -130,25 +139,51 @@ def test_published_cases_agree_by_their_angles(name):
         one_leg=one_leg,
         arm_supported=(supported, supported),
     )
-    assert {key: int(result.segments[full][0]) for key, full in NAMES.items()} == {key: segments[key] for key in NAMES}
+    assert {key: int(result.segments[full][0]) for key, full in NAMES.items()} == {
+        key: segments[key] for key in NAMES
+    }
     assert result.final[0] == our_scores(segments)["final"]
 
 
 def test_pause_case_disagrees_by_the_sign_of_its_neck_alone():
     case = CASES["pause_test_joint_data"]
-    degrees = {"trunk_flexion": 70, "trunk_side_bend": 20, "right_knee_flexion": 70, "left_knee_flexion": 75}
-    degrees |= {"right_shoulder_flexion": 55, "right_shoulder_abduction": 15, "right_wrist_flexion": 5}
+    degrees = {
+        "trunk_flexion": 70,
+        "trunk_side_bend": 20,
+        "right_knee_flexion": 70,
+        "left_knee_flexion": 75,
+    }
+    degrees |= {
+        "right_shoulder_flexion": 55,
+        "right_shoulder_abduction": 15,
+        "right_wrist_flexion": 5,
+    }
     degrees |= {"right_elbow_flexion": 40, "left_elbow_flexion": 70}
     assert reba.assess(posture(neck_flexion=20, **degrees), activity=1).final[0] == 9
-    assert reba.assess(posture(neck_flexion=-20, **degrees), activity=1).final[0] == case["expected"]["final"] == 10
+    assert (
+        reba.assess(posture(neck_flexion=-20, **degrees), activity=1).final[0]
+        == case["expected"]["final"]
+        == 10
+    )
 
 
 def test_the_publication_s_own_example():
-    scores = reba.combine(neck=2, trunk=5, legs=3, upper_arm=3, lower_arm=2, wrist=1, coupling=1, activity=1)
+    scores = reba.combine(
+        neck=2, trunk=5, legs=3, upper_arm=3, lower_arm=2, wrist=1, coupling=1, activity=1
+    )
     assert (scores.table_a, scores.score_a, scores.table_b, scores.score_b) == (8, 8, 4, 5)
     assert (scores.score_c, scores.final) == (10, 11)
-    degrees = {"trunk_flexion": 65, "trunk_side_bend": 15, "neck_flexion": -10, "right_knee_flexion": 70}
-    degrees |= {"right_shoulder_flexion": 60, "right_shoulder_abduction": 30, "right_elbow_flexion": 40}
+    degrees = {
+        "trunk_flexion": 65,
+        "trunk_side_bend": 15,
+        "neck_flexion": -10,
+        "right_knee_flexion": 70,
+    }
+    degrees |= {
+        "right_shoulder_flexion": 60,
+        "right_shoulder_abduction": 30,
+        "right_elbow_flexion": 40,
+    }
     result = reba.assess(posture(**degrees), coupling=1, activity=1, arm_supported=(True, False))
     assert (result.final[0], result.band[0], result.arm[0]) == (11, 4, "right")
 
@@ -161,14 +196,31 @@ def test_combine_is_monotone_and_reaches_1_and_15():
     for axis in range(6):
         assert (np.diff(final, axis=axis) >= 0).all()
     assert final.min() == 1
-    assert reba.combine(**dict(zip(NAMES.values(), grid, strict=True)), load=3, coupling=3, activity=3).final.max() == 15
+    assert (
+        reba.combine(
+            **dict(zip(NAMES.values(), grid, strict=True)), load=3, coupling=3, activity=3
+        ).final.max()
+        == 15
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *[("neck", 4), ("neck", 0), ("neck", 1.5), ("neck", np.nan), ("neck", "two"), ("wrist", None), ("trunk", 6)],
-        *[("legs", 5), ("upper_arm", 7), ("lower_arm", 3), ("wrist", 4), ("load", 4), ("coupling", -1), ("activity", 4)],
+        ("neck", 4),
+        ("neck", 0),
+        ("neck", 1.5),
+        ("neck", np.nan),
+        ("neck", "two"),
+        ("wrist", None),
+        ("trunk", 6),
+        ("legs", 5),
+        ("upper_arm", 7),
+        ("lower_arm", 3),
+        ("wrist", 4),
+        ("load", 4),
+        ("coupling", -1),
+        ("activity", 4),
     ],
 )
 def test_combine_names_what_is_out_of_range(name, value):

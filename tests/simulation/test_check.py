@@ -7,7 +7,14 @@ import pytest
 
 from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import INDEX, UPPER
-from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, TwistLimit, WorkspaceBox
+from ergoqp.limits import (
+    ArmLength,
+    AxisCone,
+    JointLimit,
+    OneClassBoundary,
+    TwistLimit,
+    WorkspaceBox,
+)
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
@@ -25,7 +32,8 @@ def problem() -> Problem:
         AxisCone((1, 0, 0), 30),
         JointLimit(ranges_deg={"trunk_flexion": (-10, 20)}, rate_deg=30),
     ]
-    # Sent as planned, so that single twists can be judged: with the mean there is a limit of the jerk too.
+    # Sent as planned, so that single twists can be judged: with the mean there is a limit of the
+    # jerk too.
     return load_problem("screwing").replace(limits=limits, control=Control(average=0.0))
 
 
@@ -45,7 +53,15 @@ def test_nothing_wrong_is_nothing_found(problem: Problem) -> None:
     checker = Checker(problem)
     assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, NO_RATE, DT) == []
     assert checker.violations == dict.fromkeys(checker.units, 0)
-    assert set(checker.units) == {"speed", "acceleration", "axes", "workspace", "tool axis", "joint range", "joint rate"}
+    assert set(checker.units) == {
+        "speed",
+        "acceleration",
+        "axes",
+        "workspace",
+        "tool axis",
+        "joint range",
+        "joint rate",
+    }
 
 
 @pytest.mark.parametrize(
@@ -58,7 +74,9 @@ def test_nothing_wrong_is_nothing_found(problem: Problem) -> None:
         (along(3, 0.01), STILL, "axes", 0.01),
     ],
 )
-def test_twists_that_break_a_limit(problem: Problem, twist, previous, broken: str, amount: float) -> None:
+def test_twists_that_break_a_limit(
+    problem: Problem, twist, previous, broken: str, amount: float
+) -> None:
     checker = Checker(problem)
     assert broken in checker.check(twist, previous, HERE, UPRIGHT, NO_RATE, DT)
     assert checker.violations[broken] == 1
@@ -69,12 +87,15 @@ def test_nothing_excuses_a_speed_above_the_limit(problem: Problem) -> None:
     """Not even that the twist before was faster, and that this one brakes as fast as it may."""
     previous = along(0, 0.4)
     checker = Checker(problem)
-    assert checker.check(previous * (1 - DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT, stops=True) == ["speed"]
+    assert checker.check(
+        previous * (1 - DT / 0.4), previous, HERE, UPRIGHT, NO_RATE, DT, stops=True
+    ) == ["speed"]
     assert checker.max_violation["speed"] == pytest.approx(0.19)
 
 
 def test_jerk_is_judged_where_the_mean_is_sent(problem: Problem) -> None:
-    """Twice the acceleration of 1 m/s^2 in 0.1 s: 20 m/s^3, from the middle of one period to that of the next."""
+    """Twice the acceleration of 1 m/s^2 in 0.1 s: 20 m/s^3, from the middle of one period to that
+    of the next."""
     smooth = problem.replace(control=Control(average=0.1))
     checker = Checker(smooth)
     assert "jerk" in checker.units
@@ -93,33 +114,49 @@ def test_jerk_is_judged_where_the_mean_is_sent(problem: Problem) -> None:
     assert turned.check(along(5, 0.39 * DT), STILL, HERE, UPRIGHT, NO_RATE, DT) == []
     assert Checker(smooth).check(along(5, 0.41 * DT), STILL, HERE, UPRIGHT, NO_RATE, DT) == ["jerk"]
     # A stop that comes at once is a jerk as well.
-    assert "jerk" in turned.check(along(5, 0.39 * DT), along(5, 0.41 * DT), HERE, UPRIGHT, NO_RATE, DT, stops=True)
+    assert "jerk" in turned.check(
+        along(5, 0.39 * DT), along(5, 0.41 * DT), HERE, UPRIGHT, NO_RATE, DT, stops=True
+    )
 
 
 def test_leaving_the_box_and_the_cone(problem: Problem) -> None:
     checker = Checker(problem)
-    assert checker.check(along(0, 0.1), along(0, 0.1), at(0.0995), UPRIGHT, NO_RATE, DT) == ["workspace"]
+    assert checker.check(along(0, 0.1), along(0, 0.1), at(0.0995), UPRIGHT, NO_RATE, DT) == [
+        "workspace"
+    ]
     assert checker.max_violation["workspace"] == pytest.approx(0.0005)
     turned = Checker(problem)
-    assert turned.check(along(5, 0.3), along(5, 0.3), at(tilt=np.radians(29.9)), UPRIGHT, NO_RATE, DT) == ["tool axis"]
+    assert turned.check(
+        along(5, 0.3), along(5, 0.3), at(tilt=np.radians(29.9)), UPRIGHT, NO_RATE, DT
+    ) == ["tool axis"]
     assert turned.max_violation["tool axis"] == pytest.approx(0.003 - np.radians(0.1), abs=1e-9)
 
 
 def test_where_the_object_really_was_counts_and_not_where_the_twist_leads(problem: Problem) -> None:
     checker = Checker(problem)
-    assert checker.check(along(0, 0.1), along(0, 0.1), at(0.0995), UPRIGHT, NO_RATE, DT, after=at(0.0999)) == []
-    assert checker.check(STILL, STILL, at(0.0999), UPRIGHT, NO_RATE, DT, after=at(0.1002)) == ["workspace"]
+    assert (
+        checker.check(
+            along(0, 0.1), along(0, 0.1), at(0.0995), UPRIGHT, NO_RATE, DT, after=at(0.0999)
+        )
+        == []
+    )
+    assert checker.check(STILL, STILL, at(0.0999), UPRIGHT, NO_RATE, DT, after=at(0.1002)) == [
+        "workspace"
+    ]
     assert checker.max_violation["workspace"] == pytest.approx(0.0002)
     turned = Checker(problem)
     tilts = np.radians([29.9, 30.3])
-    assert turned.check(STILL, STILL, at(tilt=tilts[0]), UPRIGHT, NO_RATE, DT, after=at(tilt=tilts[1])) == ["tool axis"]
+    assert turned.check(
+        STILL, STILL, at(tilt=tilts[0]), UPRIGHT, NO_RATE, DT, after=at(tilt=tilts[1])
+    ) == ["tool axis"]
 
 
 def test_outside_it_may_come_in_but_what_came_in_stays(problem: Problem) -> None:
     checker = Checker(problem)
     assert checker.check(along(0, -0.1), along(0, -0.1), at(0.15), UPRIGHT, NO_RATE, DT) == []
     assert checker.check(STILL, along(0, -0.005), at(0.149), UPRIGHT, NO_RATE, DT) == []
-    # Creeping out again, period by period, is found although each one is small and it is still nearer than at first.
+    # Creeping out again, period by period, is found although each one is small and it is still
+    # nearer than at first.
     assert checker.check(along(0, 0.005), STILL, at(0.149), UPRIGHT, NO_RATE, DT) == ["workspace"]
 
 
@@ -133,12 +170,23 @@ def test_joints_of_the_model(problem: Problem) -> None:
     fast = np.zeros(32)
     fast[other] = np.radians(31)
     assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT) == ["joint rate"]
-    # Acceleration and workspace come first: who brakes may need a joint's rate for it, and says so. Its range no.
+    # Acceleration and workspace come first: who brakes may need a joint's rate for it, and says so.
+    # Its range no.
     assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, stops=True) == []
-    assert checker.check(along(0, 0.01), STILL, HERE, near_end, rate, DT, stops=True) == ["joint range"]
-    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, gave_way=["right_elbow_flexion"]) == []
-    assert checker.check(along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, gave_way=["left_elbow_flexion"]) == ["joint rate"]
-    # Outside and coming in is fine; nobody is blamed for a joint that is not seen, or without a frame.
+    assert checker.check(along(0, 0.01), STILL, HERE, near_end, rate, DT, stops=True) == [
+        "joint range"
+    ]
+    assert (
+        checker.check(
+            along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, gave_way=["right_elbow_flexion"]
+        )
+        == []
+    )
+    assert checker.check(
+        along(0, 0.01), STILL, HERE, UPRIGHT, fast, DT, gave_way=["left_elbow_flexion"]
+    ) == ["joint rate"]
+    # Outside and coming in is fine; nobody is blamed for a joint that is not seen, or without a
+    # frame.
     outside = near_end.copy()
     outside[other] = UPPER[other] + 0.1
     inward = np.zeros(32)
@@ -166,7 +214,9 @@ def test_what_drifts_out_between_two_steps_is_found_too(problem: Problem) -> Non
     turned = Checker(problem)
     for tilt in (40, 35):
         assert turned.check(STILL, STILL, at(tilt=np.radians(tilt)), UPRIGHT, NO_RATE, DT) == []
-    assert turned.check(STILL, STILL, at(tilt=np.radians(36)), UPRIGHT, NO_RATE, DT) == ["tool axis"]
+    assert turned.check(STILL, STILL, at(tilt=np.radians(36)), UPRIGHT, NO_RATE, DT) == [
+        "tool axis"
+    ]
     # Each wall has its own memory: what comes in at one may not go out at another.
     beside = Checker(problem)
     corner = at(0.15)
@@ -179,7 +229,9 @@ def test_what_drifts_out_between_two_steps_is_found_too(problem: Problem) -> Non
 def test_counts_go_on_and_the_worst_is_kept(problem: Problem) -> None:
     checker = Checker(problem)
     for amount in (0.21, 0.25, 0.22):
-        assert "speed" in checker.check(along(0, amount), along(0, amount), HERE, UPRIGHT, NO_RATE, DT)
+        assert "speed" in checker.check(
+            along(0, amount), along(0, amount), HERE, UPRIGHT, NO_RATE, DT
+        )
     assert checker.violations["speed"] == 3
     assert checker.max_violation["speed"] == pytest.approx(0.05)
     assert checker.violations["acceleration"] == 0
@@ -203,7 +255,9 @@ def test_boundary_and_length_of_points() -> None:
     near, further = boundary.model.margin(np.stack([far - 0.001 * shift, far + 0.001 * shift]))
     assert further < near < 0
     assert checker.check(STILL, STILL, pose, far, -0.1 * shift, dt) == []
-    assert checker.check(STILL, STILL, pose, far, 0.1 * shift, dt, stops=True, gave_way=["boundary"]) == ["boundary"]
+    assert checker.check(
+        STILL, STILL, pose, far, 0.1 * shift, dt, stops=True, gave_way=["boundary"]
+    ) == ["boundary"]
     apart = np.r_[np.zeros(3), (inside[3:] - inside[:3]) / 0.2555]
     assert checker.check(STILL, STILL, pose, inside, 0.01 * apart, dt) == ["arm length"]
     assert checker.max_violation["arm length"] == pytest.approx(0.01 * dt)
@@ -215,12 +269,16 @@ def test_a_soft_boundary_gives_way_to_braking() -> None:
     posture, rate = np.asarray(problem.response.comfort), np.zeros(32)
     rate[:20] = 150.0
     margins = problem.limit_of(OneClassBoundary).model.margin
-    points = problem.limit_of(OneClassBoundary).model.coordinates.read(np.stack([posture, posture + rate * dt]))
+    points = problem.limit_of(OneClassBoundary).model.coordinates.read(
+        np.stack([posture, posture + rate * dt])
+    )
     assert margins(points)[1] < 0
     broken = checker.check(STILL, STILL, held_at(problem), posture, rate, dt)
     assert "boundary" in broken
     for excuse in ({"stops": True}, {"gave_way": ["boundary"]}):
-        assert "boundary" not in Checker(problem).check(STILL, STILL, held_at(problem), posture, rate, dt, **excuse)
+        assert "boundary" not in Checker(problem).check(
+            STILL, STILL, held_at(problem), posture, rate, dt, **excuse
+        )
 
 
 def comfortable() -> np.ndarray:

@@ -45,7 +45,9 @@ def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
     changes = []
     for number, start in enumerate(starts):
         checker = Checker(problem)
-        trace = run_loop(problem, person, start, duration=6.0, seed=number, stepper=stepper, checker=checker)
+        trace = run_loop(
+            problem, person, start, duration=6.0, seed=number, stepper=stepper, checker=checker
+        )
         assert sum(checker.violations.values()) == 0, checker.max_violation
         assert "invalid" not in {step.status for step in trace.steps}
         assert np.isfinite(trace.twists).all()
@@ -61,7 +63,9 @@ def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_robot_as_bad_as_declared_breaks_no_limit_and_is_no_fault(seed: int) -> None:
-    robot = DeclaredRobot(delay=0.02, lag=0.08, gain_error=0.05, pose_delay=0.02, pose_noise=5e-4, pose_noise_deg=0.1)
+    robot = DeclaredRobot(
+        delay=0.02, lag=0.08, gain_error=0.05, pose_delay=0.02, pose_noise=5e-4, pose_noise_deg=0.1
+    )
     problem = load_problem("screwing").replace(robot=robot)
     person = sample_person(problem, seed=3)
     start, checker = starts_of(problem, person, seed=seed, count=1)[0], Checker(problem)
@@ -69,7 +73,8 @@ def test_a_robot_as_bad_as_declared_breaks_no_limit_and_is_no_fault(seed: int) -
     assert sum(checker.violations.values()) == 0, checker.max_violation
     assert not [step.reason for step in trace.steps if "robot:" in step.reason]
     assert np.linalg.norm(trace.poses[-1][:3, 3] - start.pose[:3, 3]) > 0.03
-    # The robot is really that late: the object moves less in the first tenth of a second than it was sent.
+    # The robot is really that late: the object moves less in the first tenth of a second than it
+    # was sent.
     moves = next(number for number, twist in enumerate(trace.twists) if twist.any())
     sent = sum(np.abs(twist[:3]) * 0.01 for twist in trace.twists[moves : moves + 10])
     went = np.abs(trace.poses[moves + 10][:3, 3] - trace.poses[moves][:3, 3])
@@ -80,7 +85,9 @@ def test_a_robot_that_was_not_declared_is_named_and_stopped() -> None:
     problem = load_problem("screwing")
     person = sample_person(problem, seed=3)
     start, checker = starts_of(problem, person, seed=1, count=1)[0], Checker(problem)
-    trace = run_loop(problem, person, start, duration=4.0, seed=0, checker=checker, robot=RobotKind(lag=0.2))
+    trace = run_loop(
+        problem, person, start, duration=4.0, seed=0, checker=checker, robot=RobotKind(lag=0.2)
+    )
     assert sum(checker.violations[name] for name in ("speed", "acceleration", "axes", "jerk")) == 0
     named = [step for step in trace.steps if "robot:" in step.reason]
     assert named
@@ -91,7 +98,9 @@ def test_a_loop_is_the_same_for_the_same_seed_and_another_for_another() -> None:
     problem = load_problem("dentist")
     person = sample_person(problem, seed=1)
     start = start_at(person, person.response.comfort)
-    one, same, other = (run_loop(problem, person, start, duration=0.5, seed=seed) for seed in (1, 1, 2))
+    one, same, other = (
+        run_loop(problem, person, start, duration=0.5, seed=seed) for seed in (1, 1, 2)
+    )
     assert np.array(one.twists).tobytes() == np.array(same.twists).tobytes()
     assert np.array(one.twists).tobytes() != np.array(other.twists).tobytes()
 
@@ -102,7 +111,9 @@ def test_lost_frames_and_blind_joints_stop_nothing() -> None:
     start, checker = start_at(person, person.response.comfort), Checker(problem)
     seen = np.random.default_rng(0).random(32) > 0.3
     senses = Senses(lost=0.3)
-    trace = run_loop(problem, person, start, duration=1.0, seed=1, senses=senses, observed=seen, checker=checker)
+    trace = run_loop(
+        problem, person, start, duration=1.0, seed=1, senses=senses, observed=seen, checker=checker
+    )
     assert sum(checker.violations.values()) == 0, checker.max_violation
     assert any(step.status == "braking" for step in trace.steps) or len(trace.steps) == 100
     blind = run_loop(problem, person, start, duration=0.5, seed=1, senses=Senses(lost=1.0))
@@ -118,7 +129,7 @@ def test_people_are_the_same_for_the_same_seed_and_not_the_model() -> None:
     factors = one.weight_vector / problem.response.weight_vector
     assert np.all((factors >= 0.5 - 1e-9) & (factors <= 2 + 1e-9))
     assert factors.std() > 0.1
-    assert 0 < abs(one.body.stature - problem.response.body.stature) <= 0.10  # type: ignore[attr-defined]
+    assert 0 < abs(one.body.stature - problem.response.body.stature) <= 0.10  # type: ignore
 
 
 def test_noise_and_lost_frames_are_as_announced() -> None:
@@ -144,7 +155,9 @@ def test_settling_is_when_the_object_rests_for_good() -> None:
     from ergoqp.simulation.loop import Trace
 
     twists = [np.full(6, float(40 <= i < 60)) for i in range(400)]
-    assert settle_time(Trace(time=[0.01 * i for i in range(400)], twists=twists)) == pytest.approx(0.59)
+    assert settle_time(Trace(time=[0.01 * i for i in range(400)], twists=twists)) == pytest.approx(
+        0.59
+    )
     restless = [np.ones(6)] * 400
     assert settle_time(Trace(time=[0.01 * i for i in range(400)], twists=restless)) == float("inf")
 

@@ -1,4 +1,5 @@
-"""Whole loops with a place to be drawn to: better where descent stays at a worse place, and never worse than it."""
+"""Whole loops with a place to be drawn to: better where descent stays at a worse place, and never
+worse than it."""
 
 from __future__ import annotations
 
@@ -23,11 +24,14 @@ BACK = "drawn back to where it was better than at the given place"
 
 @cache
 def overhead() -> tuple[Problem, Follower, np.ndarray]:
-    """A person far to the right of a low panel: descent comes to rest one point above what is possible."""
+    """A person far to the right of a low panel: descent comes to rest one point above what is
+    possible."""
     problem = load_problem("overhead")
     person = sample_person(problem, 0)
     comfort = person.response.comfort
-    posture, reached = person.settle(comfort, place(0.37, -0.45, 1.60), person.grasp(comfort), person.stand(comfort))
+    posture, reached = person.settle(
+        comfort, place(0.37, -0.45, 1.60), person.grasp(comfort), person.stand(comfort)
+    )
     assert reached
     return problem, person, posture
 
@@ -43,7 +47,7 @@ def led(way: str) -> Run:
     problem, person, posture = overhead()
     guides = {
         "alone": lambda: None,
-        "optimum": lambda: optimise(problem, problem.response.comfort, starts=8),  # type: ignore[attr-defined]
+        "optimum": lambda: optimise(problem, problem.response.comfort, starts=8),  # type: ignore
         "worse": lambda: place(0.20, 0.18, 1.98),
     }
     return simulate(problem, posture, duration=16.0, seed=0, person=person, guide=guides[way]())
@@ -72,7 +76,9 @@ def test_a_worse_place_is_tried_once_and_left_again() -> None:
     assert guided.statuses[-1] == "settled"
     left = [i for i, reason in enumerate(guided.reasons) if reason in (THERE, BACK)]
     assert len(guided.reasons) - left[-1] > 100
-    begun = np.flatnonzero(np.diff(np.array([reason == THERE for reason in guided.reasons], dtype=int)) > 0)
+    begun = np.flatnonzero(
+        np.diff(np.array([reason == THERE for reason in guided.reasons], dtype=int)) > 0
+    )
     assert begun.size == 1
 
 
@@ -80,7 +86,9 @@ def test_a_run_tells_its_place() -> None:
     assert led("alone").guide is None
     assert summary_of_run(led("alone"))["guide"] is None
     guided = led("worse")
-    assert any("is given the place (0.20, 0.18, 1.98) m" in sentence for sentence in guided.assumptions)
+    assert any(
+        "is given the place (0.20, 0.18, 1.98) m" in sentence for sentence in guided.assumptions
+    )
     told = summary_of_run(guided)["guide"]
     assert told["position_m"] == pytest.approx([0.20, 0.18, 1.98])
     assert told["promise"] is None
@@ -90,5 +98,11 @@ def test_a_run_tells_its_place() -> None:
 def test_a_place_that_is_read_once_is_the_same_guide() -> None:
     problem, person, posture = overhead()
     once = simulate(problem, posture, duration=0.3, person=person, guide=place(0.4, 0.0, 1.7))
-    read = simulate(problem, posture, duration=0.3, person=person, guide=read_guide(problem, place(0.4, 0.0, 1.7)))
+    read = simulate(
+        problem,
+        posture,
+        duration=0.3,
+        person=person,
+        guide=read_guide(problem, place(0.4, 0.0, 1.7)),
+    )
     np.testing.assert_array_equal(once.twists, read.twists)

@@ -1,4 +1,5 @@
-"""The person who follows: keeps contact, stays on the soles and within the ranges, rests nearest to comfort."""
+"""The person who follows: keeps contact, stays on the soles and within the ranges, rests nearest to
+comfort."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ def test_at_rest_the_person_holds_the_object_and_stands_where_they_stood(person:
         np.testing.assert_allclose(person.stand(posture)[:3, 3], soles[:3, 3], atol=REACHED)
         if reached:
             reached_any += 1
-            grips = np.split(np.array(person.response.grips()(posture)), len(person.response.hands), axis=1)
+            grips = np.split(
+                np.array(person.response.grips()(posture)), len(person.response.hands), axis=1
+            )
             for grip, held in zip(grips, grasp, strict=True):
                 np.testing.assert_allclose(grip[:3, 3], (pose @ held)[:3, 3], atol=REACHED)
     assert reached_any >= 3
@@ -63,7 +66,9 @@ def test_a_joint_at_its_end_stops_and_the_others_go_on() -> None:
     grasp = person.grasp(posture)
     held[0, 3] += 0.05
     for _ in range(50):
-        posture, distance, _ = person.move(posture, np.hstack([held @ grip for grip in grasp]), soles, 0.3, 0.0)
+        posture, distance, _ = person.move(
+            posture, np.hstack([held @ grip for grip in grasp]), soles, 0.3, 0.0
+        )
         assert np.all(posture >= LOWER)
     assert posture[INDEX["trunk_flexion"]] > person.response.comfort[INDEX["trunk_flexion"]] + 0.003
     assert distance < 0.02

@@ -1,4 +1,5 @@
-"""A run from beginning to end: complete, repeatable, judged against standing still, and saved without pickle."""
+"""A run from beginning to end: complete, repeatable, judged against standing still, and saved
+without pickle."""
 
 import json
 from dataclasses import fields, replace
@@ -20,11 +21,35 @@ from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.starts import awkward_start
 
 KEYS = {
-    "version", "problem", "title", "recording", "start_time_s", "seed", "dt", "steps", "duration_s", "reba_before",
-    "reba_after", "reba_best", "reba_standing_still", "segments_before", "segments_after", "status_counts", "step_time_us",
-    "settle_s", "guide", "let_go_s", "violations", "max_violation", "units", "person_outside", "person", "unobserved",
-    "options", "assumptions",
-}  # fmt: skip
+    "version",
+    "problem",
+    "title",
+    "recording",
+    "start_time_s",
+    "seed",
+    "dt",
+    "steps",
+    "duration_s",
+    "reba_before",
+    "reba_after",
+    "reba_best",
+    "reba_standing_still",
+    "segments_before",
+    "segments_after",
+    "status_counts",
+    "step_time_us",
+    "settle_s",
+    "guide",
+    "let_go_s",
+    "violations",
+    "max_violation",
+    "units",
+    "person_outside",
+    "person",
+    "unobserved",
+    "options",
+    "assumptions",
+}
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +70,15 @@ def run(problem, start) -> Run:
 def test_every_field_is_filled(problem, run):
     n = 400
     shapes = {
-        "time": (n,), "postures": (n, 32), "base_poses": (n, 4, 4), "poses": (n, 4, 4), "twists": (n, 6), "reba": (n,),
-        "cost": (n,), "step_time": (n,),
-    }  # fmt: skip
+        "time": (n,),
+        "postures": (n, 32),
+        "base_poses": (n, 4, 4),
+        "poses": (n, 4, 4),
+        "twists": (n, 6),
+        "reba": (n,),
+        "cost": (n,),
+        "step_time": (n,),
+    }
     for name, shape in shapes.items():
         values = getattr(run, name)
         assert values.shape == shape, name
@@ -70,7 +101,9 @@ def test_scores_are_those_of_the_true_postures(problem, run, start):
 
 def test_poses_follow_the_twists_sent(run):
     for i in (0, 100, 250):
-        np.testing.assert_allclose(moved(run.poses[i], run.twists[i] * run.dt), run.poses[i + 1], atol=1e-12)
+        np.testing.assert_allclose(
+            moved(run.poses[i], run.twists[i] * run.dt), run.poses[i + 1], atol=1e-12
+        )
 
 
 def test_same_seed_same_run(problem, run, start):
@@ -102,7 +135,9 @@ def test_unobserved_joints_reach_the_loop(problem, start):
     observed[[INDEX["neck_twist"], INDEX["right_wrist_flexion"]]] = False
     blind = simulate(problem, start, duration=0.5, observed=observed)
     assert blind.unobserved == ("neck_twist", "right_wrist_flexion")
-    assert any("does not see neck twist, right wrist flexion" in sentence for sentence in blind.assumptions)
+    assert any(
+        "does not see neck twist, right wrist flexion" in sentence for sentence in blind.assumptions
+    )
     seeing = simulate(problem, start, duration=0.5)
     assert np.abs(blind.twists - seeing.twists).max() > 1e-6
 
@@ -112,7 +147,9 @@ def test_start_beyond_a_range_is_said(problem, start):
     posture[INDEX["left_wrist_flexion"]] = UPPER[INDEX["left_wrist_flexion"]] + 0.1
     run = simulate(problem, posture, duration=0.1)
     assert run.postures[0, INDEX["left_wrist_flexion"]] == UPPER[INDEX["left_wrist_flexion"]]
-    assert any("left wrist flexion" in sentence and "end" in sentence for sentence in run.assumptions)
+    assert any(
+        "left wrist flexion" in sentence and "end" in sentence for sentence in run.assumptions
+    )
 
 
 def test_progress_goes_to_the_end(problem, start):
@@ -144,19 +181,25 @@ def test_saved(run, tmp_path):
     assert summary["reba_best"] == run.reba.min()
     assert sum(summary["status_counts"].values()) == 400
     assert set(summary["step_time_us"]) == {"median", "p99", "max"}
-    assert {"neck", "trunk", "legs", "right_wrist", "left_upper_arm"} <= set(summary["segments_before"])
+    assert {"neck", "trunk", "legs", "right_wrist", "left_upper_arm"} <= set(
+        summary["segments_before"]
+    )
     with np.load(path.with_name("run.npz"), allow_pickle=False) as arrays:
         assert set(arrays) == set(arrays_of(run))
         np.testing.assert_array_equal(arrays["postures"], run.postures)
         assert arrays["statuses"].tolist() == run.statuses
         assert arrays["reasons"].tolist() == run.reasons
         names = arrays["active_names"]
-        assert [tuple(sorted(set(active))) for active in run.active] == [tuple(names[row]) for row in arrays["active"]]
+        assert [tuple(sorted(set(active))) for active in run.active] == [
+            tuple(names[row]) for row in arrays["active"]
+        ]
 
 
 def test_documented():
     """Every key of run.json and every array of run.npz is in its documentation."""
-    text = (Path(__file__).resolve().parents[2] / "docs" / "run_json.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "run_json.md").read_text(
+        encoding="utf-8"
+    )
     for key in KEYS:
         assert f"`{key}`" in text, key
 

@@ -14,7 +14,8 @@ from ergoqp.solvers.sequence import Qp
 
 @cache
 def recordings() -> tuple[Recording, ...]:
-    """Twist QPs with and without slack; an equality row (forearm), and axes that do not move (desk)."""
+    """Twist QPs with and without slack; an equality row (forearm), and axes that do not move
+    (desk)."""
     names = (("dentist", 400), ("desk", 40), ("forearm", 30))
     return tuple(part for name, steps in names for part in record(load_problem(name), steps))
 
@@ -39,4 +40,9 @@ def contradictory(qp: Qp) -> Qp:
 def twice(qp: Qp) -> Qp:
     """The same QP with as many rows as `contradictory` has, without a contradiction."""
     row = np.ones((2, qp.size[0]))
-    return replace(qp, A=np.vstack([qp.A, row]), lower=np.r_[qp.lower, -9.0, -9.0], upper=np.r_[qp.upper, 9.0, 9.0])
+    return replace(
+        qp,
+        A=np.vstack([qp.A, row]),
+        lower=np.r_[qp.lower, -9.0, -9.0],
+        upper=np.r_[qp.upper, 9.0, 9.0],
+    )

@@ -1,4 +1,5 @@
-"""The judge against answers that are known, answers that are spoilt, and qpsolvers' own residuals."""
+"""The judge against answers that are known, answers that are spoilt, and qpsolvers' own
+residuals."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from ergoqp.solvers.session import QpAnswer
 
 
 def known(rng: np.random.Generator, n: int = 6, m: int = 5) -> tuple[Qp, QpAnswer]:
-    """A QP made from its own answer; row 0 at its upper end, row 1 at its lower one, row 2 an equality, two bounds active."""
+    """A QP made from its own answer; row 0 at its upper end, row 1 at its lower one, row 2 an
+    equality, two bounds active."""
     root, A, x = rng.normal(size=(n, n)), rng.normal(size=(m, n)), 0.1 * rng.normal(size=n)
     H, rows, box, value = root @ root.T + np.eye(n), np.zeros(m), np.zeros(n), A @ x
     lower, upper, low, high = value - 1, value + 1, x - 1, x + 1
@@ -21,7 +23,9 @@ def known(rng: np.random.Generator, n: int = 6, m: int = 5) -> tuple[Qp, QpAnswe
     lower[2] = upper[2] = value[2]
     box[0], high[0], box[3], low[3] = 0.7, x[0], -0.4, x[3]
     lower[0], upper[4] = -np.inf, np.inf
-    return Qp(H, -(H @ x + A.T @ rows + box), A, lower, upper, low, high), QpAnswer(x, rows, box, "solved")
+    return Qp(H, -(H @ x + A.T @ rows + box), A, lower, upper, low, high), QpAnswer(
+        x, rows, box, "solved"
+    )
 
 
 def test_the_answer_is_one_and_whatever_is_spoilt_shows_where_it_should() -> None:
@@ -39,7 +43,8 @@ def test_the_answer_is_one_and_whatever_is_spoilt_shows_where_it_should() -> Non
 
 def test_the_sign_of_a_multiplier_is_seen_apart_from_the_other_three() -> None:
     qp, answer = known(np.random.default_rng(0))
-    # Row 4 has no upper end, and zero distance to nothing: pulled up all the same, and balanced by g.
+    # Row 4 has no upper end, and zero distance to nothing: pulled up all the same, and balanced by
+    # g.
     rows = answer.rows + 0.5 * np.eye(5)[4]
     pulled = replace(qp, g=qp.g - 0.5 * qp.A[4])
     found = judge(pulled, replace(answer, rows=rows))
@@ -48,7 +53,13 @@ def test_the_sign_of_a_multiplier_is_seen_apart_from_the_other_three() -> None:
     # An equality may pull either way.
     either = answer.rows.copy()
     either[2] = -either[2]
-    assert judge(replace(qp, g=qp.g - (either[2] - answer.rows[2]) * qp.A[2]), replace(answer, rows=either)).worst < 1e-12
+    assert (
+        judge(
+            replace(qp, g=qp.g - (either[2] - answer.rows[2]) * qp.A[2]),
+            replace(answer, rows=either),
+        ).worst
+        < 1e-12
+    )
     # Between ends that all but meet, the wrong one counts no more than their distance.
     narrow = replace(qp, lower=np.where(np.arange(5) == 0, qp.upper[0] - 1e-8, qp.lower))
     flipped = np.where(np.arange(5) == 0, -2.0, answer.rows)
@@ -70,7 +81,11 @@ def test_the_three_residuals_are_those_of_qpsolvers() -> None:
     rng = np.random.default_rng(2)
     for _ in range(10):
         qp, answer = known(rng)
-        spoilt = replace(answer, x=answer.x + 0.1 * rng.normal(size=6), rows=answer.rows + 0.1 * rng.uniform(size=5))
+        spoilt = replace(
+            answer,
+            x=answer.x + 0.1 * rng.normal(size=6),
+            rows=answer.rows + 0.1 * rng.uniform(size=5),
+        )
         # Its form has one-sided rows; rows here that have one multiplier use one side.
         up = spoilt.rows > 0
         G = np.where(up[:, None], qp.A, -qp.A)

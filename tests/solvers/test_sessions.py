@@ -1,4 +1,5 @@
-"""Every numeric solver: the certified answer, whether it starts warm or not, and no word of success on data that has none."""
+"""Every numeric solver: the certified answer, whether it starts warm or not, and no word of success
+on data that has none."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
 SOLVERS = installed_sessions()
 # HiGHS takes a multiplier of some 1e-4 for none, whatever its tolerances say.
 LOOSE = {"highs": 1e-3}
-# They were seen to say solved where it is not, now and then: the reason why the step believes nobody.
+# They were seen to say solved where it is not, now and then: the reason why the step believes
+# nobody.
 BOLD = ("qrqp", "qpoases")
 
 
@@ -54,7 +56,8 @@ def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
                 answer = session.solve(*parts(qp), warm=warm)
                 total += 1
                 if not answer.found:
-                    # Slack is dear, 1e4 to the unit: not everybody ends there, but who does says so.
+                    # Slack is dear, 1e4 to the unit: not everybody ends there, but who does says
+                    # so.
                     assert slack, answer.flag
                     continue
                 found = judge(qp, answer)
@@ -102,10 +105,16 @@ def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
         broken = getattr(qp, part).copy()
         broken.flat[0] = np.inf
         assert session.solve(*parts(replace(qp, **{part: broken}))).flag == "not a number"
-    crossed = [replace(qp, low=qp.high + 1), replace(qp, upper=qp.lower - 1), replace(qp, lower=np.full(qp.size[1], np.inf))]
+    crossed = [
+        replace(qp, low=qp.high + 1),
+        replace(qp, upper=qp.lower - 1),
+        replace(qp, lower=np.full(qp.size[1], np.inf)),
+    ]
     for wrong in crossed:
         assert session.solve(*parts(wrong)).flag == "bounds cross"
-    np.testing.assert_allclose(session.solve(*parts(qp)).x, x, atol=2 * np.sqrt(LOOSE.get(name, 1e-6)))
+    np.testing.assert_allclose(
+        session.solve(*parts(qp)).x, x, atol=2 * np.sqrt(LOOSE.get(name, 1e-6))
+    )
 
 
 def test_a_warm_start_saves_iterations_along_a_trajectory() -> None:
@@ -145,21 +154,31 @@ def test_mistakes_are_named(arguments: tuple, said: str) -> None:
 def test_a_wrong_shape_is_named() -> None:
     qp, _ = samples()[0][0]
     with pytest.raises(InputError, match=r"A: got shape \(3, 6\), allowed \(14, 6\)"):
-        open_session("daqp", *qp.size).solve(qp.H, qp.g, qp.A[:3], qp.lower, qp.upper, qp.low, qp.high)
+        open_session("daqp", *qp.size).solve(
+            qp.H, qp.g, qp.A[:3], qp.lower, qp.upper, qp.low, qp.high
+        )
 
 
-@pytest.mark.parametrize("name", [name for name, solver in SESSIONS.items() if solver.package not in ("casadi", "daqp")])
-def test_a_solver_that_is_not_installed_is_named_with_its_extra(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "name", [name for name, solver in SESSIONS.items() if solver.package not in ("casadi", "daqp")]
+)
+def test_a_solver_that_is_not_installed_is_named_with_its_extra(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     package = SESSIONS[name].package
     monkeypatch.delitem(sys.modules, f"ergoqp.solvers.sessions.{name}", raising=False)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtraError, match=rf"solver '{name}' needs the package '{package}': .*ergoqp\[solvers\]"):
+    with pytest.raises(
+        MissingExtraError,
+        match=rf"solver '{name}' needs the package '{package}': .*ergoqp\[solvers\]",
+    ):
         open_session(name, 6, 3)
 
 
 def test_naming_the_solvers_loads_none_of_them() -> None:
     code = (
-        "import sys, ergoqp.solvers.sessions as s; s.installed_sessions(); print([n for n in s.SESSIONS if n in sys.modules])"
+        "import sys, ergoqp.solvers.sessions as s; s.installed_sessions(); print([n for n in"
+        " s.SESSIONS if n in sys.modules])"
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() in ("[]", "['daqp']")

@@ -1,8 +1,9 @@
-"""Loops whose inputs and answers are kept in ``pinned.npz``: what the step answers is what it answered when they were made.
+"""Loops whose inputs and answers are kept in ``pinned.npz``: what the step answers is what it
+answered when they were made.
 
-They say nothing of what is right, which the other tests do: they notice that an answer has changed, to the seventh digit, in
-every part of the step, the state included. A change that is meant to change answers makes them anew, with
-``python tests/step/pinned.py``, and the changelog says so.
+They say nothing of what is right, which the other tests do: they notice that an answer has changed,
+to the seventh digit, in every part of the step, the state included. A change that is meant to
+change answers makes them anew, with ``python tests/step/pinned.py``, and the changelog says so.
 """
 
 from __future__ import annotations
@@ -42,11 +43,13 @@ class Loop:
         problem: makes the task.
         kind: the robot that the inputs come from.
         steps: how many.
-        reports: what is reported of the robot: ``pose``, ``twist``, ``both``, ``lost`` (the pose is, a third of the time).
+        reports: what is reported of the robot: ``pose``, ``twist``, ``both``, ``lost`` (the pose
+            is, a third of the time).
         guided: whether a place is given.
         every: number of steps after which the person takes another posture.
         oddity: what is wrong with what is measured of the robot, see `_wrong`.
-        odd: whether frames are lost, unseen, not enabled, late, and the robot stands still now and then.
+        odd: whether frames are lost, unseen, not enabled, late, and the robot stands still now and
+            then.
     """
 
     problem: Callable[[], Problem]
@@ -59,13 +62,17 @@ class Loop:
     oddity: str = ""
 
 
-def narrow(name: str, robot: DeclaredRobot = NOTHING, average: float | None = None, **joints: Any) -> Problem:
+def narrow(
+    name: str, robot: DeclaredRobot = NOTHING, average: float | None = None, **joints: Any
+) -> Problem:
     """A problem in a small box and cone, with an object that is mostly at some wall."""
     problem = load_problem(name)
     box, cone, ranges = (problem.limit_of(kind) for kind in (WorkspaceBox, AxisCone, JointLimit))
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     middle = (lower + upper) / 2
-    walls = WorkspaceBox(tuple(np.maximum(lower, middle - 0.03)), tuple(np.minimum(upper, middle + 0.03)))
+    walls = WorkspaceBox(
+        tuple(np.maximum(lower, middle - 0.03)), tuple(np.minimum(upper, middle + 0.03))
+    )
     tight = replace(cone, half_angle_deg=min(8.0, cone.half_angle_deg))
     limits = [{id(box): walls, id(cone): tight}.get(id(limit), limit) for limit in problem.limits]
     if joints:
@@ -87,7 +94,11 @@ LOOPS: dict[str, Loop] = {
         reports="both",
         odd=True,
     ),
-    "holds": Loop(lambda: narrow("desk", DeclaredRobot(longest_hold=0.2, lag=0.04)), RobotKind(lag=0.04), odd=True),
+    "holds": Loop(
+        lambda: narrow("desk", DeclaredRobot(longest_hold=0.2, lag=0.04)),
+        RobotKind(lag=0.04),
+        odd=True,
+    ),
     "planned": Loop(
         lambda: narrow(
             "screwing",
@@ -104,7 +115,12 @@ LOOPS: dict[str, Loop] = {
         reports="both",
         oddity="jumps",
     ),
-    "creeps": Loop(lambda: narrow("overhead", DeclaredRobot(**NOISE)), RobotKind(**NOISE), steps=240, oddity="creeps"),
+    "creeps": Loop(
+        lambda: narrow("overhead", DeclaredRobot(**NOISE)),
+        RobotKind(**NOISE),
+        steps=240,
+        oddity="creeps",
+    ),
     "spikes": Loop(
         lambda: narrow("screwing", DeclaredRobot(delay=0.02)),
         RobotKind(delay=0.02, speed_noise=0.02),
@@ -113,12 +129,21 @@ LOOPS: dict[str, Loop] = {
     ),
     "stalls": Loop(lambda: narrow("low_bin"), reports="twist", odd=True),
     "swift": Loop(
-        lambda: narrow("screwing", DeclaredRobot(lag=0.05, longest_hold=0.06, gain_error=0.05, pose_delay=0.02), 0.1),
+        lambda: narrow(
+            "screwing",
+            DeclaredRobot(lag=0.05, longest_hold=0.06, gain_error=0.05, pose_delay=0.02),
+            0.1,
+        ),
         RobotKind(lag=0.05, gain=1.04, pose_delay=0.02),
         odd=True,
     ),
-    "frame": Loop(lambda: narrow("dentist", DeclaredRobot(gain_error=0.1)), reports="both", oddity="frame"),
-    "hands": Loop(lambda: narrow("desk", DeclaredRobot(delay=0.01, gain_error=0.03), 0.02), RobotKind(delay=0.01, gain=0.98)),
+    "frame": Loop(
+        lambda: narrow("dentist", DeclaredRobot(gain_error=0.1)), reports="both", oddity="frame"
+    ),
+    "hands": Loop(
+        lambda: narrow("desk", DeclaredRobot(delay=0.01, gain_error=0.03), 0.02),
+        RobotKind(delay=0.01, gain=0.98),
+    ),
     "rests": Loop(lambda: load_problem("overhead"), steps=320, every=240),
     "guided": Loop(lambda: load_problem("overhead"), guided=True, steps=640, every=1000),
     "learned": Loop(lambda: load_problem("screwing_learned"), reports="both"),
@@ -137,14 +162,19 @@ def stepper_of(loop: Loop) -> Stepper:
 def amid(problem: Problem) -> np.ndarray:
     """Return the pose (4, 4) in the middle of box and cone."""
     box, cone, pose = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), np.eye(4)
-    pose[:3, 3], pose[:3, :3] = np.mean([box.lower, box.upper], axis=0), frame_of(np.asarray(cone.direction))
+    pose[:3, 3], pose[:3, :3] = (
+        np.mean([box.lower, box.upper], axis=0),
+        frame_of(np.asarray(cone.direction)),
+    )
     return pose
 
 
 def at_points(rng: np.random.Generator) -> np.ndarray:
     """Return elbow and wrist (6,) of some posture."""
     posture = np.zeros(32)
-    posture[[INDEX["right_shoulder_flexion"], INDEX["right_elbow_flexion"]]] = rng.uniform(0.9, 1.4, 2)
+    posture[[INDEX["right_shoulder_flexion"], INDEX["right_elbow_flexion"]]] = rng.uniform(
+        0.9, 1.4, 2
+    )
     return ArmLength(forearm_length()).project(forearm_points(posture[None]))[0]
 
 
@@ -166,11 +196,13 @@ def drive(loop: Loop, seed: int) -> list[dict[str, Any]]:
     rng, stepper = np.random.default_rng(seed), stepper_of(loop)
     problem, inputs = stepper.problem, []
     points = len(problem.coordinates) != len(LOWER)
-    comfort = at_points(rng) if points else np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    comfort = at_points(rng) if points else np.asarray(problem.response.comfort)  # type: ignore
     robot, posture = SimulatedRobot(loop.kind, np.eye(4) if points else amid(problem), rng), comfort
     for number in range(loop.steps):
         if number % loop.every == 0 and not points:
-            posture = np.clip(comfort + 0.5 * rng.normal(size=len(comfort)), LOWER - 0.03, UPPER + 0.03)
+            posture = np.clip(
+                comfort + 0.5 * rng.normal(size=len(comfort)), LOWER - 0.03, UPPER + 0.03
+            )
         noisy = posture + np.radians(0.3) * rng.normal(size=len(posture)) * (not points)
         given: dict[str, Any] = {"posture": noisy}
         if loop.reports in ("pose", "both") or (loop.reports == "lost" and number // 20 % 3 < 2):
@@ -181,7 +213,10 @@ def drive(loop: Loop, seed: int) -> list[dict[str, Any]]:
         _wrong(loop.oddity, number, given, rng)
         if loop.odd:
             given |= _odd(number, len(posture), rng)
-        given = {name: np.float32(value).astype(float) if np.ndim(value) else value for name, value in given.items()}
+        given = {
+            name: np.float32(value).astype(float) if np.ndim(value) else value
+            for name, value in given.items()
+        }
         if loop.odd and number % 70 == 60:
             given = {"elapsed": 0.02}
         inputs.append(given)
@@ -209,7 +244,8 @@ def _odd(number: int, size: int, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def _wrong(oddity: str, number: int, given: dict[str, Any], rng: np.random.Generator) -> None:
-    """What is measured of a robot is not what it does: it jumps, creeps, has spikes or comes in another frame."""
+    """What is measured of a robot is not what it does: it jumps, creeps, has spikes or comes in
+    another frame."""
     if oddity == "jumps" and number % 60 > 40:
         given["pose"][:3, 3] += 0.006
     if oddity == "creeps" and number > 60:
@@ -224,11 +260,16 @@ def load(name: str) -> tuple[list[dict[str, Any]], dict[str, np.ndarray], list[s
     """Return what is kept of a loop: inputs, answers, and the reasons step by step."""
     with np.load(FILE) as kept:
         prefix = f"{name}."
-        found = {key.removeprefix(prefix): kept[key] for key in kept.files if key.startswith(prefix)}
+        found = {
+            key.removeprefix(prefix): kept[key] for key in kept.files if key.startswith(prefix)
+        }
     plain = json.loads(str(found.pop("plain")))
-    arrays = {key: iter(np.float64(found.pop(key))) for key in ("posture", "pose", "twist", "observed")}
+    arrays = {
+        key: iter(np.float64(found.pop(key))) for key in ("posture", "pose", "twist", "observed")
+    }
     inputs = [
-        {key: next(arrays[key]) if value == "array" else value for key, value in given.items()} for given in plain["inputs"]
+        {key: next(arrays[key]) if value == "array" else value for key, value in given.items()}
+        for given in plain["inputs"]
     ]
     return inputs, found, plain["reasons"]
 
@@ -239,10 +280,17 @@ def make() -> None:
     for seed, (name, loop) in enumerate(LOOPS.items()):
         inputs = drive(loop, seed)
         steps = list(answers(stepper_of(loop), inputs))
-        arrays: dict[str, list[np.ndarray]] = {"posture": [], "pose": [], "twist": [], "observed": []}
+        arrays: dict[str, list[np.ndarray]] = {
+            "posture": [],
+            "pose": [],
+            "twist": [],
+            "observed": [],
+        }
         plain = []
         for given in inputs:
-            plain.append({key: "array" if np.ndim(value) else value for key, value in given.items()})
+            plain.append(
+                {key: "array" if np.ndim(value) else value for key, value in given.items()}
+            )
             for key, value in given.items():
                 if np.ndim(value):
                     arrays[key].append(np.float32(value))
@@ -250,8 +298,13 @@ def make() -> None:
             kept[f"{name}.{key}"] = np.array(values, dtype=np.float32)
         kept[f"{name}.sent"] = np.array([step.twist for step in steps])
         kept[f"{name}.told"] = np.array([told(step) for step in steps[EVERY - 1 :: EVERY]])
-        kept[f"{name}.plain"] = np.array(json.dumps({"inputs": plain, "reasons": [f"{s.status}: {s.reason}" for s in steps]}))
-        counts = {status: sum(step.status == status for step in steps) for status in {step.status for step in steps}}
+        kept[f"{name}.plain"] = np.array(
+            json.dumps({"inputs": plain, "reasons": [f"{s.status}: {s.reason}" for s in steps]})
+        )
+        counts = {
+            status: sum(step.status == status for step in steps)
+            for status in {step.status for step in steps}
+        }
         print(f"{name}: {counts}")
     np.savez_compressed(FILE, **kept)  # type: ignore[arg-type]
 

@@ -19,9 +19,12 @@ from ergoqp.step.qp import FREE
 
 
 def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:
-    """Least margin that a twist must keep through its stop, per row, where all rows have the same margins."""
+    """Least margin that a twist must keep through its stop, per row, where all rows have the same
+    margins."""
     rows = problem.row_names
-    found = np.array(_floor(problem, np.full((len(rows), 1), now), np.full((len(rows), 1), at_braking))).ravel()
+    found = np.array(
+        _floor(problem, np.full((len(rows), 1), now), np.full((len(rows), 1), at_braking))
+    ).ravel()
     return dict(zip(rows, found.tolist(), strict=True))
 
 
@@ -30,15 +33,21 @@ def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:
     [
         # What holds, and would through braking, has to hold.
         (0.1, 0.05, 0.0, 0.0, -1e-7),
-        # What braking breaks may be broken as far, but for a margin that is a bound: braking may be better than it says.
+        # What braking breaks may be broken as far, but for a margin that is a bound: braking may be
+        # better than it says.
         (0.1, -0.02, -0.02, 0.0, -0.02 - GIVES_WAY),
         # What does not hold gets no worse; rows through S are left to the QP.
         (-0.05, -0.03, -0.05, -0.05, -FREE),
         (-0.05, -0.08, -0.08, -0.05, -FREE),
     ],
 )
-def test_what_an_accepted_twist_must_keep(now: float, at_braking: float, hard: float, proven: float, soft: float) -> None:
-    points, person = floors(load_problem("forearm"), now, at_braking), floors(problem_of("screwing"), now, at_braking)
+def test_what_an_accepted_twist_must_keep(
+    now: float, at_braking: float, hard: float, proven: float, soft: float
+) -> None:
+    points, person = (
+        floors(load_problem("forearm"), now, at_braking),
+        floors(problem_of("screwing"), now, at_braking),
+    )
     assert points["boundary"] == pytest.approx(proven - HELD, abs=1e-12)
     assert person["workspace x"] == pytest.approx(hard - HELD, abs=1e-12)
     assert person["tool axis"] == pytest.approx(hard - HELD, abs=1e-12)
@@ -61,8 +70,15 @@ def test_inside_a_cone_hardly_anything_of_a_long_mean_is_inherited(noise_deg: fl
 
 def test_the_model_person_stays_within_the_ends_of_the_joints_and_may_leave_them() -> None:
     """At an end a joint of the model only comes back, and it does come back."""
-    stepper, rng, back = bold_stepper("screwing"), np.random.default_rng(8), {"upper": 0, "lower": 0}
-    arm = [INDEX[f"right_{joint}"] for joint in ("shoulder_flexion", "shoulder_rotation", "elbow_flexion", "wrist_flexion")]
+    stepper, rng, back = (
+        bold_stepper("screwing"),
+        np.random.default_rng(8),
+        {"upper": 0, "lower": 0},
+    )
+    arm = [
+        INDEX[f"right_{joint}"]
+        for joint in ("shoulder_flexion", "shoulder_rotation", "elbow_flexion", "wrist_flexion")
+    ]
     for number in range(60):
         q, joint = near_comfort("screwing", rng, 25), arm[number % len(arm)]
         end = "upper" if number % 2 else "lower"
@@ -76,7 +92,9 @@ def test_the_model_person_stays_within_the_ends_of_the_joints_and_may_leave_them
 
 
 def test_a_row_that_is_faster_than_its_rate_has_given_way_by_as_much() -> None:
-    rows: Any = SimpleNamespace(matrices=[ca.MX(ca.DM.eye(6))], rates=[ca.MX(ca.DM([1, 1, 1, 1, 1, np.inf]))])
+    rows: Any = SimpleNamespace(
+        matrices=[ca.MX(ca.DM.eye(6))], rates=[ca.MX(ca.DM([1, 1, 1, 1, 1, np.inf]))]
+    )
     twist = ca.MX(ca.DM([1.25, -1.25, 1 + 2e-7, 1 + 5e-8, 0.5, 99]))
     found = np.array(ca.evalf(_rate_excess(rows, twist))).ravel()
     np.testing.assert_allclose(found, [0.25, 0.25, 2e-7, 0, 0, 0], rtol=1e-6)

@@ -11,4 +11,6 @@ def test_answers_are_what_they_were(name: str) -> None:
     steps = list(answers(stepper_of(LOOPS[name]), inputs))
     np.testing.assert_allclose([step.twist for step in steps], kept["sent"], rtol=1e-7, atol=1e-9)
     assert [f"{step.status}: {step.reason}" for step in steps] == reasons
-    np.testing.assert_allclose([told(step) for step in steps[EVERY - 1 :: EVERY]], kept["told"], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(
+        [told(step) for step in steps[EVERY - 1 :: EVERY]], kept["told"], rtol=1e-6, atol=1e-8
+    )

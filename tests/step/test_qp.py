@@ -1,4 +1,5 @@
-"""The step's QP: solvers against an independent enumeration, the residual that trusts nobody, slack only where needed."""
+"""The step's QP: solvers against an independent enumeration, the residual that trusts nobody, slack
+only where needed."""
 
 from __future__ import annotations
 
@@ -28,18 +29,28 @@ def residual(n: int, m: int) -> ca.Function:
 
 
 def random_qp(rng: np.random.Generator, m: int) -> dict[str, np.ndarray]:
-    """A positive definite Hessian, rows that zero satisfies, a box around it; some rows doubled or empty."""
+    """A positive definite Hessian, rows that zero satisfies, a box around it; some rows doubled or
+    empty."""
     root = rng.normal(size=(6, 6))
     A = rng.normal(size=(m, 6))
     if m > 2:
         A[-1], A[-2] = A[0], 0.0
     data = {"H": root @ root.T + 0.1 * np.eye(6), "g": 5 * rng.normal(size=6), "A": A}
-    data |= {"lower": -rng.uniform(0, 1, m), "upper": rng.uniform(0, 1, m), "side": np.ones(m), "cap": np.zeros(m)}
+    data |= {
+        "lower": -rng.uniform(0, 1, m),
+        "upper": rng.uniform(0, 1, m),
+        "side": np.ones(m),
+        "cap": np.zeros(m),
+    }
     return data | {"low": -rng.uniform(0.05, 1, 6), "high": rng.uniform(0.05, 1, 6)}
 
 
-def solve(solver: str, data: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    x, slack, multipliers, worst = (np.array(part).ravel() for part in qp(solver, len(data["A"]))(*data.values()))
+def solve(
+    solver: str, data: dict[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    x, slack, multipliers, worst = (
+        np.array(part).ravel() for part in qp(solver, len(data["A"]))(*data.values())
+    )
     return x, slack, multipliers, float(worst[0])
 
 
@@ -48,7 +59,8 @@ def _as(solver: str, matrix: np.ndarray) -> object:
 
 
 def by_enumeration(data: dict[str, np.ndarray]) -> np.ndarray:
-    """The optimum by trying every set of active constraints of a tiny QP (only the first two axes are free)."""
+    """The optimum by trying every set of active constraints of a tiny QP (only the first two axes
+    are free)."""
     H, g = data["H"], data["g"]
     G = np.vstack([data["A"], -data["A"], np.eye(6), -np.eye(6)])
     h = np.concatenate([data["upper"], -data["lower"], data["high"], -data["low"]])
@@ -86,7 +98,11 @@ def test_answers_equal_the_enumeration_of_active_sets(solver: str) -> None:
 @pytest.mark.parametrize("solver", ["daqp", "piqp", "osqp"])
 def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
     qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
-    others = [name for name in ("quadprog", "daqp", "osqp") if name in qpsolvers.available_solvers and name != solver]
+    others = [
+        name
+        for name in ("quadprog", "daqp", "osqp")
+        if name in qpsolvers.available_solvers and name != solver
+    ]
     if not others:
         pytest.skip(f"qpsolvers has no exact backend but {solver}")
     rng, compared = np.random.default_rng(1), 0
@@ -94,7 +110,9 @@ def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
         data = random_qp(rng, 8)
         x, _, multipliers, worst = solve(solver, data)
         G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["upper"], -data["lower"]])
-        options = {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 50_000} if others[0] == "osqp" else {}
+        options = (
+            {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 50_000} if others[0] == "osqp" else {}
+        )
         keep = np.abs(G).sum(axis=1) > 0
         H, G = _as(others[0], data["H"]), _as(others[0], G[keep])
         task = qpsolvers.Problem(H, data["g"], G, h[keep], lb=data["low"], ub=data["high"])
@@ -104,14 +122,19 @@ def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
         compared += 1
         np.testing.assert_allclose(x, expected, atol=1e-5)
         active = np.abs(multipliers) > 1e-5
-        at_end = np.minimum(np.abs(data["A"] @ x - data["upper"]), np.abs(data["A"] @ x - data["lower"]))
+        at_end = np.minimum(
+            np.abs(data["A"] @ x - data["upper"]), np.abs(data["A"] @ x - data["lower"])
+        )
         assert np.all(at_end[active] < 1e-5)
     assert compared >= 25
 
 
-@pytest.mark.parametrize(("solver", "what"), [("daqp", "g"), ("daqp", "H"), ("daqp", "A"), ("osqp", "g"), ("piqp", "g")])
+@pytest.mark.parametrize(
+    ("solver", "what"), [("daqp", "g"), ("daqp", "H"), ("daqp", "A"), ("osqp", "g"), ("piqp", "g")]
+)
 def test_nan_never_passes_for_an_answer(solver: str, what: str) -> None:
-    """CasADi's plugins refuse NaN elsewhere themselves; in a step there is none, see test_step_safety."""
+    """CasADi's plugins refuse NaN elsewhere themselves; in a step there is none, see
+    test_step_safety."""
     data = random_qp(np.random.default_rng(2), 4)
     for at in range(data[what].size):
         broken = data | {what: data[what].copy()}
@@ -130,7 +153,8 @@ def test_rows_that_contradict_each_other_never_pass(solver: str) -> None:
 
 
 def exact(rng: np.random.Generator, m: int = 5) -> list[np.ndarray]:
-    """A QP made from its own answer: x, multipliers with complementary bounds, and g that makes them optimal."""
+    """A QP made from its own answer: x, multipliers with complementary bounds, and g that makes
+    them optimal."""
     root, A, x = rng.normal(size=(6, 6)), rng.normal(size=(m, 6)), rng.normal(size=6) * 0.1
     H, rows, box = root @ root.T + np.eye(6), np.zeros(m), np.zeros(6)
     value = A @ x
@@ -156,7 +180,8 @@ def test_the_residual_is_zero_at_the_optimum_and_nowhere_near_it() -> None:
 
 def test_the_residual_sees_wrong_signs_absent_bounds_and_nan() -> None:
     check, data = residual(6, 5), exact(np.random.default_rng(5))
-    # A multiplier that pulls at the wrong end of its row: stationary all the same, but not complementary.
+    # A multiplier that pulls at the wrong end of its row: stationary all the same, but not
+    # complementary.
     flipped = [value.copy() for value in data]
     flipped[8][0] = -2.0
     flipped[1] = -(flipped[0] @ flipped[7] + flipped[2].T @ flipped[8] + flipped[9])
@@ -186,14 +211,17 @@ def test_relaxed_and_hard_paths_agree_where_the_rows_have_room() -> None:
     for _ in range(20):
         data = random_qp(rng, 6)
         hard = solve("daqp", data)
-        relaxed = solve("daqp", data | {"cap": rng.uniform(0.1, 1, 6), "side": rng.choice([-1.0, 1.0], 6)})
+        relaxed = solve(
+            "daqp", data | {"cap": rng.uniform(0.1, 1, 6), "side": rng.choice([-1.0, 1.0], 6)}
+        )
         assert max(hard[3], relaxed[3]) < TOLERANCE
         np.testing.assert_allclose(relaxed[0], hard[0], atol=1e-6)
         assert relaxed[1].max() < 1e-7
 
 
 def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
-    """Against a feasibility LP; the cap is never exceeded, and with it there is always an answer."""
+    """Against a feasibility LP; the cap is never exceeded, and with it there is always an
+    answer."""
     rng, counts = np.random.default_rng(7), {True: 0, False: 0}
     for _ in range(80):
         data = random_qp(rng, 6)
@@ -204,7 +232,9 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
         data["lower"][-1] = -FREE
         data["cap"] = np.where(np.arange(6) == 0, pace, 0.0)
         G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["upper"], -data["lower"]])
-        lp = linprog(np.zeros(6), A_ub=G, b_ub=h, bounds=np.column_stack([data["low"], data["high"]]))
+        lp = linprog(
+            np.zeros(6), A_ub=G, b_ub=h, bounds=np.column_stack([data["low"], data["high"]])
+        )
         x, slack, _, worst = solve("daqp", data)
         assert worst < TOLERANCE
         assert np.all(data["A"] @ x <= data["upper"] + data["cap"] + 1e-7)
@@ -223,14 +253,20 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
             counts[False] += 1
             assert slack[0] > 1e-6
             # The least slack that there is.
-            least = linprog(data["A"][0], A_ub=G[1:], b_ub=h[1:], bounds=np.column_stack([data["low"], data["high"]]))
+            least = linprog(
+                data["A"][0],
+                A_ub=G[1:],
+                b_ub=h[1:],
+                bounds=np.column_stack([data["low"], data["high"]]),
+            )
             assert data["A"][0] @ x == pytest.approx(least.fun, abs=2e-3)
     assert counts[True] > 5
     assert counts[False] > 5
 
 
 def test_the_penalty_is_above_every_multiplier_of_the_step() -> None:
-    """Slack stays zero where the rows allow it as long as no multiplier of the problems' own QPs comes near the penalty."""
+    """Slack stays zero where the rows allow it as long as no multiplier of the problems' own QPs
+    comes near the penalty."""
     largest = 0.0
     for name in NAMES:
         stepper, rng, pose = bold_stepper(name), np.random.default_rng(3), held_pose(name)
@@ -248,13 +284,23 @@ def test_the_penalty_is_above_every_multiplier_of_the_step() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_an_exact_row_gives_back_what_it_used_of_the_room_that_nobody_needs(seed: int) -> None:
-    """Two rows that cannot both hold: the one whose cap is small gives way by what was needed, and not by `ELBOW` more."""
+    """Two rows that cannot both hold: the one whose cap is small gives way by what was needed, and
+    not by `ELBOW` more."""
     rng, needed = np.random.default_rng(seed), 0.01
     row = np.zeros(6)
     row[0] = rng.uniform(0.5, 2.0)
     data = random_qp(rng, 2)
-    data |= {"g": np.zeros(6), "A": np.vstack([row, -3 * row]), "low": -np.ones(6), "high": np.ones(6)}
-    data |= {"lower": np.full(2, -FREE), "upper": np.array([0.0, -1.0]), "cap": np.array([needed + ELBOW, 9.0])}
+    data |= {
+        "g": np.zeros(6),
+        "A": np.vstack([row, -3 * row]),
+        "low": -np.ones(6),
+        "high": np.ones(6),
+    }
+    data |= {
+        "lower": np.full(2, -FREE),
+        "upper": np.array([0.0, -1.0]),
+        "cap": np.array([needed + ELBOW, 9.0]),
+    }
     for exact, most in (((), needed + ELBOW), ((0,), needed)):
         xi, slack, _, worst = build_qp(solver_named("daqp"), 2, exact=exact)(*data.values())
         assert float(worst) < TOLERANCE

@@ -1,4 +1,5 @@
-"""The control step: the answer against an independent computation, every status and its reason, state and replay."""
+"""The control step: the answer against an independent computation, every status and its reason,
+state and replay."""
 
 from __future__ import annotations
 
@@ -9,7 +10,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_comfort, plain_of, problem_of, stepper_of
+from step_samples import (
+    NAMES,
+    Held,
+    bold_stepper,
+    comfort_of,
+    held_pose,
+    near_comfort,
+    plain_of,
+    problem_of,
+    stepper_of,
+)
 
 import ergoqp.step.stepper
 from ergoqp.errors import InputError
@@ -29,9 +40,10 @@ qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers')
 
 
 def reference(name: str, q: np.ndarray, previous: np.ndarray, dt: float) -> np.ndarray:
-    """The twist by the mathematics of the design, section 7, where no row but the twist's own bounds is near."""
+    """The twist by the mathematics of the design, section 7, where no row but the twist's own
+    bounds is near."""
     problem, control = problem_of(name), problem_of(name).control
-    value, gradient = (np.array(part).ravel() for part in problem.cost.value_and_gradient(q))  # type: ignore[attr-defined]
+    value, gradient = (np.array(part).ravel() for part in problem.cost.value_and_gradient(q))
     mobile = np.isin(np.arange(32), [INDEX[joint] for joint in problem.joints])
     S, E = (np.array(part) for part in problem.response.sensitivity()(q, np.zeros(32)))
     # V and a little of the person's own comfort.
@@ -40,7 +52,10 @@ def reference(name: str, q: np.ndarray, previous: np.ndarray, dt: float) -> np.n
     slope = S.T @ (gradient * mobile)
     R = np.diag(np.repeat([control.effort_linear, control.effort_angular], 3))
     excess = max(value[0] - problem.cost.minimum, 0) + 0.1
-    B = np.outer(slope, slope) / (2 * excess) + control.caution * S.T @ np.diag(problem.response.weight_vector) @ S
+    B = (
+        np.outer(slope, slope) / (2 * excess)
+        + control.caution * S.T @ np.diag(problem.response.weight_vector) @ S
+    )
     ahead, share = control.look_ahead, control.smoothing / dt
     H = ahead**2 * B + R * (1 + share) + control.contact * E.T @ E
     g = ahead * slope - share * R @ previous
@@ -54,7 +69,8 @@ def reference(name: str, q: np.ndarray, previous: np.ndarray, dt: float) -> np.n
 
 
 def tilted_pose(name: str) -> np.ndarray:
-    """Well inside, but not in the very middle of the cone, where the row of the tool's axis has no direction."""
+    """Well inside, but not in the very middle of the cone, where the row of the tool's axis has no
+    direction."""
     return moved(held_pose(name), np.array([0, 0, 0, 0.02, 0.05, 0.03]))
 
 
@@ -63,7 +79,11 @@ def test_the_answer_is_that_of_an_independent_qp(name: str) -> None:
     rng = np.random.default_rng(0)
     problem, compared, interior = problem_of(name), 0, 0
     for _ in range(40):
-        stepper, q, dt = stepper_of(name, plain=True), near_comfort(name, rng), float(rng.choice([0.002, 0.01, 0.03]))
+        stepper, q, dt = (
+            stepper_of(name, plain=True),
+            near_comfort(name, rng),
+            float(rng.choice([0.002, 0.01, 0.03])),
+        )
         previous = rng.uniform(-0.25, 0.25, 6) * problem.twist_limit.speed
         stepper.reset(twist=previous)
         step = stepper.step(q, tilted_pose(name), dt=dt)
@@ -79,13 +99,22 @@ def test_the_answer_is_that_of_an_independent_qp(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "solver"),
-    [("dentist", "osqp"), ("low_bin", "piqp"), ("overhead", "osqp"), ("overhead", "piqp"), ("screwing", "osqp")],
+    [
+        ("dentist", "osqp"),
+        ("low_bin", "piqp"),
+        ("overhead", "osqp"),
+        ("overhead", "piqp"),
+        ("screwing", "osqp"),
+    ],
 )
 def test_the_solvers_give_the_same_twist(name: str, solver: str) -> None:
     rng = np.random.default_rng(1)
     solved = 0
     for _ in range(6):
-        q, previous = near_comfort(name, rng), rng.uniform(-0.3, 0.3, 6) * problem_of(name).twist_limit.speed
+        q, previous = (
+            near_comfort(name, rng),
+            rng.uniform(-0.3, 0.3, 6) * problem_of(name).twist_limit.speed,
+        )
         answers = []
         for stepper in (stepper_of(name, one, plain=True) for one in ("daqp", solver)):
             stepper.reset(twist=previous)
@@ -100,7 +129,10 @@ def test_the_solvers_give_the_same_twist(name: str, solver: str) -> None:
 
 
 def test_predicted_rate_is_the_responses() -> None:
-    q, loop = near_comfort("screwing", np.random.default_rng(2)), Held(stepper_of("screwing"), held_pose("screwing"))
+    q, loop = (
+        near_comfort("screwing", np.random.default_rng(2)),
+        Held(stepper_of("screwing"), held_pose("screwing")),
+    )
     S = np.array(problem_of("screwing").response.sensitivity()(q, np.zeros(32))[0])
     for _ in range(8):
         step = loop.step(q)
@@ -125,7 +157,7 @@ def test_the_step_goes_where_the_cost_falls(name: str) -> None:
     assert np.mean(np.array(falls) < 1e-9) > 0.9
 
 
-# --- statuses and reasons ------------------------------------------------------------------------------------------------
+# --- statuses and reasons -------------------------------------------------------------------------
 
 
 def bad(value: Any, where: int = 3) -> np.ndarray:
@@ -159,12 +191,24 @@ UNUSABLE: list[tuple[dict[str, Any], str]] = [
     ({"posture": {"trunk_flexion": 1.0}}, r"posture has shape \(\), allowed \(32,\)"),
     ({"posture": object()}, r"posture has shape \(\), allowed \(32,\)"),
     ({"posture": [*[0.0] * 31, "x"]}, r"posture holds str\d+ values, allowed real numbers"),
-    ({"posture": [str(x) for x in comfort_of("screwing")]}, r"posture holds str\d+ values, allowed real numbers"),
-    ({"posture": comfort_of("screwing") + 1j}, "posture holds complex128 values, allowed real numbers"),
+    (
+        {"posture": [str(x) for x in comfort_of("screwing")]},
+        r"posture holds str\d+ values, allowed real numbers",
+    ),
+    (
+        {"posture": comfort_of("screwing") + 1j},
+        "posture holds complex128 values, allowed real numbers",
+    ),
     ({"posture": [None] * 32}, "posture holds object values, allowed real numbers"),
     ({"posture": [*[0.0] * 31, None]}, "posture holds object values, allowed real numbers"),
-    ({"posture": [[1.0], [2.0, 3.0]]}, r"posture cannot be read as an array \(ValueError\), allowed shape \(32,\)"),
-    ({"posture": Unreadable()}, r"posture cannot be read as an array \(TypeError\), allowed shape \(32,\)"),
+    (
+        {"posture": [[1.0], [2.0, 3.0]]},
+        r"posture cannot be read as an array \(ValueError\), allowed shape \(32,\)",
+    ),
+    (
+        {"posture": Unreadable()},
+        r"posture cannot be read as an array \(TypeError\), allowed shape \(32,\)",
+    ),
     ({"observed": np.ones(31)}, r"observed has shape \(31,\), allowed \(32,\)"),
     ({"observed": "all"}, r"observed has shape \(\), allowed \(32,\)"),
     ({"observed": np.full(32, np.nan)}, "observed is not a mask of zeros and ones"),
@@ -187,9 +231,16 @@ UNUSABLE: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("given", "sentence"), UNUSABLE, ids=lambda value: value if isinstance(value, str) else "")
-def test_an_unusable_input_is_invalid_named_and_brakes(given: dict[str, Any], sentence: str) -> None:
-    loop, q = Held(stepper_of("screwing", plain=True), held_pose("screwing")), comfort_of("screwing")
+@pytest.mark.parametrize(
+    ("given", "sentence"), UNUSABLE, ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_an_unusable_input_is_invalid_named_and_brakes(
+    given: dict[str, Any], sentence: str
+) -> None:
+    loop, q = (
+        Held(stepper_of("screwing", plain=True), held_pose("screwing")),
+        comfort_of("screwing"),
+    )
     limit = problem_of("screwing").twist_limit
     for _ in range(10):
         before = loop.step(q)
@@ -199,13 +250,18 @@ def test_an_unusable_input_is_invalid_named_and_brakes(given: dict[str, Any], se
     # Straight toward rest, as fast as allowed.
     seconds = np.max(np.abs(before.twist) / limit.acceleration)
     assert seconds > 0
-    np.testing.assert_allclose(step.twist, before.twist * max(0, 1 - loop.stepper.dt / seconds), atol=1e-12)
+    np.testing.assert_allclose(
+        step.twist, before.twist * max(0, 1 - loop.stepper.dt / seconds), atol=1e-12
+    )
     # And the loop goes on with the next good frame.
     assert loop.step(q).status in ("optimal", "settled", "relaxed", "recovering")
 
 
-def test_with_the_mean_an_unusable_input_brakes_as_gently_as_the_jerk_allows_and_comes_to_rest() -> None:
-    loop, q = Held(stepper_of("screwing"), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
+def test_with_the_mean_an_unusable_input_brakes_as_gently_as_the_jerk_allows() -> None:
+    loop, q = (
+        Held(stepper_of("screwing"), held_pose("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 15),
+    )
     for _ in range(60):
         before = loop.step(q)
     limit, window = problem_of("screwing").twist_limit, problem_of("screwing").average
@@ -216,13 +272,16 @@ def test_with_the_mean_an_unusable_input_brakes_as_gently_as_the_jerk_allows_and
         step = loop.step(bad(np.nan))
         assert step.status == "invalid"
         twists.append(step.twist)
-    # The plan comes to rest as fast as it may, the mean W seconds later; the acceleration does not jump.
+    # The plan comes to rest as fast as it may, the mean W seconds later; the acceleration does not
+    # jump.
     assert len(twists) - 1 <= np.ceil((seconds + window) / 0.01) + 2
     change = np.diff(twists, n=2, axis=0) / 0.01**2
     assert np.all(np.abs(change) <= 2 * limit.acceleration / window + 1e-9)
 
 
-@pytest.mark.parametrize("first", [bad(np.nan), np.zeros(31), "upright"], ids=["nan", "shape", "text"])
+@pytest.mark.parametrize(
+    "first", [bad(np.nan), np.zeros(31), "upright"], ids=["nan", "shape", "text"]
+)
 def test_an_unusable_first_frame_does_not_say_where_the_object_is(first: Any) -> None:
     q = near_comfort("screwing", np.random.default_rng(4), 20)
     stepper = stepper_of("screwing")
@@ -248,14 +307,24 @@ def test_every_cause_is_a_bit_of_its_own() -> None:
 
 def test_what_is_outside_by_little_is_asked_back_at_the_steady_pace() -> None:
     problem = asked_back()[0].stepper.problem
-    limits = [replace(limit, tolerance_deg=0.01) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    limits = [
+        replace(limit, tolerance_deg=0.01) if isinstance(limit, JointLimit) else limit
+        for limit in problem.limits
+    ]
     problem = problem.replace(limits=limits)
-    where, joint = np.full(len(problem.row_names), 0.1), problem.row_names.index("right_elbow_flexion")
+    where, joint = (
+        np.full(len(problem.row_names), 0.1),
+        problem.row_names.index("right_elbow_flexion"),
+    )
     asked, margins = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(where))
-    after = ca.Function("after", [asked, margins], [asked_update(problem, asked, margins, ca.MX(0.01))])
+    after = ca.Function(
+        "after", [asked, margins], [asked_update(problem, asked, margins, ca.MX(0.01))]
+    )
     for out in (1e-3, 5e-3):
         where[joint] = -out
-        np.testing.assert_allclose(np.array(after([0.3, 0.0], where)).ravel(), [0.31, 2 * out / STEADY_RETURN], rtol=1e-12)
+        np.testing.assert_allclose(
+            np.array(after([0.3, 0.0], where)).ravel(), [0.31, 2 * out / STEADY_RETURN], rtol=1e-12
+        )
 
 
 def test_a_narrowed_range_is_left_beyond_its_tolerance_and_not_at_it() -> None:
@@ -278,11 +347,21 @@ def test_a_narrowed_range_is_left_beyond_its_tolerance_and_not_at_it() -> None:
 
 
 @pytest.mark.parametrize("end", ["upper", "lower"])
-def test_a_joint_is_locked_inside_the_zone_at_its_end_by_an_answer_that_leads_out_of_it(end: str) -> None:
+def test_a_joint_is_locked_inside_the_zone_at_its_end_by_an_answer_that_leads_out_of_it(
+    end: str,
+) -> None:
     problem, sign, away = problem_of("screwing"), 1.0 if end == "upper" else -1.0, np.zeros(32)
-    # A zone of a power of two, so that an angle is as far from the end as the zone is wide to the last bit.
-    degrees = next(each for each in np.degrees(2.0**-5) + 1e-16 * np.arange(-50, 50) if np.radians(each) == 2.0**-5)
-    limits = [replace(limit, yield_zone_deg=degrees) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    # A zone of a power of two, so that an angle is as far from the end as the zone is wide to the
+    # last bit.
+    degrees = next(
+        each
+        for each in np.degrees(2.0**-5) + 1e-16 * np.arange(-50, 50)
+        if np.radians(each) == 2.0**-5
+    )
+    limits = [
+        replace(limit, yield_zone_deg=degrees) if isinstance(limit, JointLimit) else limit
+        for limit in problem.limits
+    ]
     problem, joint = problem.replace(limits=limits), INDEX["right_elbow_flexion"]
     edge = (UPPER if end == "upper" else LOWER)[joint] - sign * 2.0**-5
     q, S = comfort_of("screwing"), np.zeros((32, 6))
@@ -308,8 +387,21 @@ def test_what_a_pass_takes_has_the_sizes_of_what_the_step_knows() -> None:
     data, kept = pass_data(problem)
     rows, n = len(problem.row_names), 32
     assert len(kept) <= rows
-    sizes = {"posture": (n, 1), "observed": (n, 1), "landed": (4, 4), "way": (way_size(problem), 1), "previous": (6, 1)}
-    sizes |= {"dt": (1, 1), "away": (2 * rows, 1), "value": (1, 1), "gradient": (n, 1), "locked": (n, 1), "final": (1, 1)}
+    sizes = {
+        "posture": (n, 1),
+        "observed": (n, 1),
+        "landed": (4, 4),
+        "way": (way_size(problem), 1),
+        "previous": (6, 1),
+    }
+    sizes |= {
+        "dt": (1, 1),
+        "away": (2 * rows, 1),
+        "value": (1, 1),
+        "gradient": (n, 1),
+        "locked": (n, 1),
+        "final": (1, 1),
+    }
     assert {name: data.size_in(name) for name in sizes} == sizes
 
 
@@ -333,8 +425,13 @@ def test_all_causes_are_named_at_once() -> None:
         ("comfort", {"enable": 0}, "not enabled"),
     ],
 )
-def test_braking_says_why_and_comes_to_rest(posture: Any, arguments: dict[str, Any], sentence: str) -> None:
-    q, loop = near_comfort("screwing", np.random.default_rng(5), 15), Held(stepper_of("screwing"), held_pose("screwing"))
+def test_braking_says_why_and_comes_to_rest(
+    posture: Any, arguments: dict[str, Any], sentence: str
+) -> None:
+    q, loop = (
+        near_comfort("screwing", np.random.default_rng(5), 15),
+        Held(stepper_of("screwing"), held_pose("screwing")),
+    )
     for _ in range(15):
         step = loop.step(q)
     assert np.abs(step.twist).max() > 0.005
@@ -351,7 +448,15 @@ class Liar:
     name = "liar"
 
     def function(self, n: int, m: int) -> ca.Function:
-        shapes = {"h": (n, n), "g": (n, 1), "a": (m, n), "lba": (m, 1), "uba": (m, 1), "lbx": (n, 1), "ubx": (n, 1)}
+        shapes = {
+            "h": (n, n),
+            "g": (n, 1),
+            "a": (m, n),
+            "lba": (m, 1),
+            "uba": (m, 1),
+            "lbx": (n, 1),
+            "ubx": (n, 1),
+        }
         given = {name: ca.SX.sym(name, *shape) for name, shape in shapes.items()}
         return ca.Function("liar", list(given.values()), [given["ubx"], ca.SX(m, 1), ca.SX(n, 1)])
 
@@ -364,19 +469,22 @@ def test_an_answer_that_does_not_solve_the_qp_is_not_sent() -> None:
     for i, name in enumerate(stepper._function.name_in()):
         stepper._buffer.set_arg(i, stepper._inputs[name].data)  # pyright: ignore[reportCallIssue]
     for i, name in enumerate(stepper._function.name_out()):
-        stepper._buffer.set_res(i, stepper._out[stepper._slices[name]].data)  # pyright: ignore[reportCallIssue]
+        stepper._buffer.set_res(i, stepper._out[stepper._slices[name]].data)  # pyright: ignore
     stepper.reset(twist=twist)
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
     assert (step.status, step.reason[:26]) == ("braking", "the QP was not solved: res")
     assert step.residuals["qp"] > 1e-2
     assert step.residuals["accepted"] == 0
     # The twist of braking: the slowest axis takes all of its acceleration.
-    np.testing.assert_allclose(step.twist, twist * (1 - 0.01 * problem.twist_limit.acceleration[0] / twist[0]), atol=1e-12)
+    np.testing.assert_allclose(
+        step.twist, twist * (1 - 0.01 * problem.twist_limit.acceleration[0] / twist[0]), atol=1e-12
+    )
 
 
 @dataclass(frozen=True)
 class Nowhere:
-    """A limit whose row allows everything, and whose margins allow no displacement but `most` of braking's."""
+    """A limit whose row allows everything, and whose margins allow no displacement but `most` of
+    braking's."""
 
     most: float
     tolerance: float = 1e-6
@@ -402,7 +510,11 @@ class Nowhere:
 
 
 def test_an_uncertified_answer_brakes_and_says_so() -> None:
-    problem, q, pose = plain_of("screwing"), near_comfort("screwing", np.random.default_rng(4), 30.0), held_pose("screwing")
+    problem, q, pose = (
+        plain_of("screwing"),
+        near_comfort("screwing", np.random.default_rng(4), 30.0),
+        held_pose("screwing"),
+    )
     # On its way to where it wants to go.
     wished = Stepper(problem).step(q, pose).twist
     axis, twist = int(np.argmax(np.abs(wished[:3]))), np.zeros(6)
@@ -417,9 +529,13 @@ def test_an_uncertified_answer_brakes_and_says_so() -> None:
         stepper.reset(twist=twist)
         answers.append(stepper.step(q, pose))
     tight, some, free = answers
-    assert (tight.status, tight.reason) == ("braking", "no twist but braking keeps every limit through the stop")
+    assert (tight.status, tight.reason) == (
+        "braking",
+        "no twist but braking keeps every limit through the stop",
+    )
     np.testing.assert_allclose(tight.twist, braked, atol=1e-9)
-    # With a little room a part of the way from braking to the answer is certified, and all of it with enough.
+    # With a little room a part of the way from braking to the answer is certified, and all of it
+    # with enough.
     assert free.status == some.status == "optimal"
     assert free.residuals["accepted"] == 1
     assert 0 < some.residuals["accepted"] < 1
@@ -427,10 +543,16 @@ def test_an_uncertified_answer_brakes_and_says_so() -> None:
 
 
 @pytest.mark.parametrize(("rate_deg", "status"), [(5, "relaxed"), (40, "optimal")])
-def test_rates_that_braking_alone_breaks_give_way_and_are_named(rate_deg: float, status: str) -> None:
-    """Of an object that is taken over at 0.1 m/s the person's joints are faster than allowed, however it brakes."""
+def test_rates_that_braking_alone_breaks_give_way_and_are_named(
+    rate_deg: float, status: str
+) -> None:
+    """Of an object that is taken over at 0.1 m/s the person's joints are faster than allowed,
+    however it brakes."""
     problem = plain_of("screwing")
-    narrowed = [replace(limit, rate_deg=rate_deg) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    narrowed = [
+        replace(limit, rate_deg=rate_deg) if isinstance(limit, JointLimit) else limit
+        for limit in problem.limits
+    ]
     stepper = Stepper(problem.replace(limits=narrowed))
     stepper.reset(twist=[0.1, 0, 0, 0, 0, 0])
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
@@ -438,20 +560,27 @@ def test_rates_that_braking_alone_breaks_give_way_and_are_named(rate_deg: float,
     assert step.twist[0] == pytest.approx(0.1 - 0.006)
     assert (status == "relaxed") == ("give way: right shoulder flexion" in step.reason)
     beyond = {
-        name for name, rate in zip(problem.coordinates, step.posture_rate, strict=True) if abs(rate) > np.radians(rate_deg)
+        name
+        for name, rate in zip(problem.coordinates, step.posture_rate, strict=True)
+        if abs(rate) > np.radians(rate_deg)
     }
     assert beyond == set(step.slack)
 
 
 def test_rates_that_are_broken_by_braking_are_named_too() -> None:
     problem = plain_of("screwing")
-    narrowed = [replace(limit, rate_deg=5.0) if isinstance(limit, JointLimit) else limit for limit in problem.limits]
+    narrowed = [
+        replace(limit, rate_deg=5.0) if isinstance(limit, JointLimit) else limit
+        for limit in problem.limits
+    ]
     stepper = Stepper(problem.replace(limits=narrowed))
     stepper.reset(twist=[0.1, 0, 0, 0, 0, 0])
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"), enable=False)
     assert step.status == "braking"
     rates = dict(zip(problem.coordinates, np.abs(step.posture_rate), strict=True))
-    beyond = {name: rate - np.radians(5.0) for name, rate in rates.items() if rate > np.radians(5.0)}
+    beyond = {
+        name: rate - np.radians(5.0) for name, rate in rates.items() if rate > np.radians(5.0)
+    }
     assert len(beyond) >= 2
     assert step.slack == pytest.approx(beyond, abs=2e-6)
 
@@ -492,7 +621,8 @@ def test_a_joint_outside_that_the_object_cannot_move_is_named_and_the_rest_goes_
 
 
 def test_a_working_joint_measured_outside_is_one_at_its_end() -> None:
-    """It is named, it yields, the others follow; it moves the object neither back nor further out."""
+    """It is named, it yields, the others follow; it moves the object neither back nor further
+    out."""
     joint, rng, yields = INDEX["right_wrist_flexion"], np.random.default_rng(6), 0
     for _ in range(12):
         q = near_comfort("screwing", rng, 15)
@@ -501,7 +631,10 @@ def test_a_working_joint_measured_outside_is_one_at_its_end() -> None:
         for _ in range(30):
             step = loop.step(q)
             assert step.status in ("optimal", "settled", "relaxed")
-            assert "right wrist flexion by 6.0 deg, measured beyond its end, where it is held" in step.reason
+            assert (
+                "right wrist flexion by 6.0 deg, measured beyond its end, where it is held"
+                in step.reason
+            )
             assert step.posture_rate[joint] <= 1e-9
             yields += "right_wrist_flexion" in step.locked
         assert np.abs(step.twist).max() > 1e-3
@@ -509,7 +642,8 @@ def test_a_working_joint_measured_outside_is_one_at_its_end() -> None:
 
 
 def asked_back() -> tuple[Any, np.ndarray, int]:
-    """A loop of a problem whose range of the right elbow is narrowed and asks back, and a posture 8 degrees outside it."""
+    """A loop of a problem whose range of the right elbow is narrowed and asks back, and a posture 8
+    degrees outside it."""
     problem, joint = problem_of("screwing"), INDEX["right_elbow_flexion"]
     narrow = JointLimit(ranges_deg={"right_elbow_flexion": (30, 75)}, recover=True)
     limits = [narrow if isinstance(limit, JointLimit) else limit for limit in problem.limits]
@@ -542,7 +676,10 @@ def test_a_narrowed_range_that_asks_in_vain_gives_up_after_twice_the_time_and_sa
     # At distance / 1 s, down to the steady 0.01 rad/s, and the rest at that.
     predicted = np.log(np.radians(8) / 0.01) + 1
     assert 0.01 * asked == pytest.approx(2 * predicted, abs=0.03)
-    given_up = "right elbow flexion by 8.0 deg, and did not come back in twice the time that this should take: given up"
+    given_up = (
+        "right elbow flexion by 8.0 deg, and did not come back in twice the time that this should"
+        " take: given up"
+    )
     for _ in range(100):
         step = loop.step(q)
         assert step.status in ("optimal", "settled", "relaxed")
@@ -555,7 +692,9 @@ def test_a_narrowed_range_that_asks_in_vain_gives_up_after_twice_the_time_and_sa
 
 
 def test_an_optimal_step_has_nothing_to_say() -> None:
-    step = stepper_of("screwing").step(near_comfort("screwing", np.random.default_rng(5), 15), held_pose("screwing"))
+    step = stepper_of("screwing").step(
+        near_comfort("screwing", np.random.default_rng(5), 15), held_pose("screwing")
+    )
     assert (step.status, step.reason) == ("optimal", "")
     assert step.residuals["qp"] < 1e-6
     assert step.residuals["accepted"] == 1
@@ -567,7 +706,9 @@ def test_a_joint_at_its_end_is_locked_and_the_object_goes_on() -> None:
     locked = 0
     for _ in range(30):
         q = near_comfort("screwing", rng, 15)
-        joints = [INDEX[joint] for joint in rng.choice(problem_of("screwing").joints, 4, replace=False)]
+        joints = [
+            INDEX[joint] for joint in rng.choice(problem_of("screwing").joints, 4, replace=False)
+        ]
         q[joints] = np.where(rng.random(4) < 0.5, LOWER[joints], UPPER[joints])
         step = stepper_of("screwing").step(q, held_pose("screwing"))
         locked += len(step.locked)
@@ -581,11 +722,12 @@ def test_a_joint_at_its_end_is_locked_and_the_object_goes_on() -> None:
     assert locked > 3
 
 
-# --- state ---------------------------------------------------------------------------------------------------------------
+# --- state ----------------------------------------------------------------------------------------
 
 
 def walk(name: str, steps: int, seed: int, log: Any = None) -> list[ergoqp.step.stepper.Step]:
-    """A loop with noise, lost frames, late frames, odd periods, reported twists, masks, and the robot's own watchdog."""
+    """A loop with noise, lost frames, late frames, odd periods, reported twists, masks, and the
+    robot's own watchdog."""
     rng = np.random.default_rng(seed)
     stepper = Stepper(problem_of(name), log=log) if log is not None else stepper_of(name)
     q, found, pose, twist = near_comfort(name, rng), [], held_pose(name), np.zeros(6)
@@ -593,7 +735,13 @@ def walk(name: str, steps: int, seed: int, log: Any = None) -> list[ergoqp.step.
         seen = rng.random(32) > 0.1 if number % 7 == 3 else None
         dt = float(rng.uniform(0.005, 0.03)) if number % 3 == 0 else stepper.dt
         step = stepper.step(
-            None if number % 11 == 5 else q + 0.01 * rng.normal(size=32) if number % 13 else "nothing",
+            (
+                None
+                if number % 11 == 5
+                else q + 0.01 * rng.normal(size=32)
+                if number % 13
+                else "nothing"
+            ),
             pose if number % 5 == 0 else None,
             twist * (1 + 0.05 * rng.normal(size=6)) if number % 6 == 4 else None,
             dt=dt,
@@ -606,7 +754,11 @@ def walk(name: str, steps: int, seed: int, log: Any = None) -> list[ergoqp.step.
             pose = moved(pose, step.twist * dt)
             step, dt = stepper.brake(), stepper.dt
             found.append(step)
-        q, pose, twist = np.clip(q + step.posture_rate * 0.01, LOWER, UPPER), moved(pose, step.twist * dt), step.twist
+        q, pose, twist = (
+            np.clip(q + step.posture_rate * 0.01, LOWER, UPPER),
+            moved(pose, step.twist * dt),
+            step.twist,
+        )
     return found
 
 
@@ -622,7 +774,8 @@ def test_a_log_replays_bit_for_bit() -> None:
     replayed = ergoqp.replay(problem_of("dentist"), log)
     assert len(replayed) == len(steps) == 84
     assert len({step.status for step in steps}) >= 3
-    # What never became numbers is in the log as the sentence about it, or the reasons could not be given again.
+    # What never became numbers is in the log as the sentence about it, or the reasons could not be
+    # given again.
     assert {"posture": "posture has shape (), allowed (32,)"} in [entry["notes"] for entry in log]
     for one, other in zip(steps, replayed, strict=True):
         assert one.twist.tobytes() == other.twist.tobytes()
@@ -642,7 +795,10 @@ def test_a_log_survives_json() -> None:
 
 def test_a_log_holds_the_periods_that_a_robot_has_ramped_down_by_itself_too() -> None:
     log: list[dict[str, Any]] = []
-    stepper, q = Stepper(problem_of("desk"), log=log.append), near_comfort("desk", np.random.default_rng(9), 15)
+    stepper, q = (
+        Stepper(problem_of("desk"), log=log.append),
+        near_comfort("desk", np.random.default_rng(9), 15),
+    )
     for _ in range(20):
         stepper.step(q)
     steps = [stepper.brake(elapsed=0.044), stepper.step(q)]
@@ -667,7 +823,9 @@ def test_a_log_that_raises_is_named_and_tried_again() -> None:
     assert [said in step.reason for step in steps] == [3 <= number < 6 for number in range(10)]
     assert steps[5].status in ("optimal", "settled", "recovering", "relaxed", "braking")
     # Every entry holds the whole state, so the others are still what they were.
-    for one, other in zip([*steps[:3], *steps[6:]], ergoqp.replay(problem_of("desk"), kept), strict=True):
+    for one, other in zip(
+        [*steps[:3], *steps[6:]], ergoqp.replay(problem_of("desk"), kept), strict=True
+    ):
         assert one.twist.tobytes() == other.twist.tobytes()
 
 
@@ -682,13 +840,19 @@ def test_a_log_replays_with_the_period_of_its_loop() -> None:
         assert one._account.values.tobytes() == other._account.values.tobytes()
 
 
-@pytest.mark.parametrize("broken", [{}, {"notes": {}}, {"posture": "upright"}, None], ids=["empty", "no loop", "text", "none"])
+@pytest.mark.parametrize(
+    "broken",
+    [{}, {"notes": {}}, {"posture": "upright"}, None],
+    ids=["empty", "no loop", "text", "none"],
+)
 def test_an_entry_that_is_none_is_named(broken: Any) -> None:
     log: list[Any] = []
     stepper = Stepper(problem_of("desk"), log=log.append)
     stepper.step(comfort_of("desk"))
     second = {**log[0], **broken} if broken and "posture" in broken else broken
-    with pytest.raises(InputError, match=r"log: entry 1 is not one of a loop of this problem .*allowed"):
+    with pytest.raises(
+        InputError, match=r"log: entry 1 is not one of a loop of this problem .*allowed"
+    ):
         ergoqp.replay(problem_of("desk"), [log[0], second])
 
 
@@ -699,13 +863,18 @@ def test_what_a_mask_hides_is_not_a_number() -> None:
     assert step.status == "invalid"
     assert "is nan" in step.reason
     assert stepper_of("screwing").step(hidden, observed=np.arange(32) != 3).status != "invalid"
-    assert stepper_of("screwing").step(whole).twist.tobytes() == stepper_of("screwing").step(q).twist.tobytes()
+    assert (
+        stepper_of("screwing").step(whole).twist.tobytes()
+        == stepper_of("screwing").step(q).twist.tobytes()
+    )
 
 
 def test_without_a_pose_it_is_integrated_from_the_last() -> None:
     q, stepper = near_comfort("screwing", np.random.default_rng(10)), stepper_of("screwing")
     step = stepper.step(q)
-    np.testing.assert_allclose(step.pose, np.array(problem_of("screwing").response.contact()(q)[0]), atol=1e-12)
+    np.testing.assert_allclose(
+        step.pose, np.array(problem_of("screwing").response.contact()(q)[0]), atol=1e-12
+    )
     for _ in range(20):
         expected = moved(step.pose, step.twist * stepper.dt)
         step = stepper.step(q)
@@ -768,13 +937,21 @@ def test_reset_takes_over_an_object_that_moves(name: str, plain: bool) -> None:
             assert np.all(np.abs(step.twist) <= limit.speed)
             assert np.all(np.abs(step.twist - last) <= limit.acceleration * 0.01 + 1e-12)
             if not plain:
-                assert np.all(np.abs(step.twist - last - change) <= 2 * limit.acceleration / window * 0.01**2 + 1e-12)
+                assert np.all(
+                    np.abs(step.twist - last - change)
+                    <= 2 * limit.acceleration / window * 0.01**2 + 1e-12
+                )
             last, change = step.twist, step.twist - last
 
 
-@pytest.mark.parametrize("wrong", [np.full(6, np.nan), np.zeros(5), "fast", [None] * 6, [[1.0], [2.0, 3.0]], 0.1])
+@pytest.mark.parametrize(
+    "wrong", [np.full(6, np.nan), np.zeros(5), "fast", [None] * 6, [[1.0], [2.0, 3.0]], 0.1]
+)
 def test_a_twist_that_cannot_be_taken_over_is_refused_and_changes_nothing(wrong: Any) -> None:
-    q, one, other = near_comfort("screwing", np.random.default_rng(17)), *(Stepper(problem_of("screwing")) for _ in range(2))
+    q, one, other = (
+        near_comfort("screwing", np.random.default_rng(17)),
+        *(Stepper(problem_of("screwing")) for _ in range(2)),
+    )
     for stepper in (one, other):
         for _ in range(10):
             stepper.step(q)
@@ -783,7 +960,7 @@ def test_a_twist_that_cannot_be_taken_over_is_refused_and_changes_nothing(wrong:
     assert one.step(q).twist.tobytes() == other.step(q).twist.tobytes()
 
 
-# --- the robot's own watchdog ---------------------------------------------------------------------------------------------
+# --- the robot's own watchdog ---------------------------------------------------------------------
 
 
 def moving_stepper(plain: bool = False, share: float = 0.5) -> ergoqp.step.stepper.Stepper:
@@ -806,8 +983,13 @@ def test_brake_gives_the_stop_that_a_lost_frame_gives() -> None:
 
 
 @pytest.mark.parametrize("plain", [True, False], ids=["as planned", "the mean"])
-def test_brake_repeated_comes_to_rest_in_time_and_stays_there_until_a_step_goes_on(plain: bool) -> None:
-    limit, window = problem_of("screwing").twist_limit, 0.0 if plain else problem_of("screwing").average
+def test_brake_repeated_comes_to_rest_in_time_and_stays_there_until_a_step_goes_on(
+    plain: bool,
+) -> None:
+    limit, window = (
+        problem_of("screwing").twist_limit,
+        0.0 if plain else problem_of("screwing").average,
+    )
     for seed in range(10):
         rng, stepper = np.random.default_rng(seed), stepper_of("screwing", plain=plain)
         start = rng.uniform(-1, 1, 6) * limit.speed
@@ -820,7 +1002,9 @@ def test_brake_repeated_comes_to_rest_in_time_and_stays_there_until_a_step_goes_
             assert np.all(np.abs(step.twist - last) <= limit.acceleration * dt + 1e-12)
             assert np.all(np.abs(step.twist) <= np.abs(last) + 1e-12)
             # Along the way it went.
-            np.testing.assert_allclose(np.outer(step.twist, start), np.outer(start, step.twist), atol=1e-12)
+            np.testing.assert_allclose(
+                np.outer(step.twist, start), np.outer(start, step.twist), atol=1e-12
+            )
             last = step.twist
         assert not last.any()
         assert not any(stepper.brake().twist.any() for _ in range(5))
@@ -840,7 +1024,11 @@ def test_brake_keeps_the_workspace_and_a_step_goes_on_from_there() -> None:
         for number in range(400):
             dt = float(rng.uniform(0.005, 0.03))
             silent = number % 37 > 30
-            step = stepper.brake(dt) if silent else stepper.step(q, dt=dt, **({} if number else {"pose": pose}))
+            step = (
+                stepper.brake(dt)
+                if silent
+                else stepper.step(q, dt=dt, **({} if number else {"pose": pose}))
+            )
             assert np.all(np.abs(step.twist - last) <= limit.acceleration * dt + 1e-12)
             np.testing.assert_allclose(step.pose, pose, atol=1e-12)
             pose, last = moved(pose, step.twist * dt), step.twist
@@ -850,7 +1038,9 @@ def test_brake_keeps_the_workspace_and_a_step_goes_on_from_there() -> None:
         assert near < 1e-3
 
 
-@pytest.mark.parametrize("elapsed", [0.004, 0.01, 0.03, 0.04, 0.06, 0.07, 0.09, 0.1, 0.15, 0.2, 0.27, 0.3])
+@pytest.mark.parametrize(
+    "elapsed", [0.004, 0.01, 0.03, 0.04, 0.06, 0.07, 0.09, 0.1, 0.15, 0.2, 0.27, 0.3]
+)
 def test_brake_after_the_robots_own_ramp_is_where_braking_for_so_long_leads(elapsed: float) -> None:
     stepper, limit = moving_stepper(plain=True, share=1.0), problem_of("screwing").twist_limit
     start = stepper._state_in[:6].copy()

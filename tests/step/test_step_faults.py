@@ -18,8 +18,18 @@ NAMED = named()
 
 
 def of(sent: np.ndarray, seen: np.ndarray, changes: np.ndarray) -> tuple[int, float]:
-    """Kind and amount of what moved in samples (n, 6): sent, seen, and by how much the sent twist changed since the fault."""
-    products = [(a * b).sum() for a, b in ((sent, sent), (sent, changes), (changes, changes), (sent, seen), (changes, seen))]
+    """Kind and amount of what moved in samples (n, 6): sent, seen, and by how much the sent twist
+    changed since the fault."""
+    products = [
+        (a * b).sum()
+        for a, b in (
+            (sent, sent),
+            (sent, changes),
+            (changes, changes),
+            (sent, seen),
+            (changes, seen),
+        )
+    ]
     kind, amount = np.array(NAMED(products, sent.sum(axis=0), seen.sum(axis=0))).ravel()
     return int(kind), float(amount)
 
@@ -60,13 +70,19 @@ def test_the_fault_that_fits_best_is_named(seed: int) -> None:
 
 def test_every_kind_is_met_and_has_a_sentence() -> None:
     sent = np.tile([1e-3, 0, 0, 0, 0, 0], (10, 1))
-    rising, changes = (np.outer(part, [1, 0, 0, 0, 0, 0]) for part in (1e-4 * np.arange(10), np.linspace(0.01, 0.03, 10)))
+    rising, changes = (
+        np.outer(part, [1, 0, 0, 0, 0, 0])
+        for part in (1e-4 * np.arange(10), np.linspace(0.01, 0.03, 10))
+    )
     none = np.zeros((10, 6))
     assert of(sent, 1.4 * sent, none) == (Fault.factor, pytest.approx(1.4))
     assert of(sent, 0.1 * sent, none)[0] == Fault.stands_still
     assert of(sent, sent[:, ::-1], none)[0] == Fault.another_axis
     assert of(none, sent, none)[0] == Fault.unasked
-    assert of(sent + rising, sent + rising - 0.02 * changes, changes) == (Fault.late, pytest.approx(0.02))
+    assert of(sent + rising, sent + rising - 0.02 * changes, changes) == (
+        Fault.late,
+        pytest.approx(0.02),
+    )
     said = {kind: fault_sentence(kind, 0.25) for kind in Fault}
     assert said[Fault.none] == ""
     assert said[Fault.factor] == "robot: moves 0.25 times what was sent"
@@ -77,4 +93,6 @@ def test_every_kind_is_met_and_has_a_sentence() -> None:
     for amount in (0.996, 1.004):
         assert fault_sentence(Fault.factor, amount) == "robot: drifts from what was sent"
     for amount in (0.994, 1.006):
-        assert fault_sentence(Fault.factor, amount) == f"robot: moves {amount:.3g} times what was sent"
+        assert (
+            fault_sentence(Fault.factor, amount) == f"robot: moves {amount:.3g} times what was sent"
+        )

@@ -1,4 +1,5 @@
-"""The step drawn toward a given place: never at the price of a limit, and to the last bit the same where there is none."""
+"""The step drawn toward a given place: never at the price of a limit, and to the last bit the same
+where there is none."""
 
 from __future__ import annotations
 
@@ -51,7 +52,9 @@ def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]
     q, found = near_comfort(name, rng, 15), []
     for number in range(steps):
         dt = float(rng.uniform(0.005, 0.03)) if number % 3 == 0 else None
-        step = stepper.step(q + 0.01 * rng.normal(size=32) if number % 11 else None, dt=dt, enable=number % 59 != 31)
+        step = stepper.step(
+            q + 0.01 * rng.normal(size=32) if number % 11 else None, dt=dt, enable=number % 59 != 31
+        )
         q = np.clip(q + step.posture_rate * 0.01, LOWER, UPPER)
         found.append(step)
     return found
@@ -61,11 +64,15 @@ def walk(stepper: Stepper, name: str, seed: int, steps: int = 120) -> list[Step]
 def test_without_a_place_it_is_the_same_step_to_the_last_bit(name: str) -> None:
     stepper = guided_stepper(name)
     stepper.guide(None)
-    for plain, led in zip(walk(Stepper(problem_of(name)), name, 0), walk(stepper, name, 0), strict=True):
+    for plain, led in zip(
+        walk(Stepper(problem_of(name)), name, 0), walk(stepper, name, 0), strict=True
+    ):
         for name_out in plain._account.parts:
             ours, other = plain.account(name_out), led.account(name_out)
             # A stepper that can be led has the trial behind the rest of its state.
-            assert ours.tobytes() == (other[:-TRIAL] if name_out == "next_state" else other).tobytes(), name_out
+            assert (
+                ours.tobytes() == (other[:-TRIAL] if name_out == "next_state" else other).tobytes()
+            ), name_out
         assert (plain.status, plain.reason) == (led.status, led.reason)
 
 
@@ -85,7 +92,11 @@ def test_a_journey_arrives_and_only_then_descends(name: str) -> None:
     np.testing.assert_allclose(end[:3, 3], goal[:3, 3], atol=0.02)
     assert end[:3, 0] @ goal[:3, 0] > np.cos(0.05)
     reasons = [step.reason for step in steps]
-    assert set(reasons) == {"drawn toward the given place", "at the given place, waiting for the person", ""}
+    assert set(reasons) == {
+        "drawn toward the given place",
+        "at the given place, waiting for the person",
+        "",
+    }
     assert reasons.count("at the given place, waiting for the person") == pytest.approx(100, abs=2)
     assert steps[-5].status == "settled"
     assert np.abs(steps[-5].twist).max() == 0
@@ -103,7 +114,8 @@ def test_what_is_added_to_the_objective_is_convex_and_none_where_nobody_travels(
         for _ in range(20):
             pose, goal = (moved(held_pose("screwing"), 0.3 * rng.normal(size=6)) for _ in range(2))
             H, g, distance, on, drawn = (
-                np.array(part) for part in pull(pose, goal, 1, [phase, *np.zeros(6), *rng.normal(size=6)])
+                np.array(part)
+                for part in pull(pose, goal, 1, [phase, *np.zeros(6), *rng.normal(size=6)])
             )
             about = np.concatenate([np.zeros(3), pose[:3, 0]])
             np.testing.assert_allclose(H, H.T)
@@ -114,12 +126,20 @@ def test_what_is_added_to_the_objective_is_convex_and_none_where_nobody_travels(
             assert on == 1
             assert distance > 0
             assert drawn == (0 if phase in (DESCENT, AFTER) else phase)
-            assert not any(np.array(part).any() for part in pull(pose, goal, 0, np.r_[phase, rng.normal(size=12)])[:2])
+            assert not any(
+                np.array(part).any()
+                for part in pull(pose, goal, 0, np.r_[phase, rng.normal(size=12)])[:2]
+            )
 
 
 def test_turning_about_the_tool_is_nobodys_business() -> None:
-    """Only where the tool points is led: the same place turned about its axis gives the same twist."""
-    q, stepper, answers = near_comfort("screwing", np.random.default_rng(1)), guided_stepper("screwing"), []
+    """Only where the tool points is led: the same place turned about its axis gives the same
+    twist."""
+    q, stepper, answers = (
+        near_comfort("screwing", np.random.default_rng(1)),
+        guided_stepper("screwing"),
+        [],
+    )
     for turn in (0.0, 1.0, -2.5):
         goal = held_pose("screwing")
         stepper.guide(moved(goal, np.concatenate([np.zeros(3), turn * goal[:3, 0]])))
@@ -138,7 +158,9 @@ def place_of_kind(name: str, kind: str, rng: np.random.Generator) -> np.ndarray:
     problem, pose = problem_of(name), held_pose(name)
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     if kind in ("wall", "corner"):
-        pose[:3, 3] = np.where(rng.random(3) < (0.5 if kind == "wall" else 1.0), box.upper, pose[:3, 3])
+        pose[:3, 3] = np.where(
+            rng.random(3) < (0.5 if kind == "wall" else 1.0), box.upper, pose[:3, 3]
+        )
     elif kind == "edge of the cone":
         pose = moved(pose, np.array([0, 0, 0, 0, np.radians(cone.half_angle_deg), 0]))
     elif kind == "outside":
@@ -151,15 +173,24 @@ def place_of_kind(name: str, kind: str, rng: np.random.Generator) -> np.ndarray:
 
 
 def put(stepper: Stepper, pose: np.ndarray) -> None:
-    """Lead the step somewhere without asking whether that is allowed: the limits must not depend on it."""
+    """Lead the step somewhere without asking whether that is allowed: the limits must not depend on
+    it."""
     stepper._lead(Guide(pose))
 
 
 @pytest.mark.parametrize("name", NAMES)
-@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(PLACES), phase=st.sampled_from([THERE, BACK]))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    kind=st.sampled_from(PLACES),
+    phase=st.sampled_from([THERE, BACK]),
+)
 @settings(deadline=None, max_examples=12)
 def test_no_place_is_worth_a_limit(name: str, seed: int, kind: str, phase: int) -> None:
-    rng, stepper, checker = np.random.default_rng(seed), guided_stepper(name), Checker(problem_of(name))
+    rng, stepper, checker = (
+        np.random.default_rng(seed),
+        guided_stepper(name),
+        Checker(problem_of(name)),
+    )
     pose, previous = held_pose(name), np.zeros(6)
     q = near_comfort(name, rng, 15)
     put(stepper, place_of_kind(name, kind, rng))
@@ -173,7 +204,9 @@ def test_no_place_is_worth_a_limit(name: str, seed: int, kind: str, phase: int) 
         dt = float(rng.uniform(0.002, 0.03)) if rng.random() < 0.97 else 0.05
         step = stepper.step(q, pose if number == 0 else None, dt=dt)
         stops = step.status == "braking"
-        broken = checker.check(step.twist, previous, pose, q, step.posture_rate, dt, None, step.slack, stops=stops)
+        broken = checker.check(
+            step.twist, previous, pose, q, step.posture_rate, dt, None, step.slack, stops=stops
+        )
         assert broken == [], (broken, checker.max_violation)
         assert np.isfinite(step.twist).all()
         pose, previous = moved(pose, step.twist * dt), step.twist
@@ -183,20 +216,24 @@ def test_no_place_is_worth_a_limit(name: str, seed: int, kind: str, phase: int) 
 @given(data=st.data())
 @settings(deadline=None, max_examples=30)
 def test_numbers_that_are_none_lead_nowhere(data: st.DataObject) -> None:
-    """The function itself is safe from what is given to it: whoever calls it from C has no other guard."""
+    """The function itself is safe from what is given to it: whoever calls it from C has no other
+    guard."""
     stepper = guided_stepper("screwing")
     bad = data.draw(st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
     where = data.draw(st.sampled_from(["guide", "guided"]))
     stepper._inputs[where][data.draw(st.integers(0, stepper._inputs[where].size - 1))] = bad
     led = where == "guided" and bad > 0
     set_out(stepper)
-    step = stepper.step(near_comfort("screwing", np.random.default_rng(0)), moved(held_pose("screwing"), np.full(6, 0.05)))
+    step = stepper.step(
+        near_comfort("screwing", np.random.default_rng(0)),
+        moved(held_pose("screwing"), np.full(6, 0.05)),
+    )
     assert np.isfinite(step.twist).all()
     assert step.status == "optimal"
     assert bool(step.drawn) == led
 
 
-# --- what is refused -----------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 class Unreadable:
@@ -216,18 +253,26 @@ def wrong_places() -> list[tuple[Any, str]]:
     away[0, 3], nan[1, 1] = 3.0, np.nan
     return [
         (away, r"guide: got the place \(3, .*\) m, allowed the workspace \(.*\) to \(.*\) m"),
-        (tilted, r"guide: got a tool axis 57.3 deg from the middle of its cone, allowed at most 35 deg"),
+        (
+            tilted,
+            r"guide: got a tool axis 57.3 deg from the middle of its cone, allowed at most 35 deg",
+        ),
         (nan, "guide: got a pose that is not finite"),
         (2 * np.eye(4), "guide: got a pose that is not a rigid motion: its last row is"),
         (np.zeros(6), r"guide: got shape \(6,\), allowed a pose \(4, 4\)"),
         ("home", "guide: got 'home', allowed a pose"),
-        (SimpleNamespace(pose=held_pose("screwing"), posture=np.full(32, np.nan)), "guide.posture: got"),
+        (
+            SimpleNamespace(pose=held_pose("screwing"), posture=np.full(32, np.nan)),
+            "guide.posture: got",
+        ),
         (SimpleNamespace(pose=held_pose("screwing"), posture=np.zeros(3)), "guide.posture: got"),
     ]
 
 
 @pytest.mark.parametrize(("place", "sentence"), wrong_places())
-def test_a_place_that_cannot_be_used_is_refused_at_construction_and_none_in_the_loop(place: Any, sentence: str) -> None:
+def test_a_place_that_cannot_be_used_is_refused_at_construction_and_none_in_the_loop(
+    place: Any, sentence: str
+) -> None:
     with pytest.raises(InputError, match=sentence):
         Stepper(problem_of("screwing"), guide=place)
     stepper = guided_stepper("screwing")
@@ -244,11 +289,16 @@ def test_whatever_a_place_does_when_it_is_read_the_loop_goes_on() -> None:
     stepper = guided_stepper("screwing")
     stepper.guide(Unreadable())
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
-    assert (step.status, step.reason) == ("optimal", "guide: cannot be read (ValueError), allowed a pose (4, 4)")
+    assert (step.status, step.reason) == (
+        "optimal",
+        "guide: cannot be read (ValueError), allowed a pose (4, 4)",
+    )
 
 
 def test_a_problem_without_a_person_has_no_place_for_an_object() -> None:
-    with pytest.raises(InputError, match=r"guide: problem forearm moves elbow_x, .*, allowed problems of a person"):
+    with pytest.raises(
+        InputError, match=r"guide: problem forearm moves elbow_x, .*, allowed problems of a person"
+    ):
         Stepper(problem_of("forearm"), guide=np.eye(4))
 
 
@@ -268,16 +318,24 @@ def test_what_a_place_promises_is_the_cost_of_its_posture() -> None:
 @pytest.mark.parametrize(
     ("what", "words"),
     [
-        ({"problem": "desk"}, "guide: got a place of problem 'desk', allowed one of problem screwing"),
-        ({"problem": "screwing", "mode": "cooperative"}, "guide: got a place of mode cooperative, .* allowed stackelberg"),
+        (
+            {"problem": "desk"},
+            "guide: got a place of problem 'desk', allowed one of problem screwing",
+        ),
+        (
+            {"problem": "screwing", "mode": "cooperative"},
+            "guide: got a place of mode cooperative, .* allowed stackelberg",
+        ),
     ],
 )
-def test_a_place_that_was_found_for_something_else_is_refused(what: dict[str, str], words: str) -> None:
+def test_a_place_that_was_found_for_something_else_is_refused(
+    what: dict[str, str], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         read_guide(problem_of("screwing"), SimpleNamespace(pose=held_pose("screwing"), **what))
 
 
-# --- state ---------------------------------------------------------------------------------------------------------------
+# --- state ----------------------------------------------------------------------------------------
 
 
 def test_a_guided_log_replays_bit_for_bit() -> None:
@@ -314,7 +372,10 @@ def test_compiled_it_is_led_alike() -> None:
         compiler()
     except CompilerError as absent:
         pytest.skip(str(absent))
-    compiled, plain = Stepper(problem_of("dentist"), compiled=True, guide=held_pose("dentist")), guided_stepper("dentist")
+    compiled, plain = (
+        Stepper(problem_of("dentist"), compiled=True, guide=held_pose("dentist")),
+        guided_stepper("dentist"),
+    )
     set_out(compiled)
     set_out(plain)
     answers = [walk(stepper, "dentist", 6, 60) for stepper in (compiled, plain)]

@@ -16,7 +16,13 @@ from ergoqp.step.stepper import Stepper
 def curvature(name: str, stalled: float) -> np.ndarray:
     problem = problem_of(name)
     posture = near_comfort(name, np.random.default_rng(1), 20)
-    given = {"posture": posture, "observed": np.ones(32), "pose": held_pose(name), "previous": np.zeros(6), "dt": 0.01}
+    given = {
+        "posture": posture,
+        "observed": np.ones(32),
+        "pose": held_pose(name),
+        "previous": np.zeros(6),
+        "dt": 0.01,
+    }
     return np.array(qp_data(problem)(**given, locked=np.zeros(32), final=0.0, stalled=stalled)["H"])
 
 
@@ -28,7 +34,9 @@ def test_the_longer_nothing_improves_the_dearer_it_is_to_move() -> None:
     assert curvature("overhead", control.stall_after / 2) - still == pytest.approx(effort, abs=1e-9)
     assert curvature("overhead", control.stall_after) - still == pytest.approx(9 * effort, abs=1e-9)
     # Whoever still moves after twice that time is kept going by a limit.
-    assert np.array_equal(curvature("overhead", 2 * control.stall_after), curvature("overhead", 100.0))
+    assert np.array_equal(
+        curvature("overhead", 2 * control.stall_after), curvature("overhead", 100.0)
+    )
 
 
 def test_a_stepper_counts_for_how_long_nothing_improved() -> None:
@@ -50,7 +58,7 @@ def test_a_stepper_counts_for_how_long_nothing_improved() -> None:
 def test_at_rest_nothing_is_dearer_so_that_what_a_move_would_gain_is_judged_as_ever() -> None:
     problem = problem_of("screwing")
     stepper = Stepper(problem)
-    loop, comfort = Held(stepper, held_pose("screwing")), np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    loop, comfort = Held(stepper, held_pose("screwing")), np.asarray(problem.response.comfort)
     statuses = [loop.step(comfort).status for _ in range(500)]
     assert statuses[-1] == "settled"
     assert stepper.stalled == 0
@@ -59,7 +67,10 @@ def test_at_rest_nothing_is_dearer_so_that_what_a_move_would_gain_is_judged_as_e
 def test_without_a_time_to_stall_the_object_moves_as_ever() -> None:
     problem = problem_of("screwing")
     problem = problem.replace(control=replace(problem.control, stall_after=0.0))
-    loop, q = Held(Stepper(problem), held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
+    loop, q = (
+        Held(Stepper(problem), held_pose("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 15),
+    )
     assert {loop.step(q).status for _ in range(5)} <= {"optimal", "settled"}
 
 

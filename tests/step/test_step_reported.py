@@ -1,11 +1,21 @@
-"""What a robot reports of itself: where the object is reckoned to be by it, and what it is blamed for."""
+"""What a robot reports of itself: where the object is reckoned to be by it, and what it is blamed
+for."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 import pytest
-from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, outside, problem_of, small
+from step_samples import (
+    Held,
+    bold_of,
+    comfort_of,
+    held_pose,
+    near_comfort,
+    outside,
+    problem_of,
+    small,
+)
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.robot import DeclaredRobot
@@ -18,7 +28,8 @@ from ergoqp.step.watch import reckoned
 
 @pytest.mark.parametrize("kind", [RobotKind(delay=0.02), RobotKind(lag=0.02)], ids=["delay", "lag"])
 def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: RobotKind) -> None:
-    """What it did later, beyond what was sent just then, was not believed: 8 mm outside within a minute."""
+    """What it did later, beyond what was sent just then, was not believed: 8 mm outside within a
+    minute."""
     problem = small("screwing", DeclaredRobot(), None)
     stepper, rng, nearest, named = Stepper(problem), np.random.default_rng(3), -1.0, 0
     mover = SimulatedRobot(kind, held_pose("screwing"), rng)
@@ -37,13 +48,20 @@ def test_a_robot_that_is_late_and_reports_only_its_twist_stays_inside(kind: Robo
 
 @pytest.mark.parametrize("share", [2.0, -0.5, 0.3, None])
 def test_nothing_that_is_reported_leads_further_than_what_was_sent(share: float | None) -> None:
-    stepper, q = Stepper(problem_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = (
+        Stepper(problem_of("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 20),
+    )
     rng, begin, most = np.random.default_rng(0), held_pose("screwing"), np.zeros((2, 3))
     step = stepper.step(q, begin)
     for number in range(200):
         sent = 0.01 * step.twist[:3]
         most += np.maximum([sent, -sent], 0)
-        told = (rng.normal(size=6) if number > 60 else step.twist) if share is None else share * step.twist
+        told = (
+            (rng.normal(size=6) if number > 60 else step.twist)
+            if share is None
+            else share * step.twist
+        )
         step = stepper.step(q, twist=told)
         gone = step.pose[:3, 3] - begin[:3, 3]
         assert (gone <= most[0] + 1e-12).all(), number
@@ -53,12 +71,18 @@ def test_nothing_that_is_reported_leads_further_than_what_was_sent(share: float 
 
 @pytest.mark.parametrize("at", [40, 60, 80, 100])
 @pytest.mark.parametrize("lag", [0.1, 0.2])
-def test_how_a_lagging_robot_goes_on_while_a_call_is_late_is_no_fault_when_it_reports_its_twist(lag: float, at: int) -> None:
-    """Nobody heard of its motion in the hold, so the sum of what it reported did not come out even."""
+def test_how_a_lagging_robot_goes_on_while_a_call_is_late_is_no_fault_when_it_reports_its_twist(
+    lag: float, at: int
+) -> None:
+    """Nobody heard of its motion in the hold, so the sum of what it reported did not come out
+    even."""
     problem = small("screwing", DeclaredRobot(lag=lag, longest_hold=0.1), None)
     rng = np.random.default_rng(at)
     for _ in range(2):
-        stepper, mover = Stepper(problem), SimulatedRobot(RobotKind(lag=lag), held_pose("screwing"), rng)
+        stepper, mover = (
+            Stepper(problem),
+            SimulatedRobot(RobotKind(lag=lag), held_pose("screwing"), rng),
+        )
         for number in range(300):
             if number % 60 == 0:
                 q = np.clip(comfort_of("screwing") + 0.6 * rng.normal(size=32), LOWER, UPPER)
@@ -68,8 +92,16 @@ def test_how_a_lagging_robot_goes_on_while_a_call_is_late_is_no_fault_when_it_re
 
 
 def test_a_robot_that_reports_the_middle_of_its_ramp_is_not_late() -> None:
-    stepper, q = Stepper(bold_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 30)
-    loop, before, last, fastest = Held(stepper, held_pose("screwing")), np.zeros(6), np.zeros(6), 0.0
+    stepper, q = (
+        Stepper(bold_of("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 30),
+    )
+    loop, before, last, fastest = (
+        Held(stepper, held_pose("screwing")),
+        np.zeros(6),
+        np.zeros(6),
+        0.0,
+    )
     for _ in range(60):
         step = loop.step(q, twist=(before + last) / 2)
         assert "robot:" not in step.reason
@@ -82,7 +114,9 @@ NOISE = 0.004
 
 def test_a_declared_hold_that_hides_in_the_noise_is_no_fault() -> None:
     # Nor does its turn stand out.
-    problem = bold_of("screwing").replace(robot=DeclaredRobot(pose_noise=NOISE, pose_noise_deg=5.0, longest_hold=0.1))
+    problem = bold_of("screwing").replace(
+        robot=DeclaredRobot(pose_noise=NOISE, pose_noise_deg=5.0, longest_hold=0.1)
+    )
     stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 30)
     pose, held = held_pose("screwing"), 0.0
     for number in range(90):
@@ -102,7 +136,9 @@ def test_a_declared_hold_that_hides_in_the_noise_is_no_fault() -> None:
 @pytest.mark.parametrize("hold", [0.0, 0.1])
 def test_a_hold_that_is_declared_does_not_hide_what_moves_at_rest(hold: float) -> None:
     """With a hold declared, three times the noise was let pass, at rest too."""
-    problem = problem_of("screwing").replace(robot=DeclaredRobot(pose_noise=NOISE, longest_hold=hold))
+    problem = problem_of("screwing").replace(
+        robot=DeclaredRobot(pose_noise=NOISE, longest_hold=hold)
+    )
     stepper, q = Stepper(problem), comfort_of("screwing")
     loop = Held(stepper, held_pose("screwing"))
     for _ in range(200):
@@ -118,7 +154,10 @@ def test_a_hold_that_is_declared_does_not_hide_what_moves_at_rest(hold: float) -
 def test_what_a_robot_was_short_of_is_forgotten_once_it_is_forgiven() -> None:
     """Where it stood still it owes nothing later: half a second after it is late no more."""
     stepper, rng = Stepper(bold_of("screwing")), np.random.default_rng(5)
-    q, step = near_comfort("screwing", rng, 30), stepper.step(comfort_of("screwing"), held_pose("screwing"))
+    q, step = (
+        near_comfort("screwing", rng, 30),
+        stepper.step(comfort_of("screwing"), held_pose("screwing")),
+    )
     blamed = [False]
     while not (blamed[-1] is False and any(blamed)):
         step = stepper.step(q, twist=np.zeros(6))
@@ -134,9 +173,12 @@ def test_what_a_robot_was_short_of_is_forgotten_once_it_is_forgiven() -> None:
     assert most.max() > 0.004
 
 
-def test_what_a_robot_reports_that_was_taken_over_in_motion_leads_no_further_than_what_was_sent() -> None:
+def test_what_is_reported_after_a_take_over_leads_no_further_than_what_was_sent() -> None:
     """How long it had moved before was counted as its motion: a report could lead 88 m away."""
-    stepper, q = Stepper(problem_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = (
+        Stepper(problem_of("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 20),
+    )
     twist = np.array([0.1, -0.1, 0.05, 0.0, 0.0, 0.0])
     stepper.reset(twist)
     step = stepper.step(q, twist=0.3 * twist)
@@ -144,7 +186,12 @@ def test_what_a_robot_reports_that_was_taken_over_in_motion_leads_no_further_tha
     for number in range(150):
         sent = 0.01 * step.twist[:3]
         most += np.maximum([sent, -sent], 0)
-        step = stepper.step(q, twist=step.twist if number < 10 else np.full(6, -20.0) if number % 2 else np.full(6, 20.0))
+        step = stepper.step(
+            q,
+            twist=(
+                step.twist if number < 10 else np.full(6, -20.0) if number % 2 else np.full(6, 20.0)
+            ),
+        )
         gone = step.pose[:3, 3] - begin[:3, 3]
         assert (gone <= most[0] + 1e-12).all(), number
         assert (gone >= -most[1] - 1e-12).all(), number
@@ -157,16 +204,35 @@ def test_what_moves_before_the_object_is_known_is_no_fault() -> None:
         step = stepper.step(None, twist=moving)
         assert step.status == "braking"
         assert "robot" not in step.reason
-    assert "robot" not in stepper.step(comfort_of("screwing"), held_pose("screwing"), twist=np.zeros(6)).reason
+    assert (
+        "robot"
+        not in stepper.step(comfort_of("screwing"), held_pose("screwing"), twist=np.zeros(6)).reason
+    )
 
 
 def test_the_account_of_what_was_reported_is_that_of_the_law_in_plain_words() -> None:
     problem = problem_of("screwing")
     blocks = watch_blocks(problem)
-    names = ("sent", "changed", "executed", "lasted", "told", "measured", "started", "parked", "idled")
+    names = (
+        "sent",
+        "changed",
+        "executed",
+        "lasted",
+        "told",
+        "measured",
+        "started",
+        "parked",
+        "idled",
+    )
     given = {name: ca.SX.sym(name, 6 if name in names[:3] else 1) for name in names}
     given |= {name: ca.SX.sym(name, count(blocks[name])) for name in ("account", "said")}
-    law = ca.Function("law", list(given.values()), list(reckoned(problem, given)), list(given), ["moved", "next_account"])
+    law = ca.Function(
+        "law",
+        list(given.values()),
+        list(reckoned(problem, given)),
+        list(given),
+        ["moved", "next_account"],
+    )
     rng = np.random.default_rng(2)
     short, ahead = np.zeros((6, 2)), np.zeros(6)
     taken_back = 0
@@ -174,14 +240,22 @@ def test_the_account_of_what_was_reported_is_that_of_the_law_in_plain_words() ->
         sent, executed, lasted = 0.1 * rng.normal(size=6), 0.1 * rng.normal(size=6), 0.01
         # A declared robot that is late has this period done other than it was sent.
         changed = 0.0002 * rng.normal(size=6)
-        told, measured, started, parked = (float(rng.random() < share) for share in (0.8, 0.05, 0.95, 0.1))
+        told, measured, started, parked = (
+            float(rng.random() < share) for share in (0.8, 0.05, 0.95, 0.1)
+        )
         signs, fault, idled = (
             rng.choice([0.0, 2.0], 2, p=[0.7, 0.3]),
             rng.choice([0.0, 2.0], p=[0.7, 0.3]),
             rng.choice([0.0, 9.0]),
         )
         found = law(
-            **dict(zip(names, (sent, changed, executed, lasted, told, measured, started, parked, idled), strict=True)),
+            **dict(
+                zip(
+                    names,
+                    (sent, changed, executed, lasted, told, measured, started, parked, idled),
+                    strict=True,
+                )
+            ),
             account=np.concatenate([short.ravel(order="F"), ahead]),
             said=np.concatenate([signs, [fault, 0.0]]),
         )
@@ -198,6 +272,8 @@ def test_the_account_of_what_was_reported_is_that_of_the_law_in_plain_words() ->
         ahead = np.zeros(6) if forgotten or measured or not started else ahead + moved - done
         short = np.zeros((6, 2)) if forgotten else most - parts
         np.testing.assert_allclose(
-            np.array(found["next_account"]).ravel(), np.concatenate([short.ravel(order="F"), ahead]), atol=1e-15
+            np.array(found["next_account"]).ravel(),
+            np.concatenate([short.ravel(order="F"), ahead]),
+            atol=1e-15,
         )
     assert taken_back > 10

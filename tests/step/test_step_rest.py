@@ -1,4 +1,5 @@
-"""Rest and hysteresis against the same law in plain words, step after step, over whole histories."""
+"""Rest and hysteresis against the same law in plain words, step after step, over whole
+histories."""
 
 import casadi as ca
 import numpy as np
@@ -21,7 +22,14 @@ class Plain:
 
     def __init__(self, control: Control) -> None:
         self.control = control
-        self.rests, self.asked, self.gain, self.cost, self.lowest, self.unimproved = False, 0.0, 0.0, 0.0, 0.0, 0.0
+        self.rests, self.asked, self.gain, self.cost, self.lowest, self.unimproved = (
+            False,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        )
 
     def frame(self, gain: float, value: float, must_move: bool, dt: float) -> None:
         c = self.control
@@ -44,7 +52,11 @@ class Plain:
         self.asked = self.asked + dt if asks else 0.0
         long_enough = self.asked >= (c.move_after if self.rests else c.rest_after) - 1e-12
         at_lowest = self.cost <= self.lowest + c.stall_gain
-        tired = not self.rests and not must_move and self.unimproved >= c.stall_after * (1.0 if at_lowest else 2.0)
+        tired = (
+            not self.rests
+            and not must_move
+            and self.unimproved >= c.stall_after * (1.0 if at_lowest else 2.0)
+        )
         if long_enough or tired:
             self.asked = 0.0
             if self.rests:
@@ -55,7 +67,11 @@ class Plain:
         return [float(self.rests), self.asked, self.gain, self.cost, self.lowest, self.unimproved]
 
 
-CONTROLS = [Control(), Control(rest_filter=0.004, stall_after=0.3, stall_gain=0.2), Control(move_above=0.3, rest_below=0.2)]
+CONTROLS = [
+    Control(),
+    Control(rest_filter=0.004, stall_after=0.3, stall_gain=0.2),
+    Control(move_above=0.3, rest_below=0.2),
+]
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["default", "no filter, soon tired", "narrow"])
@@ -71,7 +87,9 @@ def test_rest_is_what_the_words_say(control: Control, seed: int) -> None:
         gain = abs(rng.normal(0, 0.3)) if rng.random() < 0.7 else rng.uniform(0, 3)
         value, must, counts = level + rng.normal(0, 0.05), rng.random() < 0.1, rng.random() < 0.9
         dt = float(rng.choice([0.005, 0.01, 0.02, 0.05]))
-        after, still_for = (np.array(part).ravel() for part in update(rest, gain, value, must, dt, counts))
+        after, still_for = (
+            np.array(part).ravel() for part in update(rest, gain, value, must, dt, counts)
+        )
         assert still_for[0] == (rest[5] if rest[0] < 0.5 else 0)
         if counts:
             plain.frame(gain, value, must, dt)
@@ -82,11 +100,14 @@ def test_rest_is_what_the_words_say(control: Control, seed: int) -> None:
 
 
 def test_rest_and_motion_both_occur() -> None:
-    """Little gain rests after `rest_after`, much moves after `move_after`, no improvement gives up after `stall_after`."""
+    """Little gain rests after `rest_after`, much moves after `move_after`, no improvement gives up
+    after `stall_after`."""
     control = Control()
     update, rest, dt = compiled(control), np.zeros(STATES), 0.01
 
-    def time_until(rests: bool, gain: float, value: float, must_move: bool = False, most: float = 60.0) -> float:
+    def time_until(
+        rests: bool, gain: float, value: float, must_move: bool = False, most: float = 60.0
+    ) -> float:
         nonlocal rest
         for count in range(round(most / dt)):
             if bool(rest[0]) == rests:
@@ -97,6 +118,11 @@ def test_rest_and_motion_both_occur() -> None:
     assert time_until(True, 0.0, 2.0) == pytest.approx(control.rest_after, abs=1.5 * dt)
     moves = time_until(False, 10 * control.move_above, 2.0)
     assert control.move_after <= moves <= control.move_after + control.rest_filter
-    assert time_until(True, 10 * control.move_above, 2.0) == pytest.approx(control.stall_after, abs=2 * dt)
+    assert time_until(True, 10 * control.move_above, 2.0) == pytest.approx(
+        control.stall_after, abs=2 * dt
+    )
     assert time_until(False, 0.0, 2.0, must_move=True) <= control.move_after + 1.5 * dt
-    assert time_until(True, 0.0, 2.0, must_move=True, most=3 * control.stall_after) == 3 * control.stall_after
+    assert (
+        time_until(True, 0.0, 2.0, must_move=True, most=3 * control.stall_after)
+        == 3 * control.stall_after
+    )

@@ -1,4 +1,5 @@
-"""A robot within its declaration is never blamed, and what it may do on is kept free: what random loops have found."""
+"""A robot within its declaration is never blamed, and what it may do on is kept free: what random
+loops have found."""
 
 from __future__ import annotations
 
@@ -24,8 +25,12 @@ from ergoqp.step.watch import _rotation
 def outside(problem: Problem, pose: np.ndarray) -> float:
     """How far a pose (4, 4) is out of its box or its cone [m, rad]; negative inside."""
     box, cone, point = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), pose[:3, 3]
-    angle = np.arccos(np.clip(np.asarray(cone.direction) @ pose[:3, 0], -1, 1)) - np.radians(cone.half_angle_deg)
-    return float(max(np.max(np.asarray(box.lower) - point), np.max(point - np.asarray(box.upper)), angle))
+    angle = np.arccos(np.clip(np.asarray(cone.direction) @ pose[:3, 0], -1, 1)) - np.radians(
+        cone.half_angle_deg
+    )
+    return float(
+        max(np.max(np.asarray(box.lower) - point), np.max(point - np.asarray(box.upper)), angle)
+    )
 
 
 def braked(stepper: Stepper, pose: np.ndarray) -> np.ndarray:
@@ -39,8 +44,11 @@ def braked(stepper: Stepper, pose: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["dentist", "screwing"])
 @pytest.mark.parametrize("gain_error", [0.0, 0.1])
-def test_one_declared_hold_of_any_twist_leaves_the_object_inside(name: str, gain_error: float) -> None:
-    """The room for a hold was that of the twists before the new one: 0.1 mm too little where the object had just begun."""
+def test_one_declared_hold_of_any_twist_leaves_the_object_inside(
+    name: str, gain_error: float
+) -> None:
+    """The room for a hold was that of the twists before the new one: 0.1 mm too little where the
+    object had just begun."""
     hold = 0.2
     problem = bold_of(name).replace(robot=DeclaredRobot(longest_hold=hold, gain_error=gain_error))
     stepper, rng, nearest = Stepper(problem), np.random.default_rng(3), -1.0
@@ -52,7 +60,9 @@ def test_one_declared_hold_of_any_twist_leaves_the_object_inside(name: str, gain
             assert step.status != "invalid"
             if number % 5 == 0:
                 held = moved(loop.pose, (1 + gain_error) * step.twist * hold)
-                nearest = max(nearest, outside(problem, held), outside(problem, braked(stepper, held)))
+                nearest = max(
+                    nearest, outside(problem, held), outside(problem, braked(stepper, held))
+                )
                 assert nearest <= 1e-8
     # It came to its walls.
     assert nearest > -0.005
@@ -95,7 +105,8 @@ def test_a_hold_of_a_lagging_robot_that_is_declared_is_no_fault() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("by", ["pose", "twist", "a twist now and then"])
 def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, by: str) -> None:
-    """What it owed when it was taken over had been taken for nothing; so had what it owed while nobody heard of it."""
+    """What it owed when it was taken over had been taken for nothing; so had what it owed while
+    nobody heard of it."""
     declared = DeclaredRobot(delay=0.04, lag=0.05)
     problem = problem_of("screwing").replace(robot=declared)
     kind = RobotKind(delay=share * 0.04, lag=share * 0.05)
@@ -116,7 +127,10 @@ def test_a_late_robot_that_is_taken_over_in_motion_is_not_blamed(share: float, b
 def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: float) -> None:
     robot = DeclaredRobot(longest_hold=0.2)
     stepper = Stepper(bold_of("screwing").replace(robot=robot))
-    loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
+    loop, q = (
+        Held(stepper, held_pose("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 20),
+    )
     for _ in range(40):
         loop.step(q)
     state, left = stepper._state_in.copy(), elapsed
@@ -129,7 +143,9 @@ def test_what_the_robot_ramped_down_by_itself_is_braked_call_by_call(elapsed: fl
 
 
 @pytest.mark.parametrize("true_lag", [0.0, 0.1, 0.2])
-def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_rest_either(true_lag: float) -> None:
+def test_a_declared_hold_of_a_late_robot_is_no_fault_when_the_object_comes_to_rest_either(
+    true_lag: float,
+) -> None:
     """What it held on to was forgotten in the very comparison in which it still counted."""
     problem = bold_of("screwing").replace(robot=DeclaredRobot(lag=0.2, longest_hold=0.2))
     stepper, q = Stepper(problem), near_comfort("screwing", np.random.default_rng(5), 20)
@@ -147,7 +163,10 @@ def test_a_hold_that_is_shorter_than_declared_is_no_fault(hold: float) -> None:
     stepper = Stepper(problem)
     for seed in range(12):
         stepper.reset()
-        loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(seed), 20)
+        loop, q = (
+            Held(stepper, held_pose("screwing")),
+            near_comfort("screwing", np.random.default_rng(seed), 20),
+        )
         for number in range(12):
             step = loop.step(q)
             assert "robot:" not in step.reason
@@ -158,7 +177,10 @@ def test_a_hold_that_is_shorter_than_declared_is_no_fault(hold: float) -> None:
 def test_where_a_hold_is_declared_nothing_moves_without_a_measured_pose() -> None:
     """Holds that nobody sees add up: 10 mm out of the box after four of them."""
     stepper = Stepper(bold_of("screwing").replace(robot=DeclaredRobot(longest_hold=0.1)))
-    loop, q = Held(stepper, held_pose("screwing")), near_comfort("screwing", np.random.default_rng(5), 20)
+    loop, q = (
+        Held(stepper, held_pose("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 20),
+    )
     assert [loop.step(q) for _ in range(20)][-1].twist.any()
     step = loop.step(q, pose=None)
     assert step.status == "braking"
@@ -179,7 +201,8 @@ def test_what_cannot_have_been_sent_instead_changes_nothing(sent: object) -> Non
 
 @pytest.mark.parametrize(("lag", "hold"), [(0.5, 0.4), (0.2, 0.2)])
 def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, hold: float) -> None:
-    """It goes on fading long after the twist that was held on to has left the history: 3.7 mm outside."""
+    """It goes on fading long after the twist that was held on to has left the history: 3.7 mm
+    outside."""
     base = bold_of("screwing")
     box, pose = base.limit_of(WorkspaceBox), held_pose("screwing")
     middle = (np.asarray(box.lower) + np.asarray(box.upper)) / 2
@@ -210,7 +233,8 @@ def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, h
 @pytest.mark.parametrize("noise", [0.2, 0.5, 2.0, 5.0])
 @pytest.mark.parametrize("corners", [False, True], ids=["uniform", "as far off as declared"])
 def test_noise_of_the_orientation_that_is_declared_is_no_fault(noise: float, corners: bool) -> None:
-    """Differences of neighbouring poses made a random walk of it: 2 deg were blamed after a second, 0.5 deg after ten."""
+    """Differences of neighbouring poses made a random walk of it: 2 deg were blamed after a second,
+    0.5 deg after ten."""
     base = bold_of("screwing")
     cone = base.limit_of(AxisCone)
     wide = [AxisCone(cone.direction, 60.0) if limit is cone else limit for limit in base.limits]
@@ -225,7 +249,8 @@ def test_noise_of_the_orientation_that_is_declared_is_no_fault(noise: float, cor
 
 
 def test_after_a_fault_a_late_robot_is_given_the_time_that_it_needs_to_stand_still() -> None:
-    """Half a second, its dead time, and three times its lag: what it still did then would be a fault again."""
+    """Half a second, its dead time, and three times its lag: what it still did then would be a
+    fault again."""
     robot = DeclaredRobot(delay=0.05, lag=0.2)
     stepper = Stepper(problem_of("screwing").replace(robot=robot))
     q, pose = near_comfort("screwing", np.random.default_rng(5), 15), held_pose("screwing")
@@ -240,20 +265,33 @@ def test_after_a_fault_a_late_robot_is_given_the_time_that_it_needs_to_stand_sti
 
 
 def test_the_speed_that_a_lagging_robot_still_has_in_a_long_period_is_no_jump() -> None:
-    """At the end of the period it is nearly still; on the way it was as fast as it had been sent before."""
+    """At the end of the period it is nearly still; on the way it was as fast as it had been sent
+    before."""
     robot = DeclaredRobot(lag=0.05, longest_hold=0.2)
-    stepper, q = Stepper(bold_of("screwing").replace(robot=robot)), near_comfort("screwing", np.random.default_rng(5), 20)
+    stepper, q = (
+        Stepper(bold_of("screwing").replace(robot=robot)),
+        near_comfort("screwing", np.random.default_rng(5), 20),
+    )
     sim = SimulatedRobot(RobotKind(lag=0.05), held_pose("screwing"), np.random.default_rng(0))
     for number in range(120):
         dt = 0.2 if number in (25, 26, 70) else 0.01
-        step = stepper.step(q, sim.measured_pose(), sim.reported_twist() if number else None, dt=dt, enable=number % 40 < 25)
+        step = stepper.step(
+            q,
+            sim.measured_pose(),
+            sim.reported_twist() if number else None,
+            dt=dt,
+            enable=number % 40 < 25,
+        )
         assert "robot:" not in step.reason, number
         list(sim.execute(step.twist, dt))
 
 
 @pytest.mark.parametrize("above", [True, False], ids=["from above", "from below"])
-def test_an_object_that_comes_back_into_a_narrow_box_does_not_leave_it_by_the_other_end(above: bool) -> None:
-    """Its pose came 60 ms late, and as far as it had been outside it might be beyond: 0.1 mm out of a box of 0.1 mm."""
+def test_an_object_that_comes_back_into_a_narrow_box_does_not_leave_it_by_the_other_end(
+    above: bool,
+) -> None:
+    """Its pose came 60 ms late, and as far as it had been outside it might be beyond: 0.1 mm out of
+    a box of 0.1 mm."""
     robot, pose = DeclaredRobot(delay=0.02, pose_delay=0.04), held_pose("overhead")
     box = plain_of("overhead").limit_of(WorkspaceBox)
     z = pose[2, 3] + (-0.004 if above else 0.004)
@@ -274,7 +312,8 @@ def test_an_object_that_comes_back_into_a_narrow_box_does_not_leave_it_by_the_ot
 
 
 def test_an_ideal_robot_that_turns_fast_is_not_blamed() -> None:
-    """Turns were compared by their sine: 1.2e-4 rad too little in a period of 0.09 rad, and it adds up."""
+    """Turns were compared by their sine: 1.2e-4 rad too little in a period of 0.09 rad, and it adds
+    up."""
     base = bold_of("screwing")
     quick = replace(base.limit_of(TwistLimit), angular_speed=1.5, angular_acceleration=10.0)
     limits = tuple(quick if isinstance(limit, TwistLimit) else limit for limit in base.limits)
@@ -304,7 +343,11 @@ def test_what_was_sent_instead_may_be_at_the_limit_to_rounding(beyond: float) ->
 def test_what_the_noise_of_its_pose_may_have_moved_out_is_not_asked_back() -> None:
     noise, problem = 0.002, problem_of("screwing")
     problem = problem.replace(robot=DeclaredRobot(pose_noise=noise))
-    box, row, q = problem.limit_of(WorkspaceBox), problem.row_names.index("workspace x"), comfort_of("screwing")
+    box, row, q = (
+        problem.limit_of(WorkspaceBox),
+        problem.row_names.index("workspace x"),
+        comfort_of("screwing"),
+    )
     readings = readings_function(problem)(q)
     for out, asks in ((0.9 * noise, False), (1.1 * noise + box.tolerance, True)):
         pose = held_pose("screwing").copy()
@@ -329,7 +372,9 @@ def test_a_larger_turn_is_measured_as_no_smaller_than_it_is(axis: int, degrees: 
     """Half a turn has no sine, and a turn that is measured as none would be no fault."""
     turn = np.zeros(3)
     turn[axis] = np.radians(degrees)
-    found = np.array(ca.evalf(_rotation(ca.SX.eye(3), ca.SX(ca.DM(Rotation.from_rotvec(turn).as_matrix()))))).ravel()
+    found = np.array(
+        ca.evalf(_rotation(ca.SX.eye(3), ca.SX(ca.DM(Rotation.from_rotvec(turn).as_matrix()))))
+    ).ravel()
     assert np.linalg.norm(found) >= min(np.radians(abs(degrees)), 1.0)
     if abs(degrees) < 180:
         assert np.linalg.norm(found) >= np.radians(abs(degrees))

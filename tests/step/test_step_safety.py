@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from step_samples import NAMES, Held, bold_stepper, comfort_of, held_pose, near_comfort, problem_of, stepper_of
+from step_samples import (
+    NAMES,
+    Held,
+    bold_stepper,
+    comfort_of,
+    held_pose,
+    near_comfort,
+    problem_of,
+    stepper_of,
+)
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import WorkspaceBox
@@ -27,13 +36,26 @@ from ergoqp.step.stepper import Step, Stepper
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 periods = st.floats(0.001, 0.05)
 
-FROM_OUTSIDE = ("posture", "observed", "pose", "executed", "dt", "age", "has_pose", "has_twist", "frame", "enable", "ask")
+FROM_OUTSIDE = (
+    "posture",
+    "observed",
+    "pose",
+    "executed",
+    "dt",
+    "age",
+    "has_pose",
+    "has_twist",
+    "frame",
+    "enable",
+    "ask",
+)
 """Inputs of the step function that users fill; the rest is its own state."""
 
 
 @st.composite
 def postures(draw: Any) -> Any:
-    """Around comfort, at the ends of the ranges or beyond them, with a wrong entry now and then; or none at all."""
+    """Around comfort, at the ends of the ranges or beyond them, with a wrong entry now and then; or
+    none at all."""
     kind = draw(st.sampled_from(["near", "ends", "beyond", "anywhere", "hole", "lost"]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     q = comfort_of("screwing") + 0.2 * rng.normal(size=32)
@@ -48,13 +70,17 @@ def postures(draw: Any) -> Any:
     return None if kind == "lost" else q
 
 
-calls = st.fixed_dictionaries({"posture": postures(), "dt": periods, "age": st.sampled_from([0.0, 0.05, 0.2])})
+calls = st.fixed_dictionaries(
+    {"posture": postures(), "dt": periods, "age": st.sampled_from([0.0, 0.05, 0.2])}
+)
 
 
 @pytest.mark.parametrize("name", NAMES)
 @given(sequence=st.lists(calls, min_size=1, max_size=8))
 @settings(deadline=None, max_examples=25)
-def test_twist_is_finite_and_within_speed_and_acceleration(name: str, sequence: list[dict[str, Any]]) -> None:
+def test_twist_is_finite_and_within_speed_and_acceleration(
+    name: str, sequence: list[dict[str, Any]]
+) -> None:
     stepper, checker = stepper_of(name), Checker(problem_of(name))
     previous = np.zeros(6)
     for call in sequence:
@@ -62,15 +88,22 @@ def test_twist_is_finite_and_within_speed_and_acceleration(name: str, sequence: 
         assert np.isfinite(step.twist).all()
         assert np.isfinite(step.pose).all()
         broken = checker.check(step.twist, previous, step.pose, None, step.posture_rate, call["dt"])
-        assert not set(broken) & {"speed", "acceleration", "axes", "jerk"}, (broken, checker.max_violation)
+        assert not set(broken) & {"speed", "acceleration", "axes", "jerk"}, (
+            broken,
+            checker.max_violation,
+        )
         assert step.status in ("optimal", "settled", "relaxed", "recovering", "braking", "invalid")
         assert step.reason or step.status == "optimal"
         previous = step.twist
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("uneven", [(0.5, 3.0), (0.1, 5.0)], ids=["half to three periods", "shorter and longer"])
-def test_an_object_inside_stays_inside_whatever_the_person_does(name: str, uneven: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    "uneven", [(0.5, 3.0), (0.1, 5.0)], ids=["half to three periods", "shorter and longer"]
+)
+def test_an_object_inside_stays_inside_whatever_the_person_does(
+    name: str, uneven: tuple[float, float]
+) -> None:
     rng = np.random.default_rng(0)
     for _ in range(3):
         stepper, checker = stepper_of(name), Checker(problem_of(name))
@@ -88,7 +121,8 @@ def test_an_object_inside_stays_inside_whatever_the_person_does(name: str, uneve
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_jerk_of_what_is_sent_is_bounded_in_periods_of_any_length(name: str) -> None:
-    """At full speed into walls and cones, with lost frames, stops and starts: never above 2 a / W, and close to it."""
+    """At full speed into walls and cones, with lost frames, stops and starts: never above 2 a / W,
+    and close to it."""
     stepper, rng, limit = bold_stepper(name), np.random.default_rng(1), problem_of(name).twist_limit
     allowed, highest = 2 * limit.acceleration / problem_of(name).average, 0.0
     for _ in range(4):
@@ -100,7 +134,8 @@ def test_the_jerk_of_what_is_sent_is_bounded_in_periods_of_any_length(name: str)
                 q = near_comfort(name, rng, 30)
             dt = float(stepper.dt * rng.choice([0.5, 3.0, rng.uniform(0.5, 3.0)]))
             step = loop.step(None if number % 50 > 40 else q, dt=dt, enable=number % 90 < 80)
-            # Between the middles of two periods the mean acceleration of each changes by no more than that.
+            # Between the middles of two periods the mean acceleration of each changes by no more
+            # than that.
             now = (step.twist - last) / dt
             jerk = np.abs(now - acceleration) / ((dt + lasted) / 2)
             assert np.all(jerk <= allowed * (1 + 1e-9) + 1e-9)
@@ -131,47 +166,82 @@ def sensitive_step(name: str) -> ca.Function:
 @given(data=st.data())
 @settings(deadline=None, max_examples=60)
 def test_the_data_of_the_qp_are_finite_whatever_comes_in(name: str, data: st.DataObject) -> None:
-    """CasADi's QP plugins raise on NaN, so none may get there: every input that users fill is attacked."""
+    """CasADi's QP plugins raise on NaN, so none may get there: every input that users fill is
+    attacked."""
     step, rng = sensitive_step(name), np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     usual = {name: np.zeros(step.size_in(i)) for i, name in enumerate(step.name_in())}
-    usual |= {"posture": comfort_of(name) + 0.2 * rng.normal(size=32), "observed": np.ones(32), "dt": np.array(0.01)}
-    usual |= {"pose": held_pose(name), "has_pose": np.ones(1), "frame": np.ones(1), "enable": np.ones(1)}
-    usual |= {"state": initial_state(problem_of(name)), "has_twist": np.full(1, float(data.draw(st.booleans())))}
+    usual |= {
+        "posture": comfort_of(name) + 0.2 * rng.normal(size=32),
+        "observed": np.ones(32),
+        "dt": np.array(0.01),
+    }
+    usual |= {
+        "pose": held_pose(name),
+        "has_pose": np.ones(1),
+        "frame": np.ones(1),
+        "enable": np.ones(1),
+    }
+    usual |= {
+        "state": initial_state(problem_of(name)),
+        "has_twist": np.full(1, float(data.draw(st.booleans()))),
+    }
     for attacked in data.draw(st.lists(st.sampled_from(FROM_OUTSIDE), max_size=4)):
         values = np.array(usual[attacked], dtype=float).reshape(step.size_in(attacked), order="F")
         values.flat[rng.integers(values.size)] = data.draw(numbers)
-        usual[attacked] = values if data.draw(st.booleans()) else np.full_like(values, data.draw(numbers))
+        usual[attacked] = (
+            values if data.draw(st.booleans()) else np.full_like(values, data.draw(numbers))
+        )
     answer = step(**usual)
     assert np.isfinite(np.array(answer["multipliers"])).all()
     assert np.isfinite(np.array(answer["twist"])).all()
 
 
-# --- a robot that does something else, issue 9 ----------------------------------------------------------------------------
+# --- a robot that does something else, issue 9 ----------------------------------------------------
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.005, 0.03), st.floats(0.1, 100.0))
 @settings(deadline=None, max_examples=40)
-def test_whatever_the_robot_reports_speed_and_acceleration_hold_for_what_is_sent(seed: int, dt: float, factor: float) -> None:
-    rng, stepper, checker = np.random.default_rng(seed), stepper_of("screwing"), Checker(problem_of("screwing"))
+def test_whatever_the_robot_reports_speed_and_acceleration_hold_for_what_is_sent(
+    seed: int, dt: float, factor: float
+) -> None:
+    rng, stepper, checker = (
+        np.random.default_rng(seed),
+        stepper_of("screwing"),
+        Checker(problem_of("screwing")),
+    )
     begin = pose = held_pose("screwing")
     previous, way = np.zeros(6), 0.0
     for number in range(12):
-        reported = np.clip(rng.uniform(-1, 1, 6) * factor * problem_of("screwing").twist_limit.speed, -99, 99)
-        step = stepper.step(near_comfort("screwing", rng, 15), pose if number == 0 else None, reported, dt=dt)
+        reported = np.clip(
+            rng.uniform(-1, 1, 6) * factor * problem_of("screwing").twist_limit.speed, -99, 99
+        )
+        step = stepper.step(
+            near_comfort("screwing", rng, 15), pose if number == 0 else None, reported, dt=dt
+        )
         assert checker.check(step.twist, previous, pose, None, step.posture_rate, dt) == []
-        # Nothing that is reported leads further than all that was sent, and what is made good at once is no more than that.
+        # Nothing that is reported leads further than all that was sent, and what is made good at
+        # once is no more than that.
         way += float(np.linalg.norm(previous[:3])) * dt
         assert np.linalg.norm(step.pose[:3, 3] - begin[:3, 3]) <= 2 * way + 1e-9
         pose, previous = step.pose, step.twist
 
 
-@pytest.mark.parametrize("begins", [0, 40], ids=["from the first step", "in the middle of a motion"])
+@pytest.mark.parametrize(
+    "begins", [0, 40], ids=["from the first step", "in the middle of a motion"]
+)
 @pytest.mark.parametrize("speed", [0.5, 9.0, 99.0])
 def test_a_reported_speed_beyond_the_limit_is_never_gone_on_with(speed: float, begins: int) -> None:
-    """At a limit of 0.2 m/s, 0.5 was answered with 0.494, `optimal`, and 99 m/s went on for 165 s."""
-    q, limit = near_comfort("screwing", np.random.default_rng(5), 15), problem_of("screwing").twist_limit
+    """At a limit of 0.2 m/s, 0.5 was answered with 0.494, `optimal`, and 99 m/s went on for 165
+    s."""
+    q, limit = (
+        near_comfort("screwing", np.random.default_rng(5), 15),
+        problem_of("screwing").twist_limit,
+    )
     stepper = stepper_of("screwing")
-    twists = [stepper.step(q, held_pose("screwing") if number == 0 else None).twist for number in range(begins)]
+    twists = [
+        stepper.step(q, held_pose("screwing") if number == 0 else None).twist
+        for number in range(begins)
+    ]
     twists.insert(0, np.zeros(6))
     reported, reasons = np.array([speed, 0, 0, 0, 0, 0]), []
     for number in range(60):
@@ -196,12 +266,25 @@ class Loop:
         self.last, self.reasons = np.zeros(6), list[str]()
         self.q = near_comfort("screwing", self.rng, 20)
 
-    def step(self, pose: bool = True, twist: bool = False, reported: np.ndarray | None = None, stalls: bool = False) -> Step:
+    def step(
+        self,
+        pose: bool = True,
+        twist: bool = False,
+        reported: np.ndarray | None = None,
+        stalls: bool = False,
+    ) -> Step:
         self.at = self.robot.pose
         told = self.robot.reported_twist() if reported is None else reported
-        step = self.stepper.step(self.q, self.robot.measured_pose() if pose else None, told if twist else None)
-        broken = self.checker.check(step.twist, self.last, self.robot.pose, None, step.posture_rate, 0.01)
-        assert not set(broken) & {"speed", "acceleration", "axes", "jerk"}, (broken, self.checker.max_violation)
+        step = self.stepper.step(
+            self.q, self.robot.measured_pose() if pose else None, told if twist else None
+        )
+        broken = self.checker.check(
+            step.twist, self.last, self.robot.pose, None, step.posture_rate, 0.01
+        )
+        assert not set(broken) & {"speed", "acceleration", "axes", "jerk"}, (
+            broken,
+            self.checker.max_violation,
+        )
         self.last = step.twist
         self.reasons.append(step.reason)
         for _ in self.robot.execute(0 * step.twist if stalls else step.twist, 0.01):
@@ -211,24 +294,37 @@ class Loop:
     def outside(self) -> float:
         """How far the object is out of its box [m]."""
         box, point = problem_of("screwing").limit_of(WorkspaceBox), self.robot.pose[:3, 3]
-        return float(np.max(np.maximum(np.asarray(box.lower) - point, point - np.asarray(box.upper))))
+        return float(
+            np.max(np.maximum(np.asarray(box.lower) - point, point - np.asarray(box.upper)))
+        )
 
     def faults(self) -> set[str]:
-        return {part for reason in self.reasons for part in reason.split("; ") if part.startswith("robot:")}
+        return {
+            part
+            for reason in self.reasons
+            for part in reason.split("; ")
+            if part.startswith("robot:")
+        }
 
 
 @pytest.mark.parametrize("pose", [True, False])
 @pytest.mark.parametrize("noise", [0.05, 0.2])
-def test_noise_of_the_reported_speed_neither_speeds_the_object_up_nor_is_a_fault(noise: float, pose: bool) -> None:
+def test_noise_of_the_reported_speed_neither_speeds_the_object_up_nor_is_a_fault(
+    noise: float, pose: bool
+) -> None:
     """5 % noise gave 1.3 times the speed limit, 20 % gave 6.2 times."""
     for seed in range(3):
         loop, fastest = Loop(RobotKind(speed_noise=noise), seed), 0.0
         for _ in range(400):
             step = loop.step(pose=pose or not loop.reasons, twist=True)
-            fastest = max(fastest, float(np.max(np.abs(step.twist) / problem_of("screwing").twist_limit.speed)))
+            fastest = max(
+                fastest,
+                float(np.max(np.abs(step.twist) / problem_of("screwing").twist_limit.speed)),
+            )
         assert loop.faults() == set()
         assert fastest > 0.9
-        # Without a pose nobody knows where the object is: what the noise adds up to is the robot's own.
+        # Without a pose nobody knows where the object is: what the noise adds up to is the robot's
+        # own.
         assert not pose or loop.outside() <= 1e-9
 
 
@@ -243,7 +339,10 @@ def test_a_robot_that_is_faster_than_sent_stays_within_its_speed_and_is_named() 
             assert loop.outside() <= 1e-3
         assert braked > 30
         assert loop.faults()
-        assert all(re.fullmatch(r"robot: moves 1(\.\d+)? times what was sent", fault) for fault in loop.faults()), loop.faults()
+        assert all(
+            re.fullmatch(r"robot: moves 1(\.\d+)? times what was sent", fault)
+            for fault in loop.faults()
+        ), loop.faults()
 
 
 def test_a_robot_that_lags_comes_no_further_out_with_its_twist_reported_than_without() -> None:
@@ -273,10 +372,14 @@ def test_a_knee_that_is_read_beyond_its_range_drives_nothing() -> None:
 
 
 @pytest.mark.parametrize("moves_first", [0, 60])
-def test_without_a_pose_the_reported_twist_of_a_stalled_robot_says_where_it_is(moves_first: int) -> None:
-    """Its pose was that of what had been sent: 43 mm off for good. It is named, and the object starts from rest only.
+def test_without_a_pose_the_reported_twist_of_a_stalled_robot_says_where_it_is(
+    moves_first: int,
+) -> None:
+    """Its pose was that of what had been sent: 43 mm off for good. It is named, and the object
+    starts from rest only.
 
-    Until it is told from noise the object is taken to be further on than it is, but no more than that.
+    Until it is told from noise the object is taken to be further on than it is, but no more than
+    that.
     """
     loop, furthest = Loop(RobotKind()), 0.0
     for number in range(moves_first + 200):
@@ -287,13 +390,15 @@ def test_without_a_pose_the_reported_twist_of_a_stalled_robot_says_where_it_is(m
     assert np.linalg.norm(step.pose[:3, 3] - loop.at[:3, 3]) <= 3e-3
 
 
-def test_noise_of_a_twist_that_is_reported_at_the_very_first_step_does_not_hide_a_stalled_robot() -> None:
+def test_noise_of_a_twist_reported_at_the_first_step_does_not_hide_a_stalled_robot() -> None:
     """There is no period before the first step that it could be integrated over."""
     loop = Loop(RobotKind())
     loop.step(twist=True, reported=np.full(6, 1e-3), stalls=True)
     sent = 0.0
     while "robot: stands still" not in loop.faults():
-        sent += float(np.max(np.abs(loop.step(pose=False, twist=True, stalls=True).twist[:3]))) * 0.01
+        sent += (
+            float(np.max(np.abs(loop.step(pose=False, twist=True, stalls=True).twist[:3]))) * 0.01
+        )
         # Named 0.2 s after a millimetre differs; at the largest acceleration that is some 20 mm.
         assert sent < 0.04
 
@@ -307,7 +412,11 @@ def test_a_stalled_robot_is_named_comes_to_rest_and_starts_again_from_rest_only(
     stalled, limit = len(twists), problem_of("screwing").twist_limit
     for _ in range(70):
         twists.append(loop.step(pose=pose, twist=not pose, stalls=True).twist)
-    named = next(number for number in range(stalled, len(twists)) if "robot: stands still" in loop.reasons[number])
+    named = next(
+        number
+        for number in range(stalled, len(twists))
+        if "robot: stands still" in loop.reasons[number]
+    )
     # Within 0.2 s of the first millimetre that is missing.
     assert named - stalled < 25
     assert not twists[-1].any()
@@ -329,7 +438,8 @@ def test_a_robot_that_stays_stalled_is_tried_from_rest_again_and_again() -> None
     moves = np.abs(twists / limit.speed).max(axis=1)
     begins = np.flatnonzero((moves[1:] > 0) & (moves[:-1] == 0))
     assert len(begins) >= 4
-    # Never at full speed: a robot that resumes after its protective stop meets the begin of a motion.
+    # Never at full speed: a robot that resumes after its protective stop meets the begin of a
+    # motion.
     assert moves.max() < 0.5
     assert loop.faults() == {"robot: stands still"}
 
@@ -362,7 +472,10 @@ def test_a_period_that_is_a_late_call_sends_nothing_from_rest_and_is_named(dt: f
         step = stepper.step(q, held_pose("screwing"), dt=dt)
         assert not step.twist.any()
         assert step.status == "braking"
-        assert step.reason == f"dt is {dt:g} s, allowed 0.03 s: three periods, or the longest hold of the robot"
+        assert (
+            step.reason
+            == f"dt is {dt:g} s, allowed 0.03 s: three periods, or the longest hold of the robot"
+        )
         # In motion it brakes as for a lost frame.
         loop = Held(stepper, held_pose("screwing"))
         stepper.reset()
@@ -383,12 +496,15 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
     from ergoqp.limits import AxisCone, JointLimit
 
     problem, pose = problem_of("screwing"), held_pose("screwing")
-    flat = WorkspaceBox(tuple(pose[:3, 3] - 5e-4), tuple(pose[:3, 3] + 5e-4))  # type: ignore[arg-type]
+    flat = WorkspaceBox(tuple(pose[:3, 3] - 5e-4), tuple(pose[:3, 3] + 5e-4))  # type: ignore
     opposite = AxisCone(tuple(-pose[:3, 0]), 5.0)  # type: ignore[arg-type]
     narrow = JointLimit(ranges_deg={"right_elbow_flexion": (10, 10.2), "trunk_flexion": (60, 60.1)})
     for limits in ([flat], [opposite], [flat, opposite], [flat, opposite, narrow]):
         hard = [problem.twist_limit, *limits, *([] if narrow in limits else [JointLimit()])]
-        stepper, checker = Stepper(problem.replace(limits=hard)), Checker(problem.replace(limits=hard))
+        stepper, checker = (
+            Stepper(problem.replace(limits=hard)),
+            Checker(problem.replace(limits=hard)),
+        )
         previous = np.zeros(6)
         for number in range(40):
             step = stepper.step(comfort_of("screwing"), pose if number == 0 else None)
@@ -398,7 +514,9 @@ def test_contradictory_limits_brake_or_hold_and_never_raise() -> None:
 
 
 def test_a_short_fuzz_finds_nothing_wrong() -> None:
-    fuzz = pytest.importorskip("benchmarks.fuzz", reason="the benchmarks of the checkout are not importable here")
+    fuzz = pytest.importorskip(
+        "benchmarks.fuzz", reason="the benchmarks of the checkout are not importable here"
+    )
     counts: Counter = Counter()
     examples: list[str] = []
     # Each problem of the package and as many random ones, half of them with a declared robot.

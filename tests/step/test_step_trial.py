@@ -1,4 +1,5 @@
-"""The trial of a given place against the same rules in plain words, over random histories and a whole journey."""
+"""The trial of a given place against the same rules in plain words, over random histories and a
+whole journey."""
 
 from __future__ import annotations
 
@@ -17,15 +18,23 @@ CONTROL = Control()
 
 def compiled() -> ca.Function:
     names = ("distance", "on", "promise", "points", "dt", "counts")
-    trial, rest, pose = ca.SX.sym("trial", TRIAL), ca.SX.sym("rest", STATES), ca.SX.sym("pose", 4, 4)
+    trial, rest, pose = (
+        ca.SX.sym("trial", TRIAL),
+        ca.SX.sym("rest", STATES),
+        ca.SX.sym("pose", 4, 4),
+    )
     known = [ca.SX.sym(name) for name in names]
-    return ca.Function("trial", [trial, rest, pose, *known], list(trial_update(CONTROL, trial, rest, pose, *known)))
+    return ca.Function(
+        "trial", [trial, rest, pose, *known], list(trial_update(CONTROL, trial, rest, pose, *known))
+    )
 
 
 UPDATE = compiled()
 
 
-def update(trial: np.ndarray, rest: np.ndarray, pose: np.ndarray, **known: float) -> tuple[np.ndarray, np.ndarray]:
+def update(
+    trial: np.ndarray, rest: np.ndarray, pose: np.ndarray, **known: float
+) -> tuple[np.ndarray, np.ndarray]:
     names = ("distance", "on", "promise", "points", "dt", "counts")
     after, rests = UPDATE(trial, rest, pose, *(known[name] for name in names))
     return np.array(after).ravel(), np.array(rests).ravel()
@@ -89,20 +98,42 @@ def test_a_trial_goes_by_its_rules(seed: int) -> None:
     phase = rng.integers(0, 5)
     cost, before = rng.uniform(1, 5), rng.uniform(1, 5)
     trial = np.array(
-        [phase, rng.integers(0, 2), rng.uniform(1, 5), before, rng.uniform(0, 1), rng.uniform(0, 2), cost, *rng.normal(size=6)]
+        [
+            phase,
+            rng.integers(0, 2),
+            rng.uniform(1, 5),
+            before,
+            rng.uniform(0, 1),
+            rng.uniform(0, 2),
+            cost,
+            *rng.normal(size=6),
+        ]
     )
     if rng.random() < 0.1:
         trial[:] = 0.0
-    rest = np.array([rng.integers(0, 2), rng.uniform(0, 0.4), rng.uniform(0, 1), rng.uniform(1, 4), 1.0, rng.uniform(0, 3)])
+    rest = np.array(
+        [
+            rng.integers(0, 2),
+            rng.uniform(0, 0.4),
+            rng.uniform(0, 1),
+            rng.uniform(1, 4),
+            1.0,
+            rng.uniform(0, 3),
+        ]
+    )
     known = {
-        "distance": float(rng.choice([0.04, 0.06, trial[4] - 0.01, trial[4] - 0.03, rng.uniform(0, 2)])),
+        "distance": float(
+            rng.choice([0.04, 0.06, trial[4] - 0.01, trial[4] - 0.03, rng.uniform(0, 2)])
+        ),
         "promise": float(rng.choice([UNKNOWN, rng.uniform(0, 4)])),
         "points": rng.uniform(1, 5),
         "dt": float(rng.choice([0.01, 0.05, 1.0])),
     }
     on = bool(rng.random() < 0.95)
     for expected, found in zip(
-        plain(trial, rest, pose, on=on, **known), update(trial, rest, pose, on=on, counts=1, **known), strict=True
+        plain(trial, rest, pose, on=on, **known),
+        update(trial, rest, pose, on=on, counts=1, **known),
+        strict=True,
     ):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
     if on:
@@ -112,18 +143,37 @@ def test_a_trial_goes_by_its_rules(seed: int) -> None:
         np.testing.assert_array_equal(rested, rest)
 
 
-@pytest.mark.parametrize(("at_place", "ends"), [(2.0, DESCENT), (3.05, DESCENT), (3.5, BACK), (5.0, BACK)])
+@pytest.mark.parametrize(
+    ("at_place", "ends"), [(2.0, DESCENT), (3.05, DESCENT), (3.5, BACK), (5.0, BACK)]
+)
 def test_a_whole_journey(at_place: float, ends: int) -> None:
-    """From rest at 3 points: there, a look, and back where the place is worse than where it began."""
+    """From rest at 3 points: there, a look, and back where the place is worse than where it
+    began."""
     trial, pose, phases = np.zeros(TRIAL), np.eye(4), []
     distance = 1.0
     for _ in range(800):
         phase = trial[0]
-        distance = max(0.0, distance - 0.01) if phase in (THERE, BACK) else 1.0 if phase == DESCENT else distance
+        distance = (
+            max(0.0, distance - 0.01)
+            if phase in (THERE, BACK)
+            else 1.0
+            if phase == DESCENT
+            else distance
+        )
         points = 3.0 if phase in (DESCENT, THERE, BACK) else at_place
         resting = phase in (DESCENT, AFTER)
         given = np.array([float(resting), 0, 0, points, points, 0])
-        trial, _ = update(trial, given, pose, distance=distance, on=1, promise=1.0, points=points, dt=0.01, counts=1)
+        trial, _ = update(
+            trial,
+            given,
+            pose,
+            distance=distance,
+            on=1,
+            promise=1.0,
+            points=points,
+            dt=0.01,
+            counts=1,
+        )
         if trial[0] != phase:
             phases.append(int(trial[0]))
             if trial[0] in (LOOK, AFTER):

@@ -1,4 +1,5 @@
-"""Turns do not commute, and a mean does several at once: what the cone keeps free for that, against the true way."""
+"""Turns do not commute, and a mean does several at once: what the cone keeps free for that, against
+the true way."""
 
 from __future__ import annotations
 
@@ -26,27 +27,45 @@ DT = 0.01
 def angle(problem: Problem, pose: np.ndarray) -> float:
     """How far a pose (4, 4) is out of its cone [rad]."""
     cone = problem.limit_of(AxisCone)
-    apart, together = (np.linalg.norm(np.asarray(cone.direction) + sign * pose[:3, 0]) for sign in (-1, 1))
+    apart, together = (
+        np.linalg.norm(np.asarray(cone.direction) + sign * pose[:3, 0]) for sign in (-1, 1)
+    )
     return float(2 * np.arctan2(apart, together) - np.radians(cone.half_angle_deg))
 
 
 class Believed:
-    """What the step believes of the cone: the least margin from here through the stop from a planned twist."""
+    """What the step believes of the cone: the least margin from here through the stop from a
+    planned twist."""
 
     def __init__(self, problem: Problem) -> None:
-        history, dt, twist = ca.MX.sym("history", count(history_sizes(problem))), ca.MX.sym("dt"), ca.MX.sym("twist", 6)
+        history, dt, twist = (
+            ca.MX.sym("history", count(history_sizes(problem))),
+            ca.MX.sym("dt"),
+            ca.MX.sym("twist", 6),
+        )
         at, sent, still = ca.MX.sym("pose", 4, 4), ca.MX.sym("sent", 6), ca.MX.sym("still")
         found = under_way(problem, history, dt)
         landed, way = way_of(problem, found, at)
         place = ca.SX.sym("landed", 4, 4), ca.SX.sym("way", *way.shape), ca.SX.sym("ways", 6, 3)
         parts, cone = split_way(problem, place[1]), problem.limit_of(AxisCone)
-        nobody = {name: ca.SX(*SIZES[name]) for name in ("posture", "observed", "sensitivity", "swing", "change")}
-        where = {"pose": place[0], "ahead": parts.ahead, "lost": parts.lost, "stray": parts.stray, "raised": parts.raised}
+        nobody = {
+            name: ca.SX(*SIZES[name])
+            for name in ("posture", "observed", "sensitivity", "swing", "change")
+        }
+        where = {
+            "pose": place[0],
+            "ahead": parts.ahead,
+            "lost": parts.lost,
+            "stray": parts.stray,
+            "raised": parts.raised,
+        }
         situation = Situation(**nobody, **where, lead=place[2][:, 1], most=place[2][:, 2])
         margin = ca.Function("margin", place, [cone.margins(situation, place[2][:, 0])])
         law, u, h = problem.stop, ca.SX.sym("u", 6), ca.SX.sym("h")
         ways = ca.Function("ways", [u, h], [law.ways(u, h)])
-        self.margin = ca.Function("believed", [at, history, twist, dt], [margin(landed, way, ways(twist, dt))])
+        self.margin = ca.Function(
+            "believed", [at, history, twist, dt], [margin(landed, way, ways(twist, dt))]
+        )
         mean = found.begun + found.own * twist
         self.mean = ca.Function("mean", [history, twist, dt], [mean])
         after = ca.vertcat(*next_history(problem, history, found, twist, sent, still))
@@ -55,9 +74,14 @@ class Believed:
 
 def margins(cone: AxisCone, pose: np.ndarray, displacement: np.ndarray, **given: object) -> float:
     """The cone's margin on the way to a displacement (6,) of an object that nobody works on."""
-    nobody = {name: ca.SX(*SIZES[name]) for name in ("posture", "observed", "sensitivity", "swing", "change")}
+    nobody = {
+        name: ca.SX(*SIZES[name])
+        for name in ("posture", "observed", "sensitivity", "swing", "change")
+    }
     numbers = {name: ca.SX(ca.DM(value)) for name, value in given.items()}
-    found = cone.margins(Situation(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement)))
+    found = cone.margins(
+        Situation(**nobody, pose=ca.SX(ca.DM(pose)), **numbers), ca.SX(ca.DM(displacement))
+    )
     return float(ca.evalf(found))
 
 
@@ -71,12 +95,15 @@ def tilted(rng: np.random.Generator, least: float, most: float) -> np.ndarray:
 CONE = AxisCone(direction=(1, 0, 0), half_angle_deg=20)
 
 
-def test_what_a_mean_that_rises_adds_leads_no_further_out_than_believed_whichever_axis_reaches_its_acceleration() -> None:
+def test_what_a_rising_mean_adds_leads_no_further_out_than_believed() -> None:
     """Cut off axis by axis it led elsewhere: 1.5e-7 rad out across the slope, 1e-3 rad at worst."""
     rng, most = np.random.default_rng(3), np.array([0, 0, 0, 0.0012, 0.0012, 0.0012])
     close = []
     for _ in range(400):
-        pose, u = tilted(rng, 0.1, 0.6), np.concatenate([np.zeros(3), rng.normal(size=3) * rng.choice([0.01, 0.1, 1.0], 3)])
+        pose, u = (
+            tilted(rng, 0.1, 0.6),
+            np.concatenate([np.zeros(3), rng.normal(size=3) * rng.choice([0.01, 0.1, 1.0], 3)]),
+        )
         lead, way = 0.045 * u, 0.1 * u
         added = np.clip(lead, -most, most)
         bound = margins(CONE, pose, way + added, lead=lead, most=most, raised=0.0)
@@ -91,12 +118,16 @@ def test_what_a_mean_that_rises_adds_leads_no_further_out_than_believed_whicheve
 
 
 def test_a_row_of_two_axes_counts_on_no_axis_to_make_up_for_the_other() -> None:
-    """x - y <= 0: what is added along y before its acceleration cuts it off would have hidden what is added along x."""
+    """x - y <= 0: what is added along y before its acceleration cuts it off would have hidden what
+    is added along x."""
     rng, most = np.random.default_rng(7), np.array([0.001, 0.001, 0, 0, 0, 0])
     free, straight = ca.SX([ca.inf]), ca.SX.zeros(1)
     matrix = ca.SX(ca.DM([[1, -1, 0, 0, 0, 0]]))
     rows = Rows(matrix, ca.SX.zeros(1) + 1, ca.SX.zeros(1), free, straight)
-    nobody = {name: ca.SX(*SIZES[name]) for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")}
+    nobody = {
+        name: ca.SX(*SIZES[name])
+        for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")
+    }
     for _ in range(50):
         u = np.concatenate([rng.normal(size=2) * rng.choice([0.01, 0.1, 1.0], 2), np.zeros(4)])
         lead, way = 0.045 * u, 0.1 * u
@@ -108,7 +139,7 @@ def test_a_row_of_two_axes_counts_on_no_axis_to_make_up_for_the_other() -> None:
         assert bound == pytest.approx(-0.1 * rate - min(0.045 * rate, 0.002))
 
 
-def test_turns_that_are_done_together_differ_from_one_after_the_other_by_no_more_than_is_kept_free() -> None:
+def test_turns_done_together_differ_from_one_after_the_other_by_what_is_kept_free() -> None:
     rng, shares = np.random.default_rng(4), []
     for _ in range(100):
         pose, free = tilted(rng, 0.1, 0.6), np.eye(4)
@@ -118,16 +149,23 @@ def test_turns_that_are_done_together_differ_from_one_after_the_other_by_no_more
         kept = margins(CONE, pose, way) - margins(CONE, pose, way, ahead=ahead, stray=0.0)
         after = moved(moved(free, ahead), way)[:3, :3]
         # What is under way ends soon, what is new goes on.
-        first, second = np.minimum(np.linspace(0, rng.uniform(1, 3), 201), 1), np.linspace(0, 1, 201) ** rng.uniform(0.5, 3)
+        first, second = (
+            np.minimum(np.linspace(0, rng.uniform(1, 3), 201), 1),
+            np.linspace(0, 1, 201) ** rng.uniform(0.5, 3),
+        )
         together = free
         for i in range(200):
-            together = moved(together, ahead * (first[i + 1] - first[i]) + way * (second[i + 1] - second[i]))
+            together = moved(
+                together, ahead * (first[i + 1] - first[i]) + way * (second[i + 1] - second[i])
+            )
         R = together[:3, :3] @ after.T
         apart = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
         assert apart <= 1.02 * kept + 1e-9
         shares.append(apart / kept)
         # What is under way may leave its straight line, too.
-        bent = margins(CONE, pose, way, ahead=ahead, stray=0.0) - margins(CONE, pose, way, ahead=ahead, stray=0.01)
+        bent = margins(CONE, pose, way, ahead=ahead, stray=0.0) - margins(
+            CONE, pose, way, ahead=ahead, stray=0.01
+        )
         assert bent == pytest.approx(0.01 * np.linalg.norm(way))
     assert max(shares) > 0.4
 
@@ -137,7 +175,9 @@ class Loop:
 
     def __init__(self, problem: Problem, believed: Believed, pose: np.ndarray) -> None:
         self.problem, self.believed, self.pose = problem, believed, pose
-        self.history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+        self.history = np.concatenate(
+            [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        )
         self.least = np.inf
 
     def margin(self) -> float:
@@ -147,15 +187,20 @@ class Loop:
     def go(self, planned: np.ndarray, dt: float) -> None:
         """Plan a twist for the end of a period and turn by the mean that is sent for it."""
         sent = np.array(self.believed.mean(self.history, planned, dt)).ravel()
-        self.history = np.array(self.believed.after(self.history, planned, sent, float(not planned.any()), dt)).ravel()
+        self.history = np.array(
+            self.believed.after(self.history, planned, sent, float(not planned.any()), dt)
+        ).ravel()
         for _ in range(4):
             self.pose = moved(self.pose, sent * dt / 4)
             self.least = min(self.least, self.margin())
 
 
 @pytest.mark.parametrize("half_angle_deg", [2.0, 20.0, 60.0])
-def test_a_mean_of_turns_about_changing_axes_leads_no_further_out_than_believed(half_angle_deg: float) -> None:
-    """What the mean adds had been reckoned axis by axis, which bent the way: off by 1e-3 rad; a constant allowance hid it."""
+def test_a_mean_of_turns_about_changing_axes_leads_no_further_out_than_believed(
+    half_angle_deg: float,
+) -> None:
+    """What the mean adds had been reckoned axis by axis, which bent the way: off by 1e-3 rad; a
+    constant allowance hid it."""
     base = problem_of("screwing")
     cone = replace(base.limit_of(AxisCone), half_angle_deg=half_angle_deg)
     limits = tuple(cone if isinstance(limit, AxisCone) else limit for limit in base.limits)
@@ -180,7 +225,11 @@ def test_a_mean_of_turns_about_changing_axes_leads_no_further_out_than_believed(
         loop.least = loop.margin()
         loop.go(planned, DT)
         # The stop, in periods up to the longest.
-        seconds, start, dts = float(np.max(np.abs(planned[3:]) / acceleration[3:])), planned, rng.choice([0.01, 0.02, 0.03], 25)
+        seconds, start, dts = (
+            float(np.max(np.abs(planned[3:]) / acceleration[3:])),
+            planned,
+            rng.choice([0.01, 0.02, 0.03], 25),
+        )
         passed = 0.0
         for dt in dts:
             passed += dt
@@ -196,7 +245,8 @@ def test_a_mean_of_turns_about_changing_axes_leads_no_further_out_than_believed(
 
 @pytest.mark.parametrize("inside", [0.0, 1e-3])
 def test_with_a_long_mean_the_object_does_not_creep_out_of_a_wide_cone(inside: float) -> None:
-    """Every twist inherited how badly braking might end by what is not known, step after step: 1.6e-3 rad out."""
+    """Every twist inherited how badly braking might end by what is not known, step after step:
+    1.6e-3 rad out."""
     base, half = bold_of("overhead"), np.radians(85.0)
     cone = replace(base.limit_of(AxisCone), half_angle_deg=85.0)
     fast = replace(base.limit_of(TwistLimit), angular_speed=1.0, angular_acceleration=2.0)
@@ -227,7 +277,10 @@ def test_with_a_long_mean_the_object_does_not_creep_out_of_a_wide_cone(inside: f
 
 
 def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> None:
-    pose, displacement = tilted(np.random.default_rng(3), 0.1, 0.2), np.array([0, 0, 0, 0.01, 0.02, -0.01])
+    pose, displacement = (
+        tilted(np.random.default_rng(3), 0.1, 0.2),
+        np.array([0, 0, 0, 0.01, 0.02, -0.01]),
+    )
     plain = margins(CONE, pose, displacement)
     known = {"lead": np.full(6, 0.01), "most": np.full(6, 0.02), "raised": 0.001}
     assert margins(CONE, pose, displacement, **known) < plain
@@ -237,8 +290,16 @@ def test_a_cone_counts_on_a_mean_that_rises_only_where_all_of_it_is_known() -> N
 
 
 def test_what_a_mean_adds_is_taken_off_a_way_only_where_all_of_it_is_known() -> None:
-    nobody = {name: ca.SX(*SIZES[name]) for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")}
+    nobody = {
+        name: ca.SX(*SIZES[name])
+        for name in ("posture", "observed", "pose", "sensitivity", "swing", "change")
+    }
     way, known = np.arange(6) * 0.01, {"lead": ca.SX(6, 1) + 0.004, "most": ca.SX(6, 1) + 0.003}
-    for parts, expected in ((known, way - 0.003), ({"lead": known["lead"]}, way), ({"most": known["most"]}, way), ({}, way)):
+    for parts, expected in (
+        (known, way - 0.003),
+        ({"lead": known["lead"]}, way),
+        ({"most": known["most"]}, way),
+        ({}, way),
+    ):
         found = Situation(**nobody, **parts).straight(ca.SX(ca.DM(way)))
         np.testing.assert_allclose(np.array(ca.evalf(found)).ravel(), expected, atol=1e-15)

@@ -1,4 +1,5 @@
-"""What is said of a robot: at rest, when its pose is lost, when it ramps down by itself, and how soon."""
+"""What is said of a robot: at rest, when its pose is lost, when it ramps down by itself, and how
+soon."""
 
 from __future__ import annotations
 
@@ -6,7 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, outside, problem_of, small
+from step_samples import (
+    Held,
+    bold_of,
+    comfort_of,
+    held_pose,
+    near_comfort,
+    outside,
+    problem_of,
+    small,
+)
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
@@ -26,10 +36,15 @@ UNASKED = "robot: moves although nothing was sent"
 def test_a_robot_less_late_than_declared_stays_inside_while_its_pose_is_lost(
     name: str, share: float, average: float | None
 ) -> None:
-    """What it still owed when it was seen last was forgotten while it was not seen: 7 mm outside, and blamed afterwards."""
+    """What it still owed when it was seen last was forgotten while it was not seen: 7 mm outside,
+    and blamed afterwards."""
     declared = DeclaredRobot(delay=0.03, lag=0.05, pose_delay=0.02)
     problem = small(name, declared, average)
-    mover = SimulatedRobot(RobotKind.of(declared, np.random.default_rng(0), share), held_pose(name), np.random.default_rng(0))
+    mover = SimulatedRobot(
+        RobotKind.of(declared, np.random.default_rng(0), share),
+        held_pose(name),
+        np.random.default_rng(0),
+    )
     stepper, rng, nearest = Stepper(problem), np.random.default_rng(1), -1.0
     for number in range(450):
         if number % 60 == 0:
@@ -44,15 +59,23 @@ def test_a_robot_less_late_than_declared_stays_inside_while_its_pose_is_lost(
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_again(share: float) -> None:
+def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_again(
+    share: float,
+) -> None:
     """Turns do not commute: half as late about one axis after another, it ends elsewhere."""
     declared = DeclaredRobot(lag=0.3)
     problem = bold_of("screwing")
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-    wide = [AxisCone(cone.direction, 150.0) if limit is cone else limit for limit in problem.limits if limit is not box]
+    wide = [
+        AxisCone(cone.direction, 150.0) if limit is cone else limit
+        for limit in problem.limits
+        if limit is not box
+    ]
     problem = problem.replace(limits=wide, robot=declared)
     mover = SimulatedRobot(
-        RobotKind.of(declared, np.random.default_rng(0), share), held_pose("screwing"), np.random.default_rng(0)
+        RobotKind.of(declared, np.random.default_rng(0), share),
+        held_pose("screwing"),
+        np.random.default_rng(0),
     )
     stepper, rng, turned = Stepper(problem), np.random.default_rng(1), 0.0
     for number in range(900):
@@ -71,7 +94,8 @@ def test_turns_of_a_robot_less_late_than_declared_are_no_fault_when_it_is_seen_a
 def test_what_moves_although_nothing_was_sent_is_named_and_starts_again(
     speed: float, given: dict[str, Any], reported: bool
 ) -> None:
-    """At rest the comparison began anew with every step: an object was carried 180 mm and settled all the way."""
+    """At rest the comparison began anew with every step: an object was carried 180 mm and settled
+    all the way."""
     stepper, q = Stepper(problem_of("screwing")), comfort_of("screwing")
     loop = Held(stepper, held_pose("screwing"))
     for _ in range(200):
@@ -97,9 +121,14 @@ def test_what_moves_although_nothing_was_sent_is_named_and_starts_again(
     assert 25 <= sum(named_on) <= 50
 
 
-def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_is_seen_again() -> None:
+def test_what_happens_to_an_object_that_comes_to_rest_unseen_is_noticed_when_it_is_seen_again() -> (
+    None
+):
     """It had come to rest without a pose, and what it was compared with began there: nowhere."""
-    stepper, q = Stepper(problem_of("screwing")), near_comfort("screwing", np.random.default_rng(5), 15)
+    stepper, q = (
+        Stepper(problem_of("screwing")),
+        near_comfort("screwing", np.random.default_rng(5), 15),
+    )
     loop, pushed = Held(stepper, held_pose("screwing")), np.array([0.0, 0.005, 0.0, 0.0, 0.0, 0.0])
     for _ in range(40):
         step = loop.step(q)
@@ -124,7 +153,9 @@ def test_a_reported_twist_alone_shows_that_it_moves_at_rest() -> None:
     noisy = [stepper.step(q, twist=still + 1e-3 * rng.normal(size=6)).reason for _ in range(1000)]
     assert not [reason for reason in noisy if "robot:" in reason]
     # A sensor that reads 1 mm/s at rest is none either.
-    assert not [1 for _ in range(1000) if "robot:" in stepper.step(q, twist=[0.0, 1e-3, 0, 0, 0, 0]).reason]
+    assert not [
+        1 for _ in range(1000) if "robot:" in stepper.step(q, twist=[0.0, 1e-3, 0, 0, 0, 0]).reason
+    ]
     reasons = [stepper.step(q, twist=[0.0, 0.05, 0.0, 0.0, 0.0, 0.0]).reason for _ in range(20)]
     assert any("robot:" in reason for reason in reasons)
 
@@ -147,14 +178,24 @@ def test_what_is_not_enabled_may_be_moved_by_hand(speed: float, reported: bool) 
 
 
 @pytest.mark.parametrize("elapsed", [0.08, 0.2, 0.3])
-@pytest.mark.parametrize("robot", [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05)], ids=["ideal", "late"])
+@pytest.mark.parametrize(
+    "robot", [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05)], ids=["ideal", "late"]
+)
 def test_a_robot_that_ramped_down_by_itself_is_not_judged_and_rests_before_it_moves(
     robot: DeclaredRobot, elapsed: float
 ) -> None:
-    """Its own ramp is not the step's to the last millimetre: it was said to stand still, or its pose to jump."""
-    problem, q = bold_of("screwing").replace(robot=robot), near_comfort("screwing", np.random.default_rng(5), 20)
+    """Its own ramp is not the step's to the last millimetre: it was said to stand still, or its
+    pose to jump."""
+    problem, q = (
+        bold_of("screwing").replace(robot=robot),
+        near_comfort("screwing", np.random.default_rng(5), 20),
+    )
     stepper = Stepper(problem)
-    mover = SimulatedRobot(RobotKind.of(robot, np.random.default_rng(0)), held_pose("screwing"), np.random.default_rng(0))
+    mover = SimulatedRobot(
+        RobotKind.of(robot, np.random.default_rng(0)),
+        held_pose("screwing"),
+        np.random.default_rng(0),
+    )
     for _ in range(40):
         step = stepper.step(q, mover.measured_pose())
         list(mover.execute(step.twist, 0.01))
@@ -178,7 +219,8 @@ def test_a_robot_that_ramped_down_by_itself_is_not_judged_and_rests_before_it_mo
 
 @pytest.mark.parametrize("wrong", [1.0, 1.001, 0.95])
 def test_two_points_come_to_rest_without_a_frame_whatever_their_distance(wrong: float) -> None:
-    """A length that was measured wrong was mended for ever from a posture that nobody updated: 13 mm in a minute."""
+    """A length that was measured wrong was mended for ever from a posture that nobody updated: 13
+    mm in a minute."""
     problem = problem_of("forearm")
     stepper = Stepper(problem)
     elbow, wrist = np.array([0.1, -0.2, -0.25]), np.array([0.3, -0.15, -0.1])
@@ -205,9 +247,13 @@ def test_however_long_it_ramped_down_braking_answers(name: str, elapsed: float) 
 
 
 def creeping(declared: DeclaredRobot, creep: np.ndarray, seconds: float) -> np.ndarray | None:
-    """By how much (6,) a robot that keeps its declaration but for a creep has crept when it is blamed; None: it is not."""
+    """By how much (6,) a robot that keeps its declaration but for a creep has crept when it is
+    blamed; None: it is not."""
     problem, rng = bold_of("screwing").replace(robot=declared), np.random.default_rng(2)
-    stepper, mover = Stepper(problem), SimulatedRobot(RobotKind(), held_pose("screwing"), np.random.default_rng(0))
+    stepper, mover = (
+        Stepper(problem),
+        SimulatedRobot(RobotKind(), held_pose("screwing"), np.random.default_rng(0)),
+    )
     crept = np.zeros(6)
     for number in range(round(seconds * 100)):
         if number % 50 == 0:
@@ -223,15 +269,19 @@ def creeping(declared: DeclaredRobot, creep: np.ndarray, seconds: float) -> np.n
 
 @pytest.mark.parametrize("noise", [0.0, 0.001, 0.003])
 def test_a_creep_is_named_after_a_millimetre_beyond_twice_the_noise(noise: float) -> None:
-    """Two poses of an honest robot differ by up to twice its noise, so nothing less shows that it is not."""
-    crept = creeping(DeclaredRobot(pose_noise=noise), np.array([0.0, 0.005, 0.0, 0.0, 0.0, 0.0]), 4.0)
+    """Two poses of an honest robot differ by up to twice its noise, so nothing less shows that it
+    is not."""
+    crept = creeping(
+        DeclaredRobot(pose_noise=noise), np.array([0.0, 0.005, 0.0, 0.0, 0.0, 0.0]), 4.0
+    )
     assert crept is not None
     assert 2 * noise + 0.001 - 1e-4 <= crept[1] <= 2 * noise + 0.001 + 2e-4
 
 
 @pytest.mark.parametrize("noise_deg", [0.0, 0.2, 0.5])
 def test_a_turning_creep_is_named_soon(noise_deg: float) -> None:
-    """The error of the pose at the begin, which turns with the object, and its error now: not twice that."""
+    """The error of the pose at the begin, which turns with the object, and its error now: not twice
+    that."""
     creep = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(1.0)])
     crept = creeping(DeclaredRobot(pose_noise_deg=noise_deg), creep, 6.0)
     assert crept is not None
@@ -240,12 +290,20 @@ def test_a_turning_creep_is_named_soon(noise_deg: float) -> None:
 
 def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() -> None:
     """A drift sideways of 1.8 % of the way was taken for a gain error of 2 %: 60 mm in 20 s."""
-    problem, pose = bold_of("screwing").replace(robot=DeclaredRobot(gain_error=0.02)), held_pose("screwing")
+    problem, pose = (
+        bold_of("screwing").replace(robot=DeclaredRobot(gain_error=0.02)),
+        held_pose("screwing"),
+    )
     along = TwistLimit(axes=("x", "y", "z"))
-    problem = problem.replace(limits=[along if isinstance(limit, TwistLimit) else limit for limit in problem.limits])
+    problem = problem.replace(
+        limits=[along if isinstance(limit, TwistLimit) else limit for limit in problem.limits]
+    )
     q, named = near_comfort("screwing", np.random.default_rng(5), 20), {}
     for share in (0.018, 0.0):
-        stepper, mover = Stepper(problem), SimulatedRobot(RobotKind(gain=1.018), pose, np.random.default_rng(0))
+        stepper, mover = (
+            Stepper(problem),
+            SimulatedRobot(RobotKind(gain=1.018), pose, np.random.default_rng(0)),
+        )
         across = 0.0
         for _ in range(250):
             step = stepper.step(q, mover.measured_pose())
@@ -263,19 +321,30 @@ def test_what_a_gain_error_allows_along_the_way_it_does_not_allow_across_it() ->
     assert 0.0 not in named
 
 
-@pytest.mark.parametrize("declared", [DeclaredRobot(), DeclaredRobot(lag=0.05), DeclaredRobot(longest_hold=0.6)], ids=repr)
-def test_one_sample_of_a_reported_twist_over_a_long_period_shows_nothing(declared: DeclaredRobot) -> None:
-    """Noise of 20 % times half a second is more than a fault, and one sample does not tell it from one; the pose does."""
+@pytest.mark.parametrize(
+    "declared",
+    [DeclaredRobot(), DeclaredRobot(lag=0.05), DeclaredRobot(longest_hold=0.6)],
+    ids=repr,
+)
+def test_one_sample_of_a_reported_twist_over_a_long_period_shows_nothing(
+    declared: DeclaredRobot,
+) -> None:
+    """Noise of 20 % times half a second is more than a fault, and one sample does not tell it from
+    one; the pose does."""
     problem = bold_of("screwing").replace(robot=declared)
     stepper = Stepper(problem)
     for seed in range(12):
         rng = np.random.default_rng(seed)
         stepper.reset()
-        mover = SimulatedRobot(RobotKind(lag=declared.lag, speed_noise=0.2), held_pose("screwing"), rng)
+        mover = SimulatedRobot(
+            RobotKind(lag=declared.lag, speed_noise=0.2), held_pose("screwing"), rng
+        )
         q = near_comfort("screwing", rng, 40)
         for number in range(60):
             dt = 0.56 if number == 40 else 0.01
-            step = stepper.step(q, mover.measured_pose(), mover.reported_twist() if number else None, dt=dt)
+            step = stepper.step(
+                q, mover.measured_pose(), mover.reported_twist() if number else None, dt=dt
+            )
             assert "robot:" not in step.reason, (seed, number, step.reason)
             list(mover.execute(step.twist, dt))
     # What really happened, the pose shows, beyond what a hold explains.
@@ -284,7 +353,8 @@ def test_one_sample_of_a_reported_twist_over_a_long_period_shows_nothing(declare
 
 
 def test_few_samples_of_a_noisy_twist_are_not_taken_for_exact() -> None:
-    """One of 150 such loops was blamed: its few samples scattered less than their noise by chance."""
+    """One of 150 such loops was blamed: its few samples scattered less than their noise by
+    chance."""
     problem = bold_of("screwing")
     stepper, rng = Stepper(problem), np.random.default_rng(4)
     mover = SimulatedRobot(RobotKind(speed_noise=0.2), held_pose("screwing"), rng)
@@ -296,7 +366,8 @@ def test_few_samples_of_a_noisy_twist_are_not_taken_for_exact() -> None:
 
 
 def blur_of(executed: np.ndarray) -> np.ndarray:
-    """What counts as noise (6, 2) [m, rad, squared] of twists (n, 6) that a robot reports which is sent to stand still."""
+    """What counts as noise (6, 2) [m, rad, squared] of twists (n, 6) that a robot reports which is
+    sent to stand still."""
     problem = bold_of("screwing")
     explained = explained_function(problem)
     given = {name: np.zeros(explained.size_in(i)) for i, name in enumerate(explained.name_in())}

@@ -1,4 +1,5 @@
-"""What is under way against a plan that is sampled finely, and the mean that is sent, over uneven periods."""
+"""What is under way against a plan that is sampled finely, and the mean that is sent, over uneven
+periods."""
 
 from __future__ import annotations
 
@@ -36,7 +37,9 @@ def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
     found = under_way(problem, history, dt)
     after = ca.vertcat(*next_history(problem, history, found, planned, sent, still))
     seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
-    return ca.Function("seen", [history, dt], seen), ca.Function("after", [history, planned, sent, still, dt], [after])
+    return ca.Function("seen", [history, dt], seen), ca.Function(
+        "after", [history, planned, sent, still, dt], [after]
+    )
 
 
 class Plan:
@@ -46,14 +49,24 @@ class Plan:
         self.times, self.twists, self.sent = [0.0], [np.zeros(6)], []
 
     def at(self, times: Any) -> np.ndarray:
-        return np.array([np.interp(times, self.times, np.array(self.twists)[:, axis], left=0.0) for axis in range(6)])
+        return np.array(
+            [
+                np.interp(times, self.times, np.array(self.twists)[:, axis], left=0.0)
+                for axis in range(6)
+            ]
+        )
 
     def remaining(self, now: float, robot: DeclaredRobot) -> np.ndarray:
-        """What a robot has not done of what was sent, by the integral of what is left of each moment."""
+        """What a robot has not done of what was sent, by the integral of what is left of each
+        moment."""
         owed = np.zeros(6)
         for begin, end, twist in self.sent:
             ages = now - np.linspace(begin, end, 401)
-            left = np.where(ages < robot.dead_time, 1.0, np.exp(-np.maximum(ages - robot.dead_time, 0) / max(robot.lag, 1e-9)))
+            left = np.where(
+                ages < robot.dead_time,
+                1.0,
+                np.exp(-np.maximum(ages - robot.dead_time, 0) / max(robot.lag, 1e-9)),
+            )
             owed += twist * np.trapezoid(left, dx=(end - begin) / 400) if end > begin else 0.0
         return owed
 
@@ -63,12 +76,16 @@ def test_mean_and_what_is_under_way_are_those_of_a_finely_sampled_plan(seed: int
     problem = problem_of("screwing").replace(robot=ROBOT)
     W, rng, plan = problem.average, np.random.default_rng(seed), Plan()
     seen, after = functions(problem)
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+    )
     now, twist = 0.0, np.zeros(6)
     for _ in range(80):
         dt = float(rng.uniform(0.007, 0.03))
         target = twist + rng.uniform(-1, 1, 6) * 2.0 * dt
-        found = dict(zip(FOUND, (np.array(part).ravel() for part in seen(history, dt)), strict=True))
+        found = dict(
+            zip(FOUND, (np.array(part).ravel() for part in seen(history, dt)), strict=True)
+        )
         assert found["fits"]
         sent = found["begun"] + found["own"] * target
         plan.times.append(now + dt)
@@ -91,8 +108,16 @@ def test_mean_and_what_is_under_way_are_those_of_a_finely_sampled_plan(seed: int
 def test_an_object_that_moved_for_ever_owes_its_whole_delay() -> None:
     problem = problem_of("screwing").replace(robot=ROBOT)
     twist = np.array([0.1, 0.0, -0.05, 0.0, 0.3, 0.0])
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, twist).values()])
-    found = dict(zip(FOUND, (np.array(part).ravel() for part in functions(problem)[0](history, 0.01)), strict=True))
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, twist).values()]
+    )
+    found = dict(
+        zip(
+            FOUND,
+            (np.array(part).ravel() for part in functions(problem)[0](history, 0.01)),
+            strict=True,
+        )
+    )
     np.testing.assert_allclose(found["owed"], twist * (ROBOT.dead_time + ROBOT.lag), rtol=1e-12)
     np.testing.assert_allclose(found["begun"] + found["own"] * twist, twist, rtol=1e-12)
     assert not found["parked"]
@@ -103,7 +128,9 @@ def test_an_object_that_moved_for_ever_owes_its_whole_delay() -> None:
 def test_periods_that_are_too_short_are_noticed() -> None:
     problem = problem_of("screwing")
     seen, after = functions(problem)
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+    )
     fits, twist, dt = [], np.full(6, 0.01), 0.002
     for _ in range(40):
         found = seen(history, dt)
@@ -111,13 +138,20 @@ def test_periods_that_are_too_short_are_noticed() -> None:
         history = np.array(after(history, twist, twist, 0.0, dt)).ravel()
     assert fits[0]
     assert not fits[-1]
-    # What the history has lost is taken to have been its oldest twist all along, which a steady plan was.
-    np.testing.assert_allclose(np.array(found[FOUND.index("total")]).ravel(), twist * (problem.average + dt) / 2, rtol=1e-9)
+    # What the history has lost is taken to have been its oldest twist all along, which a steady
+    # plan was.
+    np.testing.assert_allclose(
+        np.array(found[FOUND.index("total")]).ravel(), twist * (problem.average + dt) / 2, rtol=1e-9
+    )
 
 
-@pytest.mark.parametrize("robot", [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05, gain_error=0.1, pose_noise=0.002)])
+@pytest.mark.parametrize(
+    "robot",
+    [DeclaredRobot(), DeclaredRobot(delay=0.02, lag=0.05, gain_error=0.1, pose_noise=0.002)],
+)
 def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: DeclaredRobot) -> None:
-    """The plan speeds up along x alone: nothing under way is credited at the lower end, all of it counts at the upper."""
+    """The plan speeds up along x alone: nothing under way is credited at the lower end, all of it
+    counts at the upper."""
     problem = problem_of("screwing").replace(robot=robot)
     W, plan, dt, axis = problem.average, Plan(), 0.01, np.eye(6)[0]
     _, after = functions(problem)
@@ -126,7 +160,9 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     found = under_way(problem, past, symbols[1])
     counted = ca.Function("counted", [*symbols, past], list(way_of(problem, found, symbols[0])))
     planned = ca.Function("planned", [past, symbols[1]], [found.begun, found.own])
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+    )
     for number in range(1, 8):
         twist = 0.02 * number * axis
         begun, own = (np.array(part).ravel() for part in planned(history, dt))
@@ -141,11 +177,16 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     left = np.trapezoid(speeds * (1 - ages / W), ages) + speeds[0] * dt / 2
     left += plan.remaining(now, robot)[0] if robot.lag else 0.0
     rise = 3 * problem.dt * np.trapezoid(np.maximum(speeds[0] - speeds, 0), ages) / W
-    lost = split_way(problem, np.array(counted(np.eye(4), dt, history)[1]).ravel()).lost["workspace x"]
+    lost = split_way(problem, np.array(counted(np.eye(4), dt, history)[1]).ravel()).lost[
+        "workspace x"
+    ]
     below, above = (float(end[0]) for end in lost)
     assert rise > 1e-3
-    # At the upper end what is under way is where the object lands; beyond it there are the rise, the gain error and the noise.
-    assert above == pytest.approx((1 + robot.gain_error) * rise + robot.gain_error * left + robot.pose_noise, abs=3e-5)
+    # At the upper end what is under way is where the object lands; beyond it there are the rise,
+    # the gain error and the noise.
+    assert above == pytest.approx(
+        (1 + robot.gain_error) * rise + robot.gain_error * left + robot.pose_noise, abs=3e-5
+    )
     assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
 
 
@@ -154,46 +195,64 @@ def lands(problem: Problem, history: np.ndarray, unsure: np.ndarray | None = Non
     past, dt = ca.MX.sym("history", history.size), ca.MX.sym("dt")
     behind = None if unsure is None else ca.MX(ca.DM(unsure))
     counted = way_of(problem, under_way(problem, past, dt), ca.MX(ca.DM.eye(4)), behind)[1]
-    return split_way(problem, np.array(ca.Function("lands", [past, dt], [counted])(history, 0.01)).ravel())
+    return split_way(
+        problem, np.array(ca.Function("lands", [past, dt], [counted])(history, 0.01)).ravel()
+    )
 
 
 @pytest.mark.parametrize("gain_error", [0.0, 0.1])
 def test_a_hold_on_to_what_left_the_history_fades_with_the_lag(gain_error: float) -> None:
-    """A twist of one period that was held on to: of its v h the robot still owes v tau (1 - exp(-h / tau)) exp(-t / tau)."""
+    """A twist of one period that was held on to: of its v h the robot still owes v tau (1 - exp(-h
+    / tau)) exp(-t / tau)."""
     lag, hold, twist = 0.2, 0.3, np.array([0.1, 0, 0, 0, 0.2, 0])
     robot = DeclaredRobot(lag=lag, longest_hold=hold, gain_error=gain_error)
     base = problem_of("screwing")
     problem = base.replace(robot=robot, control=replace(base.control, average=0.0))
     _, after = functions(problem)
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+    )
     for number in range(60):
         sent = twist * (number == 0)
         history = np.array(after(history, sent, sent, 0.0, 0.01)).ravel()
         if number < 3:
             continue
         way = lands(problem, history)
-        left = (1 + gain_error) * lag * (1 - np.exp(-hold / lag)) * np.exp(-0.01 * (number - 1) / lag)
+        left = (
+            (1 + gain_error) * lag * (1 - np.exp(-hold / lag)) * np.exp(-0.01 * (number - 1) / lag)
+        )
         held = float(way.lost_held["workspace x"][1][0] - way.lost["workspace x"][1][0])
         assert left * 0.1 * 0.9 <= held <= left * 0.1 * 1.1
         # The lower end does not come nearer.
-        assert way.lost_held["workspace x"][0][0] == pytest.approx(way.lost["workspace x"][0][0], abs=1e-12)
+        assert way.lost_held["workspace x"][0][0] == pytest.approx(
+            way.lost["workspace x"][0][0], abs=1e-12
+        )
         assert left * 0.2 * 0.9 <= float(way.turn_held[0] - way.turn[0]) <= left * 0.2 * 1.1
 
 
 def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_nothing_else() -> None:
     base = problem_of("screwing")
-    problem = base.replace(robot=DeclaredRobot(pose_noise_deg=0.5), control=replace(base.control, average=0.2))
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    problem = base.replace(
+        robot=DeclaredRobot(pose_noise_deg=0.5), control=replace(base.control, average=0.2)
+    )
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+    )
     way = lands(problem, history)
     assert float(way.turn[0]) == pytest.approx(np.sqrt(3) * np.radians(0.5))
     still = lands(problem.replace(robot=DeclaredRobot()), history)
-    assert float(still.lost["tool axis"][1][0]) == float(still.stray[0]) == float(still.raised[0]) == 0
+    assert (
+        float(still.lost["tool axis"][1][0]) == float(still.stray[0]) == float(still.raised[0]) == 0
+    )
 
 
 def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer_to() -> None:
-    """Up to 2 mm less far along x than it is reckoned: nearer to the lower end, and no nearer to the upper one."""
+    """Up to 2 mm less far along x than it is reckoned: nearer to the lower end, and no nearer to
+    the upper one."""
     problem = problem_of("screwing").replace(robot=DeclaredRobot(delay=0.03))
-    history = np.concatenate([part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()])
+    history = np.concatenate(
+        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+    )
     unsure = np.zeros((6, 2))
     unsure[0], unsure[1], unsure[4] = (0.002, 0.001), (0.003, 0.0), (0.02, 0.03)
     known, behind = lands(problem, history), lands(problem, history, unsure)
@@ -206,9 +265,16 @@ def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer
 
 def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on() -> None:
     problem = problem_of("screwing").replace(robot=DeclaredRobot(delay=0.03))
-    stepper, twist = Stepper(problem), 0.5 * problem.twist_limit.speed * np.array([1, -1, 0, 0, 1, 0])
+    stepper, twist = (
+        Stepper(problem),
+        0.5 * problem.twist_limit.speed * np.array([1, -1, 0, 0, 1, 0]),
+    )
     stepper.reset(twist=twist)
     for _ in range(3):
-        state = split(state_sizes(problem), stepper.step(problem.response.comfort).account("next_state"))
+        state = split(
+            state_sizes(problem), stepper.step(problem.response.comfort).account("next_state")
+        )
         unsure = np.array(state["unsure"]).T
-        np.testing.assert_allclose(unsure, 0.03 * np.array([np.maximum(twist, 0), np.maximum(-twist, 0)]), atol=1e-12)
+        np.testing.assert_allclose(
+            unsure, 0.03 * np.array([np.maximum(twist, 0), np.maximum(-twist, 0)]), atol=1e-12
+        )

@@ -1,4 +1,5 @@
-"""The forearm's data set: the elitist choice, empty points, the cache, and the report's nearest-sample rule."""
+"""The forearm's data set: the elitist choice, empty points, the cache, and the report's
+nearest-sample rule."""
 
 import numpy as np
 import pytest
@@ -38,7 +39,9 @@ def test_only_the_lowest_score_of_a_cluster_is_kept():
     np.testing.assert_array_equal(one.labels, 1)
     assert len(one) < len(few) < len(everything) <= 600
     assert few.labels.mean() < everything.labels.mean()
-    assert np.bincount(few.labels.astype(int), minlength=11)[1] == 60, "all postures of score 1 are the lowest somewhere"
+    assert np.bincount(few.labels.astype(int), minlength=11)[1] == 60, (
+        "all postures of score 1 are the lowest somewhere"
+    )
 
 
 def test_usual_size_has_all_scores():
@@ -68,7 +71,11 @@ def test_seed_body_and_cache_tell_data_apart(own_cache):
     np.testing.assert_array_equal(forearm_data(20).points, first.points)
     np.testing.assert_array_equal(forearm_data(20, cache=False).points, first.points)
     assert list(own_cache.iterdir()) == files
-    for other in (forearm_data(20, seed=1), forearm_data(20, body=Body.of_stature(1.6)), forearm_data(20, clusters=30)):
+    for other in (
+        forearm_data(20, seed=1),
+        forearm_data(20, body=Body.of_stature(1.6)),
+        forearm_data(20, clusters=30),
+    ):
         assert other.points.shape != first.points.shape or (other.points != first.points).any()
 
 
@@ -80,7 +87,10 @@ def test_progress_reaches_the_end():
         assert shares[-1] == 1
 
 
-@pytest.mark.parametrize("options", [{"per_score": 0}, {"clusters": 0}, {"per_score": 10, "clusters": 101}, {"empty": -1}])
+@pytest.mark.parametrize(
+    "options",
+    [{"per_score": 0}, {"clusters": 0}, {"per_score": 10, "clusters": 101}, {"empty": -1}],
+)
 def test_impossible_numbers_are_refused(options):
     with pytest.raises(InputError, match=r"got .*, allowed a whole number from"):
         forearm_data(**options)

@@ -43,7 +43,9 @@ def test_plain_descent_goes_to_the_minimum_and_tears_the_forearm_apart():
 
 
 def test_length_is_maintained_at_every_step():
-    descent = descend(bowl([0, 0, 0, 0, 0, 1.0]), pairs(5), stop_at=None, length=LENGTH, rate=0.05, longest=0.05)
+    descent = descend(
+        bowl([0, 0, 0, 0, 0, 1.0]), pairs(5), stop_at=None, length=LENGTH, rate=0.05, longest=0.05
+    )
     np.testing.assert_allclose(lengths(descent.path), LENGTH, rtol=0, atol=1e-14)
     # The nearest pair to the goal shares what is missing among both ends.
     best = np.array([0, 0, (1 - LENGTH) / 2, 0, 0, (1 + LENGTH) / 2])
@@ -67,7 +69,9 @@ def test_stops_by_hand_and_for_good():
         first = int(np.argmax(descent.values[:, n] <= 1))
         assert descent.values[first, n] <= 1
         assert (before[:first, n] > 1).all()
-        np.testing.assert_array_equal(descent.path[first:, n], np.tile(descent.path[first, n], (301 - first, 1)))
+        np.testing.assert_array_equal(
+            descent.path[first:, n], np.tile(descent.path[first, n], (301 - first, 1))
+        )
     assert descent.values[0].max() > 1
 
 
@@ -88,7 +92,8 @@ def test_added_gradient_pulls_inside():
 
 
 @pytest.mark.parametrize(
-    ("place", "score", "goal"), [(0.45, 5, 0.2), (0.2, 2, 0.0), (0.0, 1, 0.0), (0.9, 5, 0.2), (0.09, 1, 0.0)]
+    ("place", "score", "goal"),
+    [(0.45, 5, 0.2), (0.2, 2, 0.0), (0.0, 1, 0.0), (0.9, 5, 0.2), (0.09, 1, 0.0)],
 )
 def test_ladder_leads_to_the_class_below(place, score, goal):
     centres = [0.0, 0.2, 0.4]

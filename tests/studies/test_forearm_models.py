@@ -1,4 +1,5 @@
-"""The forearm's learned models: what a fit gives leads to cost 1, and the shipped ones are of that kind."""
+"""The forearm's learned models: what a fit gives leads to cost 1, and the shipped ones are of that
+kind."""
 
 import numpy as np
 import pytest
@@ -28,7 +29,9 @@ def test_files_hold_what_was_fitted(models, tmp_path):
     assert sorted(path.stem for path in tmp_path.iterdir()) == sorted(FILES)
     points = forearm_data(10, cache=False).points
     for name in ("svr", "ladder"):
-        np.testing.assert_array_equal(load_cost(tmp_path / f"forearm_{name}.npz")(points), getattr(models, name)(points))
+        np.testing.assert_array_equal(
+            load_cost(tmp_path / f"forearm_{name}.npz")(points), getattr(models, name)(points)
+        )
     boundary = load_one_class(tmp_path / "forearm_boundary.npz")
     np.testing.assert_array_equal(boundary.margin(points), models.boundary.margin(points))
 
@@ -70,7 +73,14 @@ def test_shipped_costs_lead_unseen_points_to_true_cost_one():
     for name in ("forearm_svr", "forearm_ladder"):
         cost = load_cost(folder / f"{name}.npz")
         assert len(cost.model) == KERNELS if name == "forearm_svr" else len(cost.rungs) == 10
-        ends = descend(slope_of(cost.value_and_gradient), points, stop_at=None, length=length, steps=150, longest=0.02).ends
+        ends = descend(
+            slope_of(cost.value_and_gradient),
+            points,
+            stop_at=None,
+            length=length,
+            steps=150,
+            longest=0.02,
+        ).ends
         after = true_cost(ends)
         assert (after == 1).mean() > 0.9
         assert (after == 1).mean() > (before == 1).mean()

@@ -1,4 +1,5 @@
-"""The true cost of a forearm: every witness is exact, no posture does better, and nothing reachable is missed."""
+"""The true cost of a forearm: every witness is exact, no posture does better, and nothing reachable
+is missed."""
 
 import numpy as np
 import pytest
@@ -13,7 +14,13 @@ from ergoqp.studies.forearm.boxes import boxes_of
 
 METHODS = [
     reba.Method(),
-    reba.Method(additive=True, adduction=True, band_ends="higher", trunk_extension="mirrored", arms="segments"),
+    reba.Method(
+        additive=True,
+        adduction=True,
+        band_ends="higher",
+        trunk_extension="mirrored",
+        arms="segments",
+    ),
 ]
 
 
@@ -22,26 +29,33 @@ def random_postures(count, seed):
 
 
 def with_arm_of(postures, method=None):
-    """Return postures that keep trunk, right shoulder and elbow, and have everything else at its best."""
+    """Return postures that keep trunk, right shoulder and elbow, and have everything else at its
+    best."""
     rest = np.tile(boxes_of(method or reba.Method()).rest, (len(postures), 1))
     rest[:, ARM_INDEX] = postures[:, ARM_INDEX]
     return rest
 
 
-@pytest.mark.parametrize("body", [Body(), Body.of_lengths({"trunk": 0.61, "upper_arm": 0.29, "forearm": 0.28})], ids=str)
+@pytest.mark.parametrize(
+    "body", [Body(), Body.of_lengths({"trunk": 0.61, "upper_arm": 0.29, "forearm": 0.28})], ids=str
+)
 def test_points_are_those_of_the_kinematics(body):
     kinematics = Kinematics(body)
     postures = random_postures(5, 0)
     points = forearm_points(postures, body)
     for posture, row in zip(postures, points, strict=True):
-        expected = [np.asarray(kinematics.at(f"right_{name}", posture)[0]).ravel() for name in ("elbow", "wrist")]
+        expected = [
+            np.asarray(kinematics.at(f"right_{name}", posture)[0]).ravel()
+            for name in ("elbow", "wrist")
+        ]
         np.testing.assert_allclose(row, np.concatenate(expected), rtol=0, atol=1e-12)
     lengths = np.linalg.norm(points[:, 3:] - points[:, :3], axis=1)
     np.testing.assert_allclose(lengths, forearm_length(body), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("solve", "first"), [("solve_by_bend", "trunk_side_bend"), ("solve_by_shoulder", "right_shoulder_flexion")]
+    ("solve", "first"),
+    [("solve_by_bend", "trunk_side_bend"), ("solve_by_shoulder", "right_shoulder_flexion")],
 )
 def test_closed_forms_return_the_posture_that_the_points_came_from(solve, first):
     body = Body.of_lengths({"shoulder_width": 0.33, "upper_arm": 0.35})
@@ -107,7 +121,11 @@ def test_random_search_never_does_better():
             continue
         bend, twist, shoulder = (rng.uniform(low[i], high[i], (1, 12_000)) for i in (1, 2, 3))
         # Half of the draws where trunk and shoulder cost little.
-        bend[:, ::2], twist[:, ::2], shoulder[:, ::2] = bend[:, ::2] / 4, twist[:, ::2] / 4.5, shoulder[:, ::2] / 8
+        bend[:, ::2], twist[:, ::2], shoulder[:, ::2] = (
+            bend[:, ::2] / 4,
+            twist[:, ::2] / 4.5,
+            shoulder[:, ::2] / 8,
+        )
         for angles, missing in (
             arm.solve_by_bend(point[None], bend, twist),
             arm.solve_by_shoulder(point[None], shoulder, twist),
@@ -153,7 +171,8 @@ def test_out_of_reach():
 
 
 def test_backward_forearm_needs_a_bent_trunk():
-    """An elbow bends one way: a forearm that points backward under a hanging arm is only there with a turned arm."""
+    """An elbow bends one way: a forearm that points backward under a hanging arm is only there with
+    a turned arm."""
     good = forearm_points(np.zeros(32))[0]
     behind = np.concatenate([good[:3], good[:3] + forearm_length() * np.array([-1.0, 0, 0])])
     assert true_cost(behind)[0] != 1

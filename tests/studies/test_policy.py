@@ -1,4 +1,5 @@
-"""The learned controller: its stopping rule, what it converges to, and the twists that it is taught."""
+"""The learned controller: its stopping rule, what it converges to, and the twists that it is
+taught."""
 
 from dataclasses import replace
 
@@ -9,7 +10,15 @@ import pytest
 from ergoqp import load_problem
 from ergoqp.errors import InputError
 from ergoqp.step.stepper import Stepper
-from ergoqp.studies.policy import Policy, RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
+from ergoqp.studies.policy import (
+    Policy,
+    RadialFeatures,
+    angles_deg,
+    solve,
+    train,
+    twists_of,
+    unit_twists,
+)
 
 
 def draw(rng, count):
@@ -35,7 +44,8 @@ def test_algorithm_1_comes_to_the_least_squares_solution():
 
 
 def test_one_small_step_does_not_end_it():
-    """A posture whose velocity is right already changes nothing; the report's rule would stop there, at theta = 0."""
+    """A posture whose velocity is right already changes nothing; the report's rule would stop
+    there, at theta = 0."""
 
     def mostly_still(q):
         return np.where(np.arange(len(q)) % 10 == 0, 1.0, 0.0)[:, np.newaxis] * (np.abs(q) < 7)
@@ -53,7 +63,9 @@ def test_it_says_when_it_did_not_converge():
 
 
 def test_the_controller_reaches_a_minimum_from_everywhere():
-    policy = train(FEATURES, draw, downhill, rate=0.2, threshold=0.02, run=1000, most_runs=100).policy
+    policy = train(
+        FEATURES, draw, downhill, rate=0.2, threshold=0.02, run=1000, most_runs=100
+    ).policy
     q = np.linspace(-6, 6, 24)[:, np.newaxis]
     for _ in range(3000):
         q = q + 0.02 * policy(q)
@@ -80,7 +92,9 @@ def test_expression_equals_numbers(constant):
     for posture in rng.normal(size=(10, 3)):
         value, phi = (np.asarray(out).ravel() for out in function(posture))
         np.testing.assert_allclose(value, policy(posture)[0], atol=1e-12)
-        np.testing.assert_allclose(phi[:7], np.exp(-0.5 * ((posture - features.centres) ** 2).sum(1) / 0.64), atol=1e-12)
+        np.testing.assert_allclose(
+            phi[:7], np.exp(-0.5 * ((posture - features.centres) ** 2).sum(1) / 0.64), atol=1e-12
+        )
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +109,10 @@ def test_each_posture_is_answered_from_standstill(problem):
     alone = np.concatenate([twists_of(problem, posture, periods=10) for posture in postures])
     np.testing.assert_array_equal(together, alone)
     assert (np.abs(together) <= problem.twist_limit.speed + 1e-9).all()
-    assert (np.abs(twists_of(problem, postures, 1)) <= problem.twist_limit.acceleration * problem.dt + 1e-9).all()
+    assert (
+        np.abs(twists_of(problem, postures, 1))
+        <= problem.twist_limit.acceleration * problem.dt + 1e-9
+    ).all()
     planned = problem.replace(control=replace(problem.control, average=0.0))
     single = Stepper(planned).step(postures[0]).twist
     np.testing.assert_array_equal(twists_of(problem, postures[0], 1)[0], single)
@@ -105,7 +122,9 @@ def test_directions_and_angles(problem):
     speed = problem.twist_limit.speed
     twists = np.array([speed, 2 * speed, np.zeros(6)])
     units = unit_twists(problem, twists)
-    np.testing.assert_allclose(units, [np.ones(6) / np.sqrt(6), np.ones(6) / np.sqrt(6), np.zeros(6)], atol=1e-12)
+    np.testing.assert_allclose(
+        units, [np.ones(6) / np.sqrt(6), np.ones(6) / np.sqrt(6), np.zeros(6)], atol=1e-12
+    )
     np.testing.assert_allclose(angles_deg(np.eye(6)[:2], np.eye(6)[[0, 0]]), [0, 90], atol=1e-6)
     assert np.isnan(angles_deg(units[2:], units[:1])).all()
 
@@ -119,9 +138,18 @@ def test_directions_and_angles(problem):
         (lambda: RadialFeatures(np.zeros((2, 1)), 0.0), "width: got 0.0"),
         (lambda: RadialFeatures(np.full((2, 1), np.nan), 1.0), "centres: got shape"),
         (lambda: RadialFeatures.evenly(1, 1, 5), "features: got 5 from 1 to 1"),
-        (lambda: RadialFeatures.among(np.zeros((5, 2)), 6), "count: got 6, allowed 2 to the number of postures, 5"),
-        (lambda: solve(FEATURES, np.zeros((3, 1)), np.zeros((2, 1))), r"wanted: got shape \(2, 1\), allowed \(3, P\)"),
-        (lambda: solve(FEATURES, np.zeros((3, 1)), np.zeros((3, 1)), ridge=-1.0), "ridge: got -1.0"),
+        (
+            lambda: RadialFeatures.among(np.zeros((5, 2)), 6),
+            "count: got 6, allowed 2 to the number of postures, 5",
+        ),
+        (
+            lambda: solve(FEATURES, np.zeros((3, 1)), np.zeros((2, 1))),
+            r"wanted: got shape \(2, 1\), allowed \(3, P\)",
+        ),
+        (
+            lambda: solve(FEATURES, np.zeros((3, 1)), np.zeros((3, 1)), ridge=-1.0),
+            "ridge: got -1.0",
+        ),
         (lambda: twists_of(load_problem("screwing"), np.zeros(32), 0), "periods: got 0"),
     ],
 )

@@ -1,4 +1,5 @@
-"""The robot from its file: kinematics and limits as published, and what is said of files that cannot be used."""
+"""The robot from its file: kinematics and limits as published, and what is said of files that
+cannot be used."""
 
 import subprocess
 import sys
@@ -12,7 +13,8 @@ pytest.importorskip("mink")
 from ergoqp.errors import InputError
 from ergoqp.whole_body import load_robot
 
-# Modified Denavit-Hartenberg parameters of Franka's documentation: a [m], d [m], alpha [rad], the flange last.
+# Modified Denavit-Hartenberg parameters of Franka's documentation: a [m], d [m], alpha [rad], the
+# flange last.
 DH = (
     (0.0, 0.333, 0.0),
     (0.0, 0.0, -np.pi / 2),
@@ -24,17 +26,22 @@ DH = (
     (0.0, 0.107, 0.0),
 )
 
-PLANAR = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 0 1" range="-1 1"/><geom size="0.05"/>
-<body name="tip" pos="0.5 0 0"><joint name="push" type="slide" axis="1 0 0" range="0 0.2"/><geom size="0.05"/>
+PLANAR = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 0 1" range="-1 1"/>
+<geom size="0.05"/>
+<body name="tip" pos="0.5 0 0"><joint name="push" type="slide" axis="1 0 0" range="0 0.2"/>
+<geom size="0.05"/>
 <site name="end" pos="0.1 0 0"/></body></body></worldbody>{}</mujoco>"""
-RATES = """<custom><numeric name="joint_velocity" data="1 0.5"/><numeric name="joint_acceleration" data="5 2"/></custom>"""
+RATES = """<custom><numeric name="joint_velocity" data="1 0.5"/>
+<numeric name="joint_acceleration" data="5 2"/></custom>"""
 
 URDF = """<robot name="two"><link name="base"/><link name="upper"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tool"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tool"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="lift" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="1" effort="1" velocity="2"/></joint>
-<joint name="mount" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0.3 0 0"/></joint></robot>"""
+<joint name="mount" type="fixed"><parent link="upper"/><child link="tool"/>
+<origin xyz="0.3 0 0"/></joint></robot>"""
 
 
 def _chain(angles):
@@ -42,7 +49,12 @@ def _chain(angles):
     for (a, d, alpha), theta in zip(DH, [*angles, 0.0], strict=True):
         ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
         pose = pose @ np.array(
-            [[ct, -st, 0, a], [st * ca, ct * ca, -sa, -d * sa], [st * sa, ct * sa, ca, d * ca], [0, 0, 0, 1]]
+            [
+                [ct, -st, 0, a],
+                [st * ca, ct * ca, -sa, -d * sa],
+                [st * sa, ct * sa, ca, d * ca],
+                [0, 0, 0, 1],
+            ]
         )
     return pose
 
@@ -92,13 +104,18 @@ def test_a_urdf_keeps_the_links_of_fixed_joints(tmp_path):
 
 
 def test_a_missing_frame_is_named_with_those_that_exist():
-    with pytest.raises(InputError, match=r"panda\.xml has no frame 'hand', allowed one of its sites and bodies: flange, link0"):
+    with pytest.raises(
+        InputError,
+        match=r"panda\.xml has no frame 'hand', allowed one of its sites and bodies: flange, link0",
+    ):
         load_robot("panda", "hand")
 
 
 def test_a_frame_is_a_name_or_none():
     assert load_robot("panda", None).frame == "flange"
-    with pytest.raises(InputError, match="frame: got 3, allowed the name of a site or body, or None for 'flange'"):
+    with pytest.raises(
+        InputError, match="frame: got 3, allowed the name of a site or body, or None for 'flange'"
+    ):
         load_robot("panda", 3)
 
 
@@ -107,7 +124,9 @@ def test_what_cannot_be_used_is_said_in_one_sentence(tmp_path):
     path.write_text(PLANAR.format(""))
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody>")
-    with pytest.raises(InputError, match=r"velocity: planar\.xml does not say it, allowed velocity="):
+    with pytest.raises(
+        InputError, match=r"velocity: planar\.xml does not say it, allowed velocity="
+    ):
         load_robot(path, "end")
     with pytest.raises(InputError, match=r"velocity: got .* allowed one number or 2"):
         load_robot(path, "end", velocity=[1, 2, 3], acceleration=1)
@@ -126,4 +145,7 @@ def test_without_mink_the_extra_is_named():
     code = "import sys; sys.modules['mink'] = None; import ergoqp.whole_body"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
-    assert "the whole-body formulation needs the package 'mink': install it with `pip install 'ergoqp[mink]'`" in done.stderr
+    assert (
+        "the whole-body formulation needs the package 'mink': install it with `pip install"
+        " 'ergoqp[mink]'`" in done.stderr
+    )

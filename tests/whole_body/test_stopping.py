@@ -30,7 +30,11 @@ def test_a_stop_from_the_bound_ends_at_the_distance(distance, acceleration, dt):
 @given(st.integers(0, 2**32 - 1))
 def test_whatever_the_joints_do_within_their_bounds_they_never_leave(seed):
     rng, dt = np.random.default_rng(seed), 0.01
-    limits, velocity, acceleration = (np.full(3, -0.3), np.full(3, 0.3)), np.full(3, 1.0), np.array([2.0, 7.5, 20.0])
+    limits, velocity, acceleration = (
+        (np.full(3, -0.3), np.full(3, 0.3)),
+        np.full(3, 1.0),
+        np.array([2.0, 7.5, 20.0]),
+    )
     position, speed = rng.uniform(-0.3, 0.3, 3), np.zeros(3)
     for _ in range(200):
         low, high = joint_bounds(position, speed, limits, velocity, acceleration, dt)

@@ -1,4 +1,5 @@
-"""The whole body's step: the object's own twist where the robot has no limits, and one within its limits where it has."""
+"""The whole body's step: the object's own twist where the robot has no limits, and one within its
+limits where it has."""
 
 from dataclasses import replace
 
@@ -22,7 +23,13 @@ def without_limits():
     """The Panda's tree without ranges, rates and accelerations to speak of."""
     robot = load_robot("panda")
     k = np.ones(len(robot.joints))
-    return replace(robot, lower=robot.lower - 50, upper=robot.upper + 50, velocity=1e3 * k, acceleration=1e6 * k)
+    return replace(
+        robot,
+        lower=robot.lower - 50,
+        upper=robot.upper + 50,
+        velocity=1e3 * k,
+        acceleration=1e6 * k,
+    )
 
 
 @pytest.mark.parametrize("name", ["screwing", "desk", "low_bin"])
@@ -32,7 +39,11 @@ def test_without_limits_of_the_robot_it_is_the_twist_of_the_fast_step(name):
     posture = awkward_start(problem, person, 0, 10)
     whole = WholeBody(problem, without_limits(), posture=posture, distance=None)
     trace = run_whole_body(whole, person, posture, duration=1.5, senses=Senses())
-    compared = [step for step in trace.steps if step.object_step.status in ("optimal", "relaxed", "recovering")]
+    compared = [
+        step
+        for step in trace.steps
+        if step.object_step.status in ("optimal", "relaxed", "recovering")
+    ]
     compared = [step for step in compared if step.object_step.residuals["accepted"] == 1]
     assert len(compared) > 100
     assert max(np.abs(step.twist).max() for step in compared) > 0.04
@@ -66,7 +77,8 @@ def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
 
 
 def test_with_noisy_sensors_the_object_keeps_its_speed_and_the_loop_goes_on(near_the_thigh):
-    """To keep the distance of a thigh that is seen where it is not, it went at 1.06 times its speed; the next step raised."""
+    """To keep the distance of a thigh that is seen where it is not, it went at 1.06 times its
+    speed; the next step raised."""
     problem, person, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture, distance=0.05)
     trace = run_whole_body(whole, person, posture, duration=5.0, senses=Senses())
@@ -120,14 +132,20 @@ def test_whatever_comes_in_joint_velocities_come_out(near_the_thigh):
         assert moving.status == status
         assert moving.reason
         assert np.isfinite(moving.joint_velocities).all()
-        assert (np.abs(moving.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
+        assert (
+            np.abs(moving.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9
+        ).all()
     hasty = whole.step(posture, whole.start, [0, 0, 50.0, 0, 0, 0, 0])
-    assert hasty.reason.startswith("arm_speed: joint3 is 50 rad/s, allowed within +-4.35, twice its largest speed")
+    assert hasty.reason.startswith(
+        "arm_speed: joint3 is 50 rad/s, allowed within +-4.35, twice its largest speed"
+    )
     # What is measured says where the arm is; its limits go on from what was sent.
     for speed in (-0.5, -1.5):
         before = whole.step(posture, whole.start).joint_velocities
         other = whole.step(posture, whole.start, np.full(7, speed))
-        assert (np.abs(other.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9).all()
+        assert (
+            np.abs(other.joint_velocities - before) <= whole.robot.acceleration * whole.dt + 1e-9
+        ).all()
     whole.reset()
     unseen = np.ones(32, dtype=bool)
     unseen[4] = False
@@ -149,13 +167,18 @@ class ReadOnce:
         return np.array(self.values)
 
 
-def test_what_is_read_is_read_once_and_a_lost_frame_with_a_wrong_mask_is_no_exception(near_the_thigh):
+def test_what_is_read_is_read_once_and_a_lost_frame_with_a_wrong_mask_is_no_exception(
+    near_the_thigh,
+):
     """A lost frame brakes and is not invalid, so the mask was read again, as the user gave it."""
     problem, _, posture = near_the_thigh
     whole = WholeBody(problem, posture=posture)
     for mask in ("all", np.ones(3), object(), np.full(32, np.nan)):
         assert whole.step(None, whole.start, observed=mask).status in ("braking", "invalid")
-    for arguments, options in (((ReadOnce(posture),), {}), ((posture,), {"observed": ReadOnce(np.ones(32))})):
+    for arguments, options in (
+        ((ReadOnce(posture),), {}),
+        ((posture,), {"observed": ReadOnce(np.ones(32))}),
+    ):
         whole.reset()
         assert whole.step(*arguments, whole.start, **options).status in ("optimal", "recovering")
 
@@ -165,7 +188,12 @@ def test_an_arm_that_is_masked_or_nowhere_is_not_known(near_the_thigh):
     whole = WholeBody(problem, posture=posture)
     with np.errstate(all="raise"):
         far = 12.0 * np.eye(7)[2]
-        for arm in (np.ma.array(whole.start, mask=True), np.full(7, 1e308), whole.start - far, whole.start + far):
+        for arm in (
+            np.ma.array(whole.start, mask=True),
+            np.full(7, 1e308),
+            whole.start - far,
+            whole.start + far,
+        ):
             step = whole.step(posture, arm)
             assert step.status == "invalid"
             assert "arm" in step.reason
@@ -176,7 +204,9 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
     problem = ergoqp.load_problem("screwing")
     far = np.eye(4)
     far[:3, 3] = [3.0, 0, 0]
-    with pytest.raises(InputError, match=r"from a base at \[3\.0, 0\.0, 0\.0\] the arm cannot hold the object"):
+    with pytest.raises(
+        InputError, match=r"from a base at \[3\.0, 0\.0, 0\.0\] the arm cannot hold the object"
+    ):
         WholeBody(problem, base=far)
     with pytest.raises(InputError, match="distance: got -1 m, allowed 0"):
         WholeBody(problem, distance=-1)
@@ -186,14 +216,22 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
         WholeBody(problem, tool_frame="flange")
     with pytest.raises(InputError, match="posture: got a list, allowed 32 finite numbers"):
         WholeBody(problem, posture=[0.0])
-    with pytest.raises(InputError, match=r"posture: got an array of shape \(3,\), allowed 32 finite numbers"):
+    with pytest.raises(
+        InputError, match=r"posture: got an array of shape \(3,\), allowed 32 finite numbers"
+    ):
         WholeBody(problem, posture=np.zeros(3))
     for size in ((0, 0, 0), 3, (0.1, np.nan, 0.1)):
-        with pytest.raises(InputError, match=r"object_size: got .*, allowed three side lengths from 0\.001 to 1 m"):
+        with pytest.raises(
+            InputError, match=r"object_size: got .*, allowed three side lengths from 0\.001 to 1 m"
+        ):
             WholeBody(problem, object_size=size)
-    with pytest.raises(InputError, match=r"object_size: got 0\.2 m along z, where tool_frame has the contact point"):
+    with pytest.raises(
+        InputError, match=r"object_size: got 0\.2 m along z, where tool_frame has the contact point"
+    ):
         WholeBody(problem, object_size=(0.1, 0.1, 0.2))
-    with pytest.raises(InputError, match="frame: got 'foo' beside a robot whose frame is 'flange', allowed None"):
+    with pytest.raises(
+        InputError, match="frame: got 'foo' beside a robot whose frame is 'flange', allowed None"
+    ):
         WholeBody(problem, load_robot("panda"), frame="foo")
     with pytest.raises(InputError, match="problem: got 'dentist', allowed a Problem"):
         WholeBody("dentist")
@@ -204,12 +242,21 @@ def test_what_cannot_be_built_is_said_in_one_sentence():
 def test_the_posture_share_and_the_own_share_are_the_objective_of_the_step():
     problem = ergoqp.load_problem("screwing")
     rng, posture = np.random.default_rng(0), problem.response.comfort + 0.1
-    given = {"posture": posture, "observed": np.ones(32), "pose": np.eye(4), "previous": 0.1 * rng.normal(size=6)}
-    terms = Evaluator(terms_function(problem))(given | {"dt": 0.01, "stalled": 0.0, "locked": np.zeros(32), "final": 0.0})
+    given = {
+        "posture": posture,
+        "observed": np.ones(32),
+        "pose": np.eye(4),
+        "previous": 0.1 * rng.normal(size=6),
+    }
+    terms = Evaluator(terms_function(problem))(
+        given | {"dt": 0.01, "stalled": 0.0, "locked": np.zeros(32), "final": 0.0}
+    )
     H, g = own_objective(terms)
     effort = np.repeat([problem.control.effort_linear, problem.control.effort_angular], 3)
     smoothing, E = problem.control.smoothing / 0.01, terms["E"]
-    assert np.allclose(H, np.diag(effort * (1 + smoothing)) + problem.control.contact * E.T @ E, rtol=0, atol=1e-10)
+    assert np.allclose(
+        H, np.diag(effort * (1 + smoothing)) + problem.control.contact * E.T @ E, rtol=0, atol=1e-10
+    )
     assert np.allclose(g, -smoothing * effort * given["previous"], rtol=0, atol=1e-10)
 
 
@@ -217,7 +264,9 @@ def test_joints_that_the_arm_does_not_use_stay_where_they_are(near_the_thigh):
     problem, _, posture = near_the_thigh
     robot, plain = load_robot("panda"), WholeBody(problem, posture=posture, distance=None)
     finger = robot.spec.body("link7").add_body(name="finger", pos=[0, 0.05, 0.1])
-    finger.add_joint(name="finger", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0], range=[0, 0.04])
+    finger.add_joint(
+        name="finger", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0], range=[0, 0.04]
+    )
     finger.add_geom(name="finger", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0])
     whole = WholeBody(problem, robot, posture=posture, distance=None)
     assert len(whole.scene.idle) == 1

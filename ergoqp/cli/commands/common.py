@@ -1,4 +1,4 @@
-"""What the commands share: where results go, how far the work is, and recordings as options describe them."""
+"""What the commands share: where results go, progress, and recordings as options describe them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ class RecordingOptions:
         Raises:
             ErgoqpError: if it cannot be read that way.
         """
-        return load_recording(path, self.person_value, self.unit_to_m, self.up, mapping=self.mapping)
+        return load_recording(
+            path, self.person_value, self.unit_to_m, self.up, mapping=self.mapping
+        )
 
     def refuse_without_recording(self) -> None:
         """Raise for options that only a recording can use.
@@ -64,7 +66,9 @@ class RecordingOptions:
         given = {"--unit-to-m": self.unit_to_m, "--up": self.up, "--mapping": self.mapping}
         for option, value in given.items():
             if value is not None:
-                raise InputError(f"{option}: got {str(value)!r}, but there is no recording; name one with --from")
+                raise InputError(
+                    f"{option}: got {str(value)!r}, but there is no recording; name one with --from"
+                )
 
 
 def counted(count: int, one: str, many: str) -> str:
@@ -81,7 +85,9 @@ def load_person_problem(name: str) -> Problem:
     """
     if name not in problem_names() and Path(name).name == name and Path(name).suffix != ".toml":
         of_people = [known for known in problem_names() if _is_of_a_person(load_problem(known))]
-        raise ProblemError(f"problem: got {name!r}, allowed {', '.join(of_people)} or the path of a .toml file")
+        raise ProblemError(
+            f"problem: got {name!r}, allowed {', '.join(of_people)} or the path of a .toml file"
+        )
     problem = load_problem(name)
     if not _is_of_a_person(problem):
         moved = ", ".join(problem.coordinates)
@@ -94,7 +100,7 @@ def _is_of_a_person(problem: Problem) -> bool:
 
 
 def console() -> Console:
-    """Return the console for results: standard output, as wide as the terminal or wide enough for a log."""
+    """Return the console for results: standard output, as wide as the terminal or a log needs."""
     out = Console()
     return out if out.is_terminal else Console(width=max(out.width, PLAIN_WIDTH))
 
@@ -111,7 +117,12 @@ def working(words: str) -> Iterator[Callable[[float], None]]:
         error.print(Text(f"{words} ..."), soft_wrap=True)
         yield lambda share: None
         return
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+    )
     # Without a thread of its own: it would disturb the durations that are measured.
     with Progress(*columns, console=error, transient=True, auto_refresh=False) as bar:
         task = bar.add_task(words, total=None)
@@ -125,7 +136,9 @@ def working(words: str) -> Iterator[Callable[[float], None]]:
 
 
 def make_folder(out: Path | None, name: str) -> Path:
-    """Return the folder for results, made if it is not there; by default ``ergoqp-out/<name>`` in the current directory.
+    """Return the folder for results, made if it is not there.
+
+    By default it is ``ergoqp-out/<name>`` in the current directory.
 
     Raises:
         InputError: if it cannot be one.
@@ -146,10 +159,14 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"--out: cannot write {str(error.filename or folder)!r}: {error.strerror}") from None
+        raise InputError(
+            f"--out: cannot write {str(error.filename or folder)!r}: {error.strerror}"
+        ) from None
 
 
-def write_report(out: Console, folder: Path, files: Sequence[str], write: Callable[[Path], None]) -> None:
+def write_report(
+    out: Console, folder: Path, files: Sequence[str], write: Callable[[Path], None]
+) -> None:
     """Write ``report.html``, or say which extra it needs; then say where everything is.
 
     Args:

@@ -15,8 +15,10 @@ from ergoqp.solvers.judge import TOLERANCES, tidy
 from ergoqp.solvers.sessions import SESSIONS
 
 
-def run_compare(problem_name: str, solvers: str | None, steps: int, seed: int, accuracy: float, out: Path | None) -> None:
-    """Record, solve, print the tables, and write ``compare.json``, ``compare.png`` and the sequences.
+def run_compare(
+    problem_name: str, solvers: str | None, steps: int, seed: int, accuracy: float, out: Path | None
+) -> None:
+    """Record, solve, print the tables; write ``compare.json``, ``compare.png`` and the sequences.
 
     Args:
         problem_name: a name or a path.
@@ -29,7 +31,9 @@ def run_compare(problem_name: str, solvers: str | None, steps: int, seed: int, a
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
-    names = None if solvers is None else [name.strip() for name in solvers.split(",") if name.strip()]
+    names = (
+        None if solvers is None else [name.strip() for name in solvers.split(",") if name.strip()]
+    )
     check(names, steps, seed, accuracy)
     problem = load_problem(problem_name)
     screen = console()
@@ -55,25 +59,46 @@ def run_compare(problem_name: str, solvers: str | None, steps: int, seed: int, a
 
 
 def _sequences(found: Comparison) -> Table:
-    table = Table(title=f"{found.problem}: the QPs of {found.steps} control steps, seed {found.seed}", title_justify="left")
+    table = Table(
+        title=f"{found.problem}: the QPs of {found.steps} control steps, seed {found.seed}",
+        title_justify="left",
+    )
     table.add_column("sequence")
     for name in ("QPs", "unknowns", "rows", "has answers"):
         table.add_column(name, justify="right")
     for one in found.sequences:
-        table.add_row(one.name, str(len(one)), str(one.size[0]), str(one.size[1]), "yes" if one.feasible else "no")
+        table.add_row(
+            one.name,
+            str(len(one)),
+            str(one.size[0]),
+            str(one.size[1]),
+            "yes" if one.feasible else "no",
+        )
     return table
 
 
 def _exactness(found: Comparison) -> Table:
-    table = Table(title=f"answers, judged apart; solvers set to {tidy(found.accuracy)}", title_justify="left")
+    table = Table(
+        title=f"answers, judged apart; solvers set to {tidy(found.accuracy)}", title_justify="left"
+    )
     table.add_column("solver")
     table.add_column("method", no_wrap=True)
-    columns = ("within 1e-3", "1e-6", "1e-9", "wrong: solved", "wrong: infeasible", "infeasible named")
+    columns = (
+        "within 1e-3",
+        "1e-6",
+        "1e-9",
+        "wrong: solved",
+        "wrong: infeasible",
+        "infeasible named",
+    )
     for name in columns:
         table.add_column(name, justify="right")
     for name, one in _sorted(found):
         shares = [_share(one[f"success_{tidy(level)}"]) for level in TOLERANCES]
-        wrong = [f"{one['wrong_solved'] + one['solved_infeasible']:.0f}", f"{one['wrong_infeasible']:.0f}"]
+        wrong = [
+            f"{one['wrong_solved'] + one['solved_infeasible']:.0f}",
+            f"{one['wrong_infeasible']:.0f}",
+        ]
         named = _share(one["infeasible_named"]) if "infeasible_named" in one else "-"
         table.add_row(name, SESSIONS[name].method, *shares, *wrong, named)
     return table
@@ -82,14 +107,31 @@ def _exactness(found: Comparison) -> Table:
 def _times(found: Comparison) -> Table:
     table = Table(title="time of a QP, µs; best = 1 for the mean", title_justify="left")
     table.add_column("solver")
-    for name in ("mean", "best = 1", "median", "95 %", "99 %", "longest", "iterations", "warm", "warm / cold", "iterations"):
+    for name in (
+        "mean",
+        "best = 1",
+        "median",
+        "95 %",
+        "99 %",
+        "longest",
+        "iterations",
+        "warm",
+        "warm / cold",
+        "iterations",
+    ):
         table.add_column(name, justify="right")
     for name, one in _sorted(found):
         times = [f"{one[key]:.0f}" for key in ("p50_us", "p95_us", "p99_us", "max_us")]
-        warm = [f"{one['warm_us']:.0f}", f"{one['warm_ratio']:.2f}"] if "warm_us" in one else ["-", "-"]
+        warm = (
+            [f"{one['warm_us']:.0f}", f"{one['warm_ratio']:.2f}"]
+            if "warm_us" in one
+            else ["-", "-"]
+        )
         ratio = f"{one['warm_iterations_ratio']:.2f}" if "warm_iterations_ratio" in one else "-"
         count = f"{one['iterations']:.1f}" if "iterations" in one else "-"
-        table.add_row(name, f"{one['sgm_us']:.0f}", f"{one['sgm_time']:.1f}", *times, count, *warm, ratio)
+        table.add_row(
+            name, f"{one['sgm_us']:.0f}", f"{one['sgm_time']:.1f}", *times, count, *warm, ratio
+        )
     return table
 
 

@@ -28,5 +28,7 @@ def export(problem_name: str, out: Path, dt: float | None) -> None:
     screen = console()
     size = sum(file.stat().st_size for file in files)
     screen.print(Text(f"{len(files)} files, {size / 1e6:.1f} MB, in {out}"), soft_wrap=True)
-    screen.print(Text(f"cmake -S {out} -B {out}/build && cmake --build {out}/build"), soft_wrap=True)
+    screen.print(
+        Text(f"cmake -S {out} -B {out}/build && cmake --build {out}/build"), soft_wrap=True
+    )
     screen.print(Text(f"what goes in and comes out: {out}/include/ergoqp_step.h"), soft_wrap=True)

@@ -1,4 +1,4 @@
-"""``ergoqp fit``: learn a cost from data, say how good it is on data it has not seen, and keep it."""
+"""``ergoqp fit``: learn a cost from data, say how good it is on unseen data, and keep it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ergoqp.errors import InputError
 from ergoqp.report.charts.boxes import prediction_picture
 
 FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
-"""Kinds of costs that the command can fit; `from_sklearn` is for estimators that were fitted elsewhere."""
+"""Kinds of costs that the command can fit; `from_sklearn` is for estimators fitted elsewhere."""
 
 DATA: Final = ("sheet", "interval", "forearm")
 """Data sets that the command draws itself."""
@@ -34,14 +34,22 @@ _GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
 
 
 def fit(
-    kind: str, source: str, joints: str, per_score: int, seed: int, folds: int, settings: Sequence[str], out: Path | None
+    kind: str,
+    source: str,
+    joints: str,
+    per_score: int,
+    seed: int,
+    folds: int,
+    settings: Sequence[str],
+    out: Path | None,
 ) -> None:
     """Fit a cost, print one table, and write the model and a picture.
 
     Args:
         kind: of cost, one of `FITTED`.
         source: one of `DATA`, or the path of a CSV file.
-        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the 22 that the sheet reads.
+        joints: ``"report"`` for the 20 joints of the EPFL report's data, ``"scored"`` for the 22
+            that the sheet reads.
         per_score: postures per score, for data that are drawn.
         seed: of data, folds and fit.
         folds: of the cross-validation.
@@ -78,16 +86,35 @@ def fit(
     model, picture = folder / f"{kind}.npz", folder / f"{kind}.png"
     with writing(folder):
         prediction_picture(values, data.labels, f"{kind}: predictions of unseen points", picture)
-    notes = {"data": data.source, "points": len(data), "folds": folds, "seed": seed, "unseen": unseen.as_dict()}
+    notes = {
+        "data": data.source,
+        "points": len(data),
+        "folds": folds,
+        "seed": seed,
+        "unseen": unseen.as_dict(),
+    }
     cost.save(model, notes)
-    screen.print(_table(kind, quality_of(cost.predict(data.points), data.labels), unseen, found, _constant(data)))
+    screen.print(
+        _table(
+            kind, quality_of(cost.predict(data.points), data.labels), unseen, found, _constant(data)
+        )
+    )
     time = evaluation_time(cost, cost.coordinates.spread(data.points[:200]))
-    screen.print(Text(f"value and gradient {time:.0f} µs, model {model.stat().st_size / 1e3:.0f} kB"))
+    screen.print(
+        Text(f"value and gradient {time:.0f} µs, model {model.stat().st_size / 1e3:.0f} kB")
+    )
     for path in (model, picture):
         screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
 
 
-def load_data(source: str, joints: str, per_score: int, seed: int, folds: int, progress: Callable[[float], None]) -> DataSet:
+def load_data(
+    source: str,
+    joints: str,
+    per_score: int,
+    seed: int,
+    folds: int,
+    progress: Callable[[float], None],
+) -> DataSet:
     """Return the data set of a name or a file.
 
     Raises:
@@ -97,7 +124,9 @@ def load_data(source: str, joints: str, per_score: int, seed: int, folds: int, p
     check_whole("--folds", folds, 2)
     check_whole("--seed", seed, 0, LARGEST_SEED)
     if joints == "scored" and source != "sheet":
-        raise InputError(f"--joints: got 'scored' with the data {source!r}, allowed only with 'sheet'")
+        raise InputError(
+            f"--joints: got 'scored' with the data {source!r}, allowed only with 'sheet'"
+        )
     if source in ("sheet", "interval"):
         names = SCORED_JOINTS if joints == "scored" else REPORT_JOINTS
         return posture_data(per_score, labels=source, seed=seed, joints=names, progress=progress)
@@ -106,7 +135,9 @@ def load_data(source: str, joints: str, per_score: int, seed: int, folds: int, p
 
         return forearm_data(per_score=per_score, seed=seed, progress=progress)
     if not Path(source).suffix:
-        raise InputError(f"--data: got {source!r}, allowed {', '.join(DATA)} or the path of a CSV file")
+        raise InputError(
+            f"--data: got {source!r}, allowed {', '.join(DATA)} or the path of a CSV file"
+        )
     return read_data(source)
 
 
@@ -114,7 +145,8 @@ def read_settings(make: Callable[..., Any], settings: Sequence[str]) -> dict[str
     """Return the options of a fit from texts ``name=value``.
 
     Raises:
-        InputError: for a name that the fit does not have, or a value that is no number, word or list of numbers.
+        InputError: for a name that the fit does not have, or a value that is no number, word or
+            list of numbers.
     """
     allowed = [name for name in inspect.signature(make).parameters if name not in _GIVEN]
     options: dict[str, Any] = {}
@@ -122,7 +154,9 @@ def read_settings(make: Callable[..., Any], settings: Sequence[str]) -> dict[str
         name, equals, value = text.partition("=")
         name = name.strip().replace("-", "_")
         if not equals or name not in allowed:
-            raise InputError(f"--set: got {text!r}, allowed NAME=VALUE with a name of {', '.join(allowed)}")
+            raise InputError(
+                f"--set: got {text!r}, allowed NAME=VALUE with a name of {', '.join(allowed)}"
+            )
         try:
             options[name] = ast.literal_eval(value)
         except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -134,7 +168,9 @@ def _constant(data: DataSet) -> Quality:
     return quality_of(np.full(len(data), np.median(data.labels)), data.labels)
 
 
-def _table(kind: str, seen: Quality, unseen: Quality, folds: Sequence[Quality], constant: Quality) -> Table:
+def _table(
+    kind: str, seen: Quality, unseen: Quality, folds: Sequence[Quality], constant: Quality
+) -> Table:
     spread = np.std([fold.mae for fold in folds])
     rows: Mapping[str, Quality] = {
         "points it was fitted to": seen,
@@ -147,5 +183,12 @@ def _table(kind: str, seen: Quality, unseen: Quality, folds: Sequence[Quality], 
         table.add_column(name, justify="right")
     for name, found in rows.items():
         error = f"{found.mae:.3f}" + (f" ± {spread:.3f}" if name == "unseen points" else "")
-        table.add_row(name, error, f"{found.exact:.1%}", f"{found.within1:.1%}", f"{found.spearman:.3f}", f"{found.worst:.2f}")
+        table.add_row(
+            name,
+            error,
+            f"{found.exact:.1%}",
+            f"{found.within1:.1%}",
+            f"{found.spearman:.3f}",
+            f"{found.worst:.2f}",
+        )
     return table

@@ -15,7 +15,13 @@ from ergoqp.learning.one_class import OneClass
 
 
 def fit_boundary(
-    source: str, joints: str, per_score: int, seed: int, folds: int, settings: Sequence[str], out: Path | None
+    source: str,
+    joints: str,
+    per_score: int,
+    seed: int,
+    folds: int,
+    settings: Sequence[str],
+    out: Path | None,
 ) -> None:
     """Fit a one-class SVM, print how many unseen points are inside, and write the model.
 

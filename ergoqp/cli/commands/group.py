@@ -1,4 +1,4 @@
-"""``ergoqp optimise --group``: the best fixed place for several people, and what each of them pays for it."""
+"""``ergoqp optimise --group``: the best fixed place for several people, and what each pays."""
 
 from __future__ import annotations
 
@@ -47,16 +47,18 @@ def group(
     seed: int = 0,
     jobs: int = 1,
 ) -> None:
-    """Look for the place, print the tables, and write ``group.json``, ``group.npz`` and ``report.html``.
+    """Look for the place, print the tables; write ``group.json``, ``group.npz``, ``report.html``.
 
     Args:
         problem_name: name or path of the problem.
-        people: statures [m] with commas between, or a whole number: how many to draw with seeds from `seed` on.
+        people: statures [m] with commas between, or a whole number: how many to draw with seeds
+            from `seed` on.
         objective: ``"minimax"`` or ``"mean"``.
         out: folder of the results.
         hands: right, left or both; None: as the problem has it.
         load_kg: mass of the tool [kg]; None: as the problem has it.
-        starts: places of the grid from which the search goes on; None: `ergoqp.placing.group.optimise.STARTS`.
+        starts: places of the grid from which the search goes on; None:
+            `ergoqp.placing.group.optimise.STARTS`.
         seed: of the people who are drawn.
         jobs: number of processes.
 
@@ -64,25 +66,41 @@ def group(
         ErgoqpError: if what the user gave cannot be used.
     """
     if objective not in get_args(Objective):
-        raise InputError(f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}")
-    load = None if load_kg is None else one_of("--load-kg", numbers_of("--load-kg", load_kg, "kilograms"))
+        raise InputError(
+            f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
+        )
+    load = (
+        None
+        if load_kg is None
+        else one_of("--load-kg", numbers_of("--load-kg", load_kg, "kilograms"))
+    )
     problem = variant(load_person_problem(problem_name), hands=hands, load_kg=load)
     crew = _people(problem, people, seed)
     folder = make_folder(out, f"group-{problem.name}")
     with working(f"one place for {counted(len(crew), 'person', 'people')}") as done:
         found = best_for_group(
-            problem, crew, cast(Objective, objective), starts=STARTS if starts is None else starts, jobs=jobs, progress=done
+            problem,
+            crew,
+            cast(Objective, objective),
+            starts=STARTS if starts is None else starts,
+            jobs=jobs,
+            progress=done,
         )
     with writing(folder):
         found.save(folder)
     screen = console()
     print_assumptions(screen, found.assumptions)
     screen.print(group_table(found))
-    write_report(screen, folder, ("group.json", "group.npz"), lambda path: _write_page(found, problem, crew, path, jobs))
+    write_report(
+        screen,
+        folder,
+        ("group.json", "group.npz"),
+        lambda path: _write_page(found, problem, crew, path, jobs),
+    )
 
 
 def group_table(found: GroupOptimum) -> RenderableType:
-    """Return what was found, for the terminal: everybody at the place, and what could be made adjustable."""
+    """Return the result for the terminal: everybody at the place, what could be made adjustable."""
     x, y, z = np.round(found.pose[:3, 3], 2) + 0.0
     title = Text(f"{found.title}: object at x {x:.2f}, y {y:.2f}, z {z:.2f} m ({found.objective})")
     people = Table(box=None, pad_edge=False)
@@ -90,10 +108,21 @@ def group_table(found: GroupOptimum) -> RenderableType:
         people.add_column(name, justify="left" if name in ("person", "risk") else "right")
     for member in found.members:
         level = int(palette.level_of_score(member.reba))
-        row = (str(member.reba), str(member.own_reba), str(member.pays), palette.risk_of_level(level))
+        row = (
+            str(member.reba),
+            str(member.own_reba),
+            str(member.pays),
+            palette.risk_of_level(level),
+        )
         people.add_row(Text(member.label), *row)
     people.add_row("highest", str(found.maximum), "", "", "")
-    people.add_row("mean", f"{found.mean:.2f}", f"{found.own_mean:.2f}", f"{found.mean - found.own_mean:.2f}", "")
+    people.add_row(
+        "mean",
+        f"{found.mean:.2f}",
+        f"{found.own_mean:.2f}",
+        f"{found.mean - found.own_mean:.2f}",
+        "",
+    )
     free = Table(box=None, pad_edge=False)
     free.add_column("adjustable")
     for name in ("highest", "mean"):
@@ -106,10 +135,14 @@ def group_table(found: GroupOptimum) -> RenderableType:
 def _people(problem: Problem, people: str, seed: int) -> tuple[Person, ...]:
     if people.strip().isdecimal():
         return drawn_people(problem, int(people), seed)
-    return read_people(problem, numbers_of("--group", people, "statures in metres", "or how many people to draw"))
+    return read_people(
+        problem, numbers_of("--group", people, "statures in metres", "or how many people to draw")
+    )
 
 
-def _write_page(found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, jobs: int) -> None:
+def _write_page(
+    found: GroupOptimum, problem: Problem, people: tuple[Person, ...], path: Path, jobs: int
+) -> None:
     from ergoqp.report.group_page import write_group_page
 
     write_group_page(found, problem, people, path, jobs=jobs)

@@ -18,7 +18,8 @@ def guide_named(problem: Problem, name: str) -> Guide:
 
     Args:
         problem: the task.
-        name: ``best``: looked for, for the controller's own model of the person; else the path of an ``optimum.json``.
+        name: ``best``: looked for, for the controller's own model of the person; else the path of
+            an ``optimum.json``.
 
     Raises:
         InputError: if there is no such file, it is of another problem, or the place cannot be used.

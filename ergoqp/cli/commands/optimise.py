@@ -50,7 +50,8 @@ def optimise_command(
         problem_name: name or path of the problem.
         recording_path: that the posture comes from, None: an awkward place.
         at: when in the recording [s], None: its worst-scored frame.
-        out: folder of the results; finished starts are kept there, and a run that was killed goes on from them.
+        out: folder of the results; finished starts are kept there, and a run that was killed goes
+            on from them.
         options: how to read the recording.
         settings: starts, seed, jobs, mode, solver and scheduler of `ergoqp.placing.find.optimise`.
 
@@ -77,7 +78,9 @@ def optimise_command(
         screen,
         folder,
         ("optimum.json",),
-        lambda path: write_optimum_page(found[0], problem, path, cooperative=bound, jobs=settings["jobs"]),
+        lambda path: write_optimum_page(
+            found[0], problem, path, cooperative=bound, jobs=settings["jobs"]
+        ),
     )
 
 
@@ -89,18 +92,27 @@ def _who(
         options.refuse_without_recording()
         if at is not None:
             raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
-        return None, None if options.person_value is None else given_person(options.person_value), []
+        return (
+            None,
+            None if options.person_value is None else given_person(options.person_value),
+            [],
+        )
     with working(f"reading {recording_path.name}"):
         recording = options.load(recording_path)
     frame = frame_of_recording(problem, recording, at)
     time = float(recording.time[frame])
     which = "the worst-scored frame" if at is None else "frame"
-    note = f"The posture now is that of {which}, {frame}, at {time:.2f} s, of {recording_path.name}; the body is the one in it."
+    note = (
+        f"The posture now is that of {which}, {frame}, at {time:.2f} s, of {recording_path.name};"
+        " the body is the one in it."
+    )
     return recording.postures[frame], recording.person, [*recording.assumptions, note]
 
 
 def _found(problem: Problem, posture: np.ndarray | None, settings: dict[str, Any]) -> Optimum:
-    with working(f"{counted(settings['starts'], 'start', 'starts')}, {NAMES[settings['mode']]}") as done:
+    with working(
+        f"{counted(settings['starts'], 'start', 'starts')}, {NAMES[settings['mode']]}"
+    ) as done:
         return optimise(problem, posture, progress=done, **settings)
 
 
@@ -117,13 +129,25 @@ def optimum_table(problem: Problem, found: list[Optimum]) -> Table:
         table.add_column(name, justify="right" if name else "left")
     postures = [first.posture_before, *(optimum.posture for optimum in found)]
     table.add_row("REBA", *(_level(problem, posture) for posture in postures))
-    table.add_row("smooth cost, points", f"{first.cost_before:.2f}", *(f"{optimum.cost_after:.2f}" for optimum in found))
+    table.add_row(
+        "smooth cost, points",
+        f"{first.cost_before:.2f}",
+        *(f"{optimum.cost_after:.2f}" for optimum in found),
+    )
     poses = [first.pose_before, *(optimum.pose for optimum in found)]
-    table.add_row("object x, y, z, m", *(", ".join(f"{value:.2f}" for value in pose[:3, 3]) for pose in poses))
-    table.add_row("tool axis", *(", ".join(f"{value:.2f}" for value in pose[:3, 0]) for pose in poses))
+    table.add_row(
+        "object x, y, z, m", *(", ".join(f"{value:.2f}" for value in pose[:3, 3]) for pose in poses)
+    )
+    table.add_row(
+        "tool axis", *(", ".join(f"{value:.2f}" for value in pose[:3, 0]) for pose in poses)
+    )
     table.add_row("optimality residual", "", *(f"{optimum.kkt_residual:.0e}" for optimum in found))
-    reached = [sum(trial.reba == optimum.reba_after for trial in optimum.trials) for optimum in found]
-    starts = [f"{count} of {len(optimum.trials)}" for count, optimum in zip(reached, found, strict=True)]
+    reached = [
+        sum(trial.reba == optimum.reba_after for trial in optimum.trials) for optimum in found
+    ]
+    starts = [
+        f"{count} of {len(optimum.trials)}" for count, optimum in zip(reached, found, strict=True)
+    ]
     table.add_row("starts that end at this score", "", *starts)
     return table
 

@@ -10,13 +10,32 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.cli.commands.common import console, counted, load_person_problem, make_folder, print_assumptions, working, writing
+from ergoqp.cli.commands.common import (
+    console,
+    counted,
+    load_person_problem,
+    make_folder,
+    print_assumptions,
+    working,
+    writing,
+)
 from ergoqp.errors import InputError
 from ergoqp.files.whole import whole
 from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.placing.population import Found, best_of_population, population
 
-COLUMNS = ("person", "reba_before", "reba_best", "x_m", "y_m", "z_m", "cost", "kkt_residual", "starts_at_best", "starts")
+COLUMNS = (
+    "person",
+    "reba_before",
+    "reba_best",
+    "x_m",
+    "y_m",
+    "z_m",
+    "cost",
+    "kkt_residual",
+    "starts_at_best",
+    "starts",
+)
 """Of ``population.csv``; the cells of somebody without a place are empty."""
 
 
@@ -34,7 +53,8 @@ def population_study(
     Args:
         problem_name: name or path of the problem.
         statures: [m], with commas between.
-        out: folder of the results; finished starts are kept there, and a study that was killed goes on from them.
+        out: folder of the results; finished starts are kept there, and a study that was killed goes
+            on from them.
         hands: right, left, both, with commas between; None: as the problem has it.
         loads_kg: masses of the tool [kg], with commas between; None: as the problem has it.
         settings: starts, seed, jobs, mode, solver and scheduler of `ergoqp.placing.find.optimise`.
@@ -46,14 +66,23 @@ def population_study(
     check_names(settings["mode"], settings["solver"])
     loads = None if loads_kg is None else numbers_of("--load-kg", loads_kg, "kilograms")
     sides = None if hands is None else [side.strip() for side in hands.split(",")]
-    people = list(population(problem, numbers_of("--population", statures, "statures in metres"), sides, loads))
+    people = list(
+        population(
+            problem, numbers_of("--population", statures, "statures in metres"), sides, loads
+        )
+    )
     folder = make_folder(out, f"population-{problem.name}")
-    effort = f"{counted(len(people), 'person', 'people')}, {counted(settings['starts'], 'start', 'starts')} each"
+    effort = (
+        f"{counted(len(people), 'person', 'people')},"
+        f" {counted(settings['starts'], 'start', 'starts')} each"
+    )
     with writing(folder), working(effort) as done:
         found = best_of_population(people, out=folder, progress=done, **settings)
         _write(found, folder / "population.csv")
     screen = console()
-    print_assumptions(screen, ["Everybody starts at an awkward place of their own, drawn with the seed."])
+    print_assumptions(
+        screen, ["Everybody starts at an awkward place of their own, drawn with the seed."]
+    )
     screen.print(population_table(problem.title or problem.name, found))
     screen.print(Text(f"{'population.csv':<12} {folder / 'population.csv'}"), soft_wrap=True)
 
@@ -71,7 +100,16 @@ def population_table(title: str, found: Sequence[Found]) -> Table:
         x, y, z = (f"{value:.2f}" for value in best.pose[:3, 3])
         at_best = f"{each.starts_at_best} of {len(best.trials)}"
         residual = f"{best.kkt_residual:.0e}"
-        table.add_row(Text(each.label), str(best.reba_before), str(best.reba_after), x, y, z, residual, at_best)
+        table.add_row(
+            Text(each.label),
+            str(best.reba_before),
+            str(best.reba_after),
+            x,
+            y,
+            z,
+            residual,
+            at_best,
+        )
     return table
 
 
@@ -85,7 +123,9 @@ def numbers_of(option: str, text: str, what: str, other: str = "") -> list[float
         return [float(word) for word in text.split(",")]
     except ValueError:
         also = f", {other}" if other else ""
-        raise InputError(f"{option}: got {text!r}, allowed {what} with commas between{also}") from None
+        raise InputError(
+            f"{option}: got {text!r}, allowed {what} with commas between{also}"
+        ) from None
 
 
 def one_of(option: str, numbers: Sequence[float]) -> float:
@@ -95,7 +135,9 @@ def one_of(option: str, numbers: Sequence[float]) -> float:
         InputError: if there are more.
     """
     if len(numbers) != 1:
-        raise InputError(f"{option}: got {len(numbers)} numbers, allowed one for a group, which does one task")
+        raise InputError(
+            f"{option}: got {len(numbers)} numbers, allowed one for a group, which does one task"
+        )
     return numbers[0]
 
 
@@ -109,5 +151,10 @@ def _write(found: Sequence[Found], path: Path) -> None:
                 writer.writerow([each.label, *[""] * (len(COLUMNS) - 1)])
                 continue
             place = [f"{value:.4f}" for value in best.pose[:3, 3]]
-            rest = [f"{best.cost_after:.4f}", f"{best.kkt_residual:.2e}", each.starts_at_best, len(best.trials)]
+            rest = [
+                f"{best.cost_after:.4f}",
+                f"{best.kkt_residual:.2e}",
+                each.starts_at_best,
+                len(best.trials),
+            ]
             writer.writerow([each.label, best.reba_before, best.reba_after, *place, *rest])

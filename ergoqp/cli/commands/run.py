@@ -117,7 +117,18 @@ def run(
         frame = frame_of_recording(problem, recording, at)
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
-        result = _from_recording(problem, screen, recording, recording_path.name, frame, at is None, seed, duration, place, how)
+        result = _from_recording(
+            problem,
+            screen,
+            recording,
+            recording_path.name,
+            frame,
+            at is None,
+            seed,
+            duration,
+            place,
+            how,
+        )
     with writing(folder):
         result.save(folder)
     print_assumptions(screen, result.assumptions)
@@ -139,9 +150,22 @@ def _from_awkward_place(
         person = sample_person(problem, seed, body)
         posture = awkward_start(problem, person, seed)
     screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
-    note = f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed {seed})."
+    note = (
+        f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed"
+        f" {seed})."
+    )
     with working(f"closed loop, {duration:g} s") as done:
-        return simulate(problem, posture, duration, seed, person=person, assumptions=[note], progress=done, guide=place, **how)
+        return simulate(
+            problem,
+            posture,
+            duration,
+            seed,
+            person=person,
+            assumptions=[note],
+            progress=done,
+            guide=place,
+            **how,
+        )
 
 
 def _from_recording(
@@ -159,12 +183,22 @@ def _from_recording(
     posture, time = recording.postures[frame], float(recording.time[frame])
     which = "the worst-scored frame" if is_worst else "frame"
     count = len(recording.time)
-    screen.print(Text(f"starts at {which}, {frame} of 0 to {count - 1}, at {time:.2f} s: {_score(problem, posture)}"))
+    screen.print(
+        Text(
+            f"starts at {which}, {frame} of 0 to {count - 1}, at {time:.2f} s:"
+            f" {_score(problem, posture)}"
+        )
+    )
     notes = [
         *recording.assumptions,
-        f"The run starts in the posture of frame {frame}, at {time:.2f} s, of {name}, with the body measured there; from then "
-        "on the person is simulated.",
-        "The recording says nothing of the object: it is taken to be in the hand as the problem says, wherever the hand is.",
+        (
+            f"The run starts in the posture of frame {frame}, at {time:.2f} s, of {name}, with the"
+            " body measured there; from then on the person is simulated."
+        ),
+        (
+            "The recording says nothing of the object: it is taken to be in the hand as the problem"
+            " says, wherever the hand is."
+        ),
     ]
     with working(f"closed loop, {duration:g} s") as done:
         return simulate(

@@ -20,8 +20,10 @@ from ergoqp.sheets.reba import assess
 from ergoqp.sheets.task import TaskOptions
 
 
-def score(recording_path: Path, out: Path | None, task: TaskOptions, options: RecordingOptions) -> None:
-    """Score a recording, print the table, and write ``scores.csv``, ``scores.json`` and ``report.html``.
+def score(
+    recording_path: Path, out: Path | None, task: TaskOptions, options: RecordingOptions
+) -> None:
+    """Score a recording, print the table; write ``scores.csv``, ``scores.json``, ``report.html``.
 
     Raises:
         ErgoqpError: if what the user gave cannot be used.
@@ -39,7 +41,9 @@ def score(recording_path: Path, out: Path | None, task: TaskOptions, options: Re
         screen,
         folder,
         ("scores.csv", "scores.json"),
-        lambda path: write_score_page(recording, assessment, path, _words(task), recording_path.name),
+        lambda path: write_score_page(
+            recording, assessment, path, _words(task), recording_path.name
+        ),
     )
 
 
@@ -48,7 +52,12 @@ def _words(task: TaskOptions) -> list[tuple[str, str]]:
     words = []
     for name, value in task.items():
         if isinstance(value, tuple):
-            text = " and ".join(side for side, there in zip(("right", "left"), value, strict=True) if there) or "no"
+            text = (
+                " and ".join(
+                    side for side, there in zip(("right", "left"), value, strict=True) if there
+                )
+                or "no"
+            )
         elif isinstance(value, bool):
             text = "yes" if value else "no"
         else:

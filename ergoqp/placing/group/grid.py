@@ -1,4 +1,4 @@
-"""The same places for everybody of a group: the exact score of each person's rest posture at each."""
+"""The same places for all of a group: the exact score of each person's rest posture at each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class SharedGrid:
         z: heights [m].
         tilts: rotations of the contact frame (k, 3, 3).
         scores: exact scores (people, poses), 0 where the person does not reach.
-        costs: smooth cost of the same rest postures (people, poses), inf where the person does not reach.
+        costs: smooth cost of the same rest postures (people, poses), inf where the person does not
+            reach.
         postures: rest postures (people, poses, 32) [rad].
     """
 
@@ -50,7 +51,9 @@ class SharedGrid:
     @property
     def poses(self) -> np.ndarray:
         """The poses (n, 4, 4)."""
-        places = np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), axis=-1).reshape(-1, 3)
+        places = np.stack(np.meshgrid(self.x, self.y, self.z, indexing="ij"), axis=-1).reshape(
+            -1, 3
+        )
         poses = np.tile(np.eye(4), (len(places), len(self.tilts), 1, 1))
         poses[..., :3, 3], poses[..., :3, :3] = places[:, None], self.tilts
         return poses.reshape(-1, 4, 4)
@@ -63,15 +66,21 @@ class SharedGrid:
     def of(self, number: int) -> SharedGrid:
         """Return the grid of one person."""
         rows = slice(number, number + 1)
-        return replace(self, scores=self.scores[rows], costs=self.costs[rows], postures=self.postures[rows])
+        return replace(
+            self, scores=self.scores[rows], costs=self.costs[rows], postures=self.postures[rows]
+        )
 
     def with_free(self, axis: str) -> np.ndarray:
-        """Return scores (people, poses that remain) when everybody may choose their own place along one of `AXES`.
+        """Return scores (people, poses that remain) if each may choose a place along one of `AXES`.
 
         A score is 0 where the person reaches none of the places along the axis.
         """
         number = 1 + AXES.index(axis)
-        scores = np.where(self.scores > 0, self.scores, np.iinfo(np.int64).max).reshape(-1, *self.shape).min(axis=number)
+        scores = (
+            np.where(self.scores > 0, self.scores, np.iinfo(np.int64).max)
+            .reshape(-1, *self.shape)
+            .min(axis=number)
+        )
         return np.where(scores < np.iinfo(np.int64).max, scores, 0).reshape(len(self.scores), -1)
 
 
@@ -84,7 +93,9 @@ def shared_grid(
     cache: bool = True,
     done: Callable[[int], None] | None = None,
 ) -> SharedGrid:
-    """Return the grid of a group; each person's part is kept in the cache, so that a study which was stopped goes on.
+    """Return the grid of a group.
+
+    Each person's part is kept in the cache, so that a study which was stopped goes on.
 
     Args:
         problem: its workspace and tool axis say where the object can be.
@@ -97,8 +108,13 @@ def shared_grid(
     Raises:
         InputError: if the problem has no workspace or no tool axis, or the spacing is not one.
     """
-    if missing := next((what for what, kind in _NEEDED.items() if problem.limit_of(kind) is None), None):
-        raise InputError(f"problem {problem.name}: has no limits.{missing}, so nothing says where the object may be")
+    if missing := next(
+        (what for what, kind in _NEEDED.items() if problem.limit_of(kind) is None), None
+    ):
+        raise InputError(
+            f"problem {problem.name}: has no limits.{missing}, so nothing says where the object"
+            " may be"
+        )
     check_real("spacing", spacing, "metres")
     if not 0.01 <= spacing <= 1.0:
         raise InputError(f"spacing: got {shown(spacing)} m, allowed 0.01 to 1 m")
@@ -117,8 +133,13 @@ def shared_grid(
 _NEEDED = {"workspace": WorkspaceBox, "tool_axis": AxisCone}
 
 
-def _of_person(problem: Problem, person: Follower, spacing: float, cache: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return scores (n,) and postures (n, 32) in the grid's order; a map is in the order in which it was settled."""
+def _of_person(
+    problem: Problem, person: Follower, spacing: float, cache: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return scores (n,) and postures (n, 32) in the grid's order.
+
+    A map is in the order in which it was settled.
+    """
     found = workspace_map(problem, person, spacing=spacing, cache=cache)
     order = outward(person, workspace_poses(problem, spacing))
     scores, postures = np.empty_like(found.scores), np.empty_like(found.postures)

@@ -1,9 +1,10 @@
 """The best ONE fixed place of the object for a group of people: what a workplace designer asks for.
 
-Everybody is put to rest at the same places: a grid over the workspace first, then a pattern search from the best of it
-(`ergoqp.placing.group.search`). What counts is the exact score of each one's rest posture; a place that somebody cannot reach
-is not a place for the group. What the group pays is told as well: for each one against their own best place, and against a
-place that could be adjusted along one axis.
+Everybody is put to rest at the same places: a grid over the workspace first, then a pattern search
+from the best of it (`ergoqp.placing.group.search`). What counts is the exact score of each one's
+rest posture; a place that somebody cannot reach is not a place for the group. What the group pays
+is told as well: for each one against their own best place, and against a place that could be
+adjusted along one axis.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ OWN_STARTS = 2
 Progress = Callable[[float], None]
 """Told the share that is done, 0 to 1."""
 
-_NUMBERS = dict(zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True))  # of a point, by the grid's axis
+_NUMBERS = dict(
+    zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True)
+)  # of a point, by the grid's axis
 _SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the search is
 
 
@@ -55,27 +58,34 @@ def best_for_group(
 
     Args:
         problem: the task, with a workspace and a tool axis.
-        people: statures [m], simulated people, or what `ergoqp.placing.group.people.drawn_people` draws.
-        objective: ``"minimax"``: the highest exact score, then the mean; ``"mean"``: the mean, then the highest. Ties go to the
-            smooth cost.
+        people: statures [m], simulated people, or what `ergoqp.placing.group.people.drawn_people`
+            draws.
+        objective: ``"minimax"``: the highest exact score, then the mean; ``"mean"``: the mean, then
+            the highest. Ties go to the smooth cost.
         spacing: of the grid [m].
         starts: number of the grid's places from which the search goes on.
         jobs: number of processes; the result does not depend on it.
-        cache: keep every person's grid, and use what was kept, so that a study which was stopped goes on.
+        cache: keep every person's grid, and use what was kept, so that a study which was stopped
+            goes on.
         progress: called with the share that is done.
 
     Raises:
-        InputError: if an argument is not usable, or no place is reached by everybody, naming who is left out.
+        InputError: if an argument is not usable, or no place is reached by everybody, naming who is
+            left out.
         MissingExtraError: if joblib is not installed and more than one process is wanted.
     """
     if objective not in get_args(Objective):
-        raise InputError(f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}")
+        raise InputError(
+            f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}"
+        )
     check_whole("starts", starts, 1, 100)
     begin = time.perf_counter()
     crew = read_people(problem, people)
     tell = progress or (lambda share: None)
     count = len(crew)
-    grid = shared_grid(problem, crew, spacing, jobs=jobs, cache=cache, done=lambda n: tell(_SHARES[0] * n / count))
+    grid = shared_grid(
+        problem, crew, spacing, jobs=jobs, cache=cache, done=lambda n: tell(_SHARES[0] * n / count)
+    )
     _refuse_unreached(crew, grid)
     search = PlaceSearch(problem, crew, grid, objective)
     points = search.starts(starts)
@@ -87,7 +97,10 @@ def best_for_group(
         tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(calls))
     best = min(found, key=lambda stay: stay.key(objective))
     own = []
-    for n, stay in enumerate(in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs), start=1):
+    for n, stay in enumerate(
+        in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs),
+        start=1,
+    ):
         own.append(stay)
         tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
     # The first start is the grid's best place itself, and every search gives its start back.
@@ -111,7 +124,10 @@ def best_for_group(
 
 
 def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]]:
-    """Return the points one by one, or as many parts as there are processes: each writes down everybody's equations anew."""
+    """Return the points one by one, or as many parts as there are processes.
+
+    Each part writes down everybody's equations anew.
+    """
     if jobs == 1:
         return [[point] for point in points]
     ends = np.linspace(0, len(points), min(jobs, len(points)) + 1).astype(int).tolist()
@@ -119,9 +135,15 @@ def _parts(points: Sequence[np.ndarray], jobs: int) -> list[Sequence[np.ndarray]
 
 
 def _from_starts(
-    problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective, points: Sequence[np.ndarray]
+    problem: Problem,
+    people: Sequence[Person],
+    grid: SharedGrid,
+    objective: Objective,
+    points: Sequence[np.ndarray],
 ) -> tuple[list[Stay], int]:
-    """Return what the search from every point found, each followed by its start, and the number of placements.
+    """Return what the search from every point found, each followed by its start.
+
+    The number of placements is the second value.
 
     All are judged whichever way people come.
     """
@@ -130,7 +152,13 @@ def _from_starts(
     return stays, search.placements
 
 
-def _own_best(problem: Problem, people: Sequence[Person], grid: SharedGrid, number: int, group_point: np.ndarray) -> Stay:
+def _own_best(
+    problem: Problem,
+    people: Sequence[Person],
+    grid: SharedGrid,
+    number: int,
+    group_point: np.ndarray,
+) -> Stay:
     """Return one person's best place; the group's place is one of the candidates."""
     search = PlaceSearch(problem, people[number : number + 1], grid.of(number), "mean")
     found = [search.at(group_point)]
@@ -147,18 +175,33 @@ def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
     """
     if grid.reached_by_all.any():
         return
-    nowhere = [person.label for person, scores in zip(people, grid.scores, strict=True) if not scores.any()]
+    nowhere = [
+        person.label for person, scores in zip(people, grid.scores, strict=True) if not scores.any()
+    ]
     if nowhere:
-        raise InputError(f"group: {', '.join(nowhere)} cannot reach any place of the workspace; move it, or leave them out")
+        raise InputError(
+            f"group: {', '.join(nowhere)} cannot reach any place of the workspace; move it, or"
+            " leave them out"
+        )
     there = int(np.argmax((grid.scores > 0).sum(axis=0)))
-    left = [person.label for person, score in zip(people, grid.scores[:, there], strict=True) if not score]
+    left = [
+        person.label
+        for person, score in zip(people, grid.scores[:, there], strict=True)
+        if not score
+    ]
     raise InputError(
-        f"group: no place is reached by all; where most can reach, {', '.join(left)} cannot; enlarge the workspace"
+        f"group: no place is reached by all; where most can reach, {', '.join(left)} cannot;"
+        " enlarge the workspace"
     )
 
 
 def _members(
-    problem: Problem, people: Sequence[Person], grid: SharedGrid, stay: Stay, own: Sequence[Stay], search: PlaceSearch
+    problem: Problem,
+    people: Sequence[Person],
+    grid: SharedGrid,
+    stay: Stay,
+    own: Sequence[Stay],
+    search: PlaceSearch,
 ) -> tuple[Member, ...]:
     assessment = problem.assess(stay.postures)
     members = []
@@ -186,7 +229,8 @@ def _free(search: PlaceSearch, best: Stay) -> dict[str, tuple[int, float]]:
     grid, objective = search.grid, search.objective
     found = {"none": (int(best.scores.max()), float(best.scores.mean()))}
     for axis, numbers in _NUMBERS.items():
-        # At the group's place everybody is as they are; along the axis from there they may be better off.
+        # At the group's place everybody is as they are; along the axis from there they may be
+        # better off.
         here = best.scores.copy()
         moves = [stay for number in numbers for stay in search.line(best.point, number)]
         if not moves:
@@ -205,11 +249,21 @@ def _assumptions(problem: Problem) -> tuple[str, ...]:
     model = person_of(problem)
     where = "stands on the same spot"
     if model.stance == "seated":
-        seat = "on a seat set to each" if model.seat_height is None else f"on a seat of {model.seat_height:.2f} m"
+        seat = (
+            "on a seat set to each"
+            if model.seat_height is None
+            else f"on a seat of {model.seat_height:.2f} m"
+        )
         where = f"sits on the same spot, {seat}"
     return (
         f"Everybody {where}, facing the same way; the axes are those of the problem, from there.",
-        "Everybody holds the object as the problem says, in its comfort posture, and comes to rest where contact, ranges and "
-        "comfort leave them; the joint weights are the problem's for people given by stature.",
-        "The object is level: it is tilted about its y and z, and not turned about the tool's axis.",
+        (
+            "Everybody holds the object as the problem says, in its comfort posture, and comes to"
+            " rest where contact, ranges and comfort leave them; the joint weights are the"
+            " problem's for people given by stature."
+        ),
+        (
+            "The object is level: it is tilted about its y and z, and not turned about the tool's"
+            " axis."
+        ),
     )

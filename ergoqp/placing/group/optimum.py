@@ -67,8 +67,9 @@ class GroupOptimum:
         spacing: of the grid [m].
         grid_pose: best pose of the grid (4, 4).
         grid_reba: exact scores of the people there (people,).
-        free: highest and mean exact score if everybody could set one thing for themselves, by its name (``"none"`` first:
-            everything fixed); the better of what the grid holds and of moving from the group's place.
+        free: highest and mean exact score if everybody could set one thing for themselves, by its
+            name (``"none"`` first: everything fixed); the better of what the grid holds and of
+            moving from the group's place.
         placements: how often the whole group was put to rest beyond the grid.
         seconds: time that it took, without what came from the cache.
         seated: whether the people sit.
@@ -109,12 +110,15 @@ class GroupOptimum:
         """Say in one line what was found where."""
         x, y, z = self.pose[:3, 3]
         return (
-            f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest {self.maximum}, mean "
-            f"{self.mean:.2f} with the object at ({x:.2f}, {y:.2f}, {z:.2f}) m)"
+            f"GroupOptimum({self.problem!r}, {self.objective}: {len(self.members)} people, highest"
+            f" {self.maximum}, mean {self.mean:.2f} with the object at ({x:.2f}, {y:.2f},"
+            f" {z:.2f}) m)"
         )
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``group.json`` and ``group.npz``, see ``docs/group_json.md``, and return the path of the first.
+        """Write ``group.json`` and ``group.npz``, and return the path of the first.
+
+        The files are described in ``docs/group_json.md``.
 
         Raises:
             OSError: if the files cannot be written.
@@ -135,7 +139,11 @@ class GroupOptimum:
                 scores=grid.scores.reshape(-1, *grid.shape),
             )
         path = folder / "group.json"
-        write_whole(path, json.dumps(summary_of_group(self), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+        write_whole(
+            path,
+            json.dumps(summary_of_group(self), indent=2, ensure_ascii=False, allow_nan=False)
+            + "\n",
+        )
         return path
 
 
@@ -154,7 +162,10 @@ def summary_of_group(found: GroupOptimum) -> dict[str, Any]:
         "grid_maximum": int(found.grid_reba.max()),
         "grid_mean": round(float(found.grid_reba.mean()), 6),
         "grid_spacing_m": found.spacing,
-        "free": {axis: {"maximum": highest, "mean": round(mean, 6)} for axis, (highest, mean) in found.free.items()},
+        "free": {
+            axis: {"maximum": highest, "mean": round(mean, 6)}
+            for axis, (highest, mean) in found.free.items()
+        },
         "placements": found.placements,
         "seconds": round(found.seconds, 3),
         "members": [_member(member) for member in found.members],

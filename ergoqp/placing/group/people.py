@@ -35,11 +35,16 @@ class Person:
         return self.follower.response.body.stature
 
 
-def read_people(problem: Problem, people: Sequence[float | Follower | Person]) -> tuple[Person, ...]:
-    """Return the people of a group; a number is the stature [m] of somebody with the weights and the comfort of the problem.
+def read_people(
+    problem: Problem, people: Sequence[float | Follower | Person]
+) -> tuple[Person, ...]:
+    """Return the people of a group.
+
+    A number is the stature [m] of somebody with the weights and the comfort of the problem.
 
     Raises:
-        InputError: for an empty group, one of more than `MOST`, or somebody who works with other hands or in another stance.
+        InputError: for an empty group, one of more than `MOST`, or somebody who works with other
+            hands or in another stance.
     """
     people = as_tuple("group", people)
     if not 1 <= len(people) <= MOST:
@@ -48,7 +53,9 @@ def read_people(problem: Problem, people: Sequence[float | Follower | Person]) -
 
 
 def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, ...]:
-    """Return people drawn with the seeds `seed`, `seed` + 1, ...; see `ergoqp.simulation.people.sample_person`.
+    """Return people drawn with the seeds `seed`, `seed` + 1 and so on.
+
+    Each is drawn as in `ergoqp.simulation.people.sample_person`.
 
     Raises:
         InputError: for a count of less than 1 or more than `MOST`, or a negative seed.
@@ -57,7 +64,10 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, .
         raise InputError(f"group: got {count} people, allowed 1 to {MOST}")
     check_whole("seed", seed, 0)
     followers = [(number, sample_person(problem, number)) for number in range(seed, seed + count)]
-    return tuple(Person(f"{person.response.body.stature:.2f} m, seed {number}", person) for number, person in followers)
+    return tuple(
+        Person(f"{person.response.body.stature:.2f} m, seed {number}", person)
+        for number, person in followers
+    )
 
 
 def _person(problem: Problem, person: float | Follower | Person) -> Person:
@@ -65,13 +75,19 @@ def _person(problem: Problem, person: float | Follower | Person) -> Person:
         person = Person(f"{person.response.body.stature:.2f} m", person)
     if not isinstance(person, Person):
         if isinstance(person, bool) or not isinstance(person, Real):
-            raise InputError(f"group: got a {type(person).__name__}, allowed statures in metres or simulated people")
-        return Person(f"{float(person):.2f} m", Follower(person_of(variant(problem, stature=float(person)))))
+            raise InputError(
+                f"group: got a {type(person).__name__}, allowed statures in metres or simulated"
+                " people"
+            )
+        return Person(
+            f"{float(person):.2f} m", Follower(person_of(variant(problem, stature=float(person))))
+        )
     model, own = person_of(problem), person.follower.response
     for term in ("hands", "stance", "seat_height", "tool"):
         if getattr(own, term) != getattr(model, term):
             raise InputError(
-                f"group: {person.label} has {term} {getattr(own, term)!r}, allowed the problem's {getattr(model, term)!r}"
+                f"group: {person.label} has {term} {getattr(own, term)!r}, allowed the problem's"
+                f" {getattr(model, term)!r}"
             )
     return person
 
@@ -82,5 +98,7 @@ def _unique(people: list[Person]) -> tuple[Person, ...]:
     numbered = []
     for i, person in enumerate(people):
         same = labels[: i + 1].count(person.label)
-        numbered.append(person if same == 1 else Person(f"{person.label} ({same})", person.follower))
+        numbered.append(
+            person if same == 1 else Person(f"{person.label} ({same})", person.follower)
+        )
     return tuple(numbered)

@@ -1,9 +1,12 @@
-"""From the best places of a grid to places between them: a pattern search on the smooth cost of everybody's rest posture.
+"""From the best places of a grid to places between them, by a pattern search.
 
-The search uses values only. The exact score has no gradient. The smooth cost at rest has one almost everywhere, but S(q) is
-not the way to it: S says where the posture goes when the object moves, and then the person still relaxes toward comfort with
-the object at rest; the derivative of the rest posture changes with every joint that comes to its end; and the worst of several
-people has kinks where another becomes the worst. In five unknowns a pattern search needs some hundred placements.
+It searches on the smooth cost of everybody's rest posture.
+
+The search uses values only. The exact score has no gradient. The smooth cost at rest has one almost
+everywhere, but S(q) is not the way to it: S says where the posture goes when the object moves, and
+then the person still relaxes toward comfort with the object at rest; the derivative of the rest
+posture changes with every joint that comes to its end; and the worst of several people has kinks
+where another becomes the worst. In five unknowns a pattern search needs some hundred placements.
 """
 
 from __future__ import annotations
@@ -33,7 +36,9 @@ MOST = 150
 
 @dataclass(frozen=True)
 class Placing:
-    """Poses of the object as five numbers: x, y, z [m], then turns about the y and z of the cone's middle frame [rad].
+    """Poses of the object as five numbers: x, y, z [m], then two turns [rad].
+
+    The turns are about the y and z of the cone's middle frame.
 
     Attributes:
         lower: least of each (5,).
@@ -50,11 +55,22 @@ class Placing:
     @classmethod
     def of(cls, problem: Problem) -> Placing:
         """Return the placing of a problem's workspace, tool axis and movable axes."""
-        box, cone, axes = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone), problem.twist_limit.axes
+        box, cone, axes = (
+            problem.limit_of(WorkspaceBox),
+            problem.limit_of(AxisCone),
+            problem.twist_limit.axes,
+        )
         half = float(np.radians(cone.half_angle_deg))
-        turns = [half * any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz"))]
+        turns = [
+            half * any(axis in axes for axis in group) for group in (("rx", "ry"), ("rx", "rz"))
+        ]
         ends = np.array([*box.upper, *turns])
-        return cls(np.array([*box.lower, *(-turn for turn in turns)]), ends, frame_of(np.asarray(cone.direction)), half)
+        return cls(
+            np.array([*box.lower, *(-turn for turn in turns)]),
+            ends,
+            frame_of(np.asarray(cone.direction)),
+            half,
+        )
 
     def pose(self, point: np.ndarray) -> np.ndarray:
         """Return the pose (4, 4) of a point (5,)."""
@@ -71,7 +87,9 @@ class Placing:
     def holds(self, point: np.ndarray) -> bool:
         """Return whether a point is in the workspace and its tool axis in the cone."""
         inside = (point >= self.lower - 1e-9).all() and (point <= self.upper + 1e-9).all()
-        return bool(inside and np.cos(point[3]) * np.cos(point[4]) >= np.cos(self.half_angle) - 1e-9)
+        return bool(
+            inside and np.cos(point[3]) * np.cos(point[4]) >= np.cos(self.half_angle) - 1e-9
+        )
 
 
 @dataclass(frozen=True)
@@ -96,10 +114,12 @@ class Stay:
 
 
 def keys(scores: np.ndarray, costs: np.ndarray, objective: Objective) -> np.ndarray:
-    """Return for every place (n, 4) what is compared, first to last: who does not reach, two figures of the scores, the cost.
+    """Return for every place (n, 4) what is compared, first to last.
 
-    ``"minimax"``: the highest score, then the mean; ``"mean"``: the mean, then the highest. Ties go to the smooth cost, the
-    soft maximum or the mean.
+    It is who does not reach, two figures of the scores, the cost.
+
+    ``"minimax"``: the highest score, then the mean; ``"mean"``: the mean, then the highest. Ties go
+    to the smooth cost, the soft maximum or the mean.
 
     Args:
         scores: exact (people, n), 0 where somebody does not reach.
@@ -112,7 +132,7 @@ def keys(scores: np.ndarray, costs: np.ndarray, objective: Objective) -> np.ndar
 
 
 def merit(costs: np.ndarray, objective: Objective) -> np.ndarray:
-    """Return one smooth cost per place (n,) for the costs (people, n): their mean, or their soft maximum.
+    """Return one smooth cost per place (n,): the mean or soft maximum of the costs (people, n).
 
     The soft maximum is s log mean exp(c / s) with s = `SOFTNESS`.
     """
@@ -134,7 +154,9 @@ class PlaceSearch:
         objective: what a good place is.
     """
 
-    def __init__(self, problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective) -> None:
+    def __init__(
+        self, problem: Problem, people: Sequence[Person], grid: SharedGrid, objective: Objective
+    ) -> None:
         """Prepare what every placement needs."""
         self.problem, self.grid = problem, grid
         self.objective: Objective = objective
@@ -143,15 +165,22 @@ class PlaceSearch:
         self._features = _features(grid.poses)
         self._people = [person.follower for person in people]
         comforts = [person.response.comfort for person in self._people]
-        self._holds = [(p.stand(q), p.grasp(q)) for p, q in zip(self._people, comforts, strict=True)]
+        self._holds = [
+            (p.stand(q), p.grasp(q)) for p, q in zip(self._people, comforts, strict=True)
+        ]
 
     def starts(self, count: int) -> list[np.ndarray]:
-        """Return the best places of the grid (5,), best first, none within one spacing of a better one."""
+        """Return the grid's best places (5,), best first, none within one spacing of a better."""
         found = keys(self.grid.scores, self.grid.costs, self.objective)
         order = np.lexsort(found.T[::-1])
         poses, chosen = self.grid.poses, []
         apart = 1.01 * max(
-            (float(line[1] - line[0]) for line in (self.grid.x, self.grid.y, self.grid.z) if len(line) > 1), default=0
+            (
+                float(line[1] - line[0])
+                for line in (self.grid.x, self.grid.y, self.grid.z)
+                if len(line) > 1
+            ),
+            default=0,
         )
         for i in order[found[order, 0] == found[order[0], 0]]:
             if all(np.linalg.norm(poses[i, :3, 3] - poses[j, :3, 3]) > apart for j in chosen):
@@ -161,24 +190,33 @@ class PlaceSearch:
         return [self.placing.point(poses[i]) for i in chosen]
 
     def at(self, point: np.ndarray) -> Stay:
-        """Return everybody at rest at a place, each coming from the nearest place of the grid that they reach."""
+        """Return everybody at rest at a place, each from the nearest grid place that they reach."""
         self.placements += 1
         pose = self.placing.pose(point)
         postures, reached = [], []
         apart = ((self._features - _features(pose[None])) ** 2).sum(axis=1)
-        for number, (person, (soles, grasp)) in enumerate(zip(self._people, self._holds, strict=True)):
+        for number, (person, (soles, grasp)) in enumerate(
+            zip(self._people, self._holds, strict=True)
+        ):
             near = np.where(self.grid.scores[number] > 0, apart, np.inf)
             nearest = int(np.argmin(near))
-            seed = self.grid.postures[number, nearest] if np.isfinite(near[nearest]) else person.response.comfort
+            seed = (
+                self.grid.postures[number, nearest]
+                if np.isfinite(near[nearest])
+                else person.response.comfort
+            )
             posture, there = person.settle(seed, pose, grasp, soles)
             postures.append(posture)
             reached.append(there)
         return self._stay(point, np.array(postures), np.array(reached))
 
     def coming(self, stay: Stay) -> Stay:
-        """Return the same place with everybody coming straight from comfort, where that leads to a worse posture.
+        """Return the same place with everybody coming straight from comfort.
 
-        A rest posture can depend on the way to it, and the same place must be good whichever way somebody takes.
+        This is done where it leads to a worse posture.
+
+        A rest posture can depend on the way to it, and the same place must be good whichever way
+        somebody takes.
         """
         pose = self.placing.pose(stay.point)
         postures, reached = [], []
@@ -198,15 +236,18 @@ class PlaceSearch:
     def descend(self, start: np.ndarray) -> list[Stay]:
         """Return the best place of a search from a point, and the start itself.
 
-        A step of the pattern goes one way along one of the five numbers and is taken when it lowers the smooth cost; when no
-        step does, all become half as long. Best is the lowest key of all places that were tried.
+        A step of the pattern goes one way along one of the five numbers and is taken when it lowers
+        the smooth cost; when no step does, all become half as long. Best is the lowest key of all
+        places that were tried.
         """
         here = first = best = self.at(start)
         lengths = self._first_lengths()
         free = np.flatnonzero(lengths)
         scale = 1.0
         end = self.placements + MOST
-        while scale * lengths[:3].max(initial=0.0) >= FINEST or (scale > 0.1 and not lengths[:3].any()):
+        while scale * lengths[:3].max(initial=0.0) >= FINEST or (
+            scale > 0.1 and not lengths[:3].any()
+        ):
             improved = False
             for step in [sign * i for i in free + 1 for sign in (1, -1)]:
                 point = here.point.copy()
@@ -229,7 +270,9 @@ class PlaceSearch:
         return [best, first]
 
     def line(self, point: np.ndarray, number: int, count: int = 9) -> list[Stay]:
-        """Return everybody at rest at places along one of the five numbers from a point, where the object may be.
+        """Return everybody at rest at places along one of the five numbers from a point.
+
+        The places are those where the object may be.
 
         Empty where the number is fixed.
         """
@@ -242,7 +285,9 @@ class PlaceSearch:
         """Half of the grid's spacing along each number, 0 where it is fixed (5,)."""
         wide = self.placing.upper - self.placing.lower
         places = [len(self.grid.x), len(self.grid.y), len(self.grid.z), 4, 4]
-        return np.array([0.5 * width / max(count - 1, 1) for width, count in zip(wide, places, strict=True)])
+        return np.array(
+            [0.5 * width / max(count - 1, 1) for width, count in zip(wide, places, strict=True)]
+        )
 
     def _merit(self, stay: Stay) -> float:
         return float(merit(stay.costs[:, None], self.objective)[0])

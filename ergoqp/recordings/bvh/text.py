@@ -1,7 +1,8 @@
 """The guard in front of the BVH reader: a file is checked line by line before any reader sees it.
 
-BVH readers trust the file: they wait for lines that never come, believe any frame count and let NaN through. Everything that
-could mislead them is found here, in one pass over the text, and told with its line.
+BVH readers trust the file: they wait for lines that never come, believe any frame count and let NaN
+through. Everything that could mislead them is found here, in one pass over the text, and told with
+its line.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ class _Cursor:
                 return words
         if not any(line.strip() for line in self.lines):
             raise RecordingError(f"{self.path.name}: got an empty file, allowed a BVH file")
-        raise RecordingError(f"{self.path.name}: the file ends in line {self.line}, required is {wanted}")
+        raise RecordingError(
+            f"{self.path.name}: the file ends in line {self.line}, required is {wanted}"
+        )
 
     def fail(self, problem: str) -> NoReturn:
         raise RecordingError(f"{self.path.name}, line {self.line}: {problem}")
@@ -66,7 +69,9 @@ class _Cursor:
         except ValueError:
             self.fail(f"{what}: got {_short(word)}, allowed a number")
         if not abs(value) <= _LARGEST:  # also false for NaN
-            self.fail(f"{what} is {_short(word)}; only finite numbers up to {_LARGEST:g} can be used")
+            self.fail(
+                f"{what} is {_short(word)}; only finite numbers up to {_LARGEST:g} can be used"
+            )
         return value
 
 
@@ -89,8 +94,8 @@ def read_text(path: Path) -> BvhText:
         The header's lines, the rows as numbers and the frame time.
 
     Raises:
-        RecordingError: the file is missing, a folder, not text, or not a complete and finite BVH file; says which line, what
-            was found and what is allowed.
+        RecordingError: the file is missing, a folder, not text, or not a complete and finite BVH
+            file; says which line, what was found and what is allowed.
     """
     cursor = _Cursor(path, re.split(r"\r\n|\r|\n", _decoded(path)))
     header = _Header()
@@ -111,15 +116,21 @@ def _decoded(path: Path) -> str:
             raise RecordingError(f"{str(path)!r} is not a file, allowed the recording file itself")
         content = path.read_bytes()
     except FileNotFoundError:
-        raise RecordingError(f"{path.name}: got no file {str(path)!r}, allowed a recording") from None
+        raise RecordingError(
+            f"{path.name}: got no file {str(path)!r}, allowed a recording"
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise RecordingError(f"{_short(str(path))} cannot be read: {reason}, allowed a recording") from None
+        raise RecordingError(
+            f"{_short(str(path))} cannot be read: {reason}, allowed a recording"
+        ) from None
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise RecordingError(f"{path.name}, line {line}: got a byte that is not UTF-8, allowed plain text") from None
+        raise RecordingError(
+            f"{path.name}, line {line}: got a byte that is not UTF-8, allowed plain text"
+        ) from None
 
 
 def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
@@ -147,10 +158,13 @@ def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
             case "End":
                 pass
             case "MOTION":
-                cursor.fail(f"got MOTION with {depth} braces open, allowed after the skeleton is closed")
+                cursor.fail(
+                    f"got MOTION with {depth} braces open, allowed after the skeleton is closed"
+                )
             case other:
                 cursor.fail(
-                    f"got {_short(other)}, allowed in a skeleton are ROOT, JOINT, OFFSET, CHANNELS, End Site and braces"
+                    f"got {_short(other)}, allowed in a skeleton are ROOT, JOINT, OFFSET, CHANNELS,"
+                    " End Site and braces"
                 )
     if depth < 0 or not header.channels:
         cursor.fail("got a skeleton without channels, allowed at least one joint with some")
@@ -158,21 +172,34 @@ def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
 
 def _check_name(cursor: _Cursor, header: _Header, words: list[str], *, inside: bool) -> None:
     if len(words) != 2:
-        cursor.fail(f"{words[0]}: got {_short(' '.join(words[1:]))}, allowed one name without spaces")
+        cursor.fail(
+            f"{words[0]}: got {_short(' '.join(words[1:]))}, allowed one name without spaces"
+        )
     if (words[0] == "JOINT") != inside:
-        cursor.fail(f"{words[0]} {_short(words[1])} is out of place; a skeleton is one ROOT with all JOINTs inside it")
+        cursor.fail(
+            f"{words[0]} {_short(words[1])} is out of place; a skeleton is one ROOT with all JOINTs"
+            " inside it"
+        )
     if words[1] in header.names:
-        cursor.fail(f"joint {_short(words[1])} is already defined in line {header.names[words[1]]}; names must differ")
+        cursor.fail(
+            f"joint {_short(words[1])} is already defined in line {header.names[words[1]]}; names"
+            " must differ"
+        )
     header.names[words[1]] = cursor.line
 
 
 def _check_channels(cursor: _Cursor, words: list[str]) -> None:
     if not words or words[0] != str(len(words) - 1):
         stated = _short(words[0]) if words else "no count"
-        cursor.fail(f"CHANNELS: got {max(len(words) - 1, 0)} channels, allowed as many as it states, {stated}")
+        cursor.fail(
+            f"CHANNELS: got {max(len(words) - 1, 0)} channels, allowed as many as it states,"
+            f" {stated}"
+        )
     for name in words[1:]:
         if name not in CHANNELS:
-            cursor.fail(f"channel {_short(name)} is not supported; allowed are {', '.join(CHANNELS)}")
+            cursor.fail(
+                f"channel {_short(name)} is not supported; allowed are {', '.join(CHANNELS)}"
+            )
     if len(set(words[1:])) != len(words) - 1:
         cursor.fail("got a channel twice in one joint, allowed once")
 
@@ -190,13 +217,21 @@ def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
         cursor.fail(f"expected 'Frame Time: <seconds>', got {_short(' '.join(words))}")
     frame_time = cursor.number(words[2], "the frame time")
     if not 0 < frame_time <= _LONGEST_FRAME:
-        cursor.fail(f"the frame time is {frame_time:g} s; allowed is above 0 and at most {_LONGEST_FRAME:g} s")
+        cursor.fail(
+            f"the frame time is {frame_time:g} s; allowed is above 0 and at most"
+            f" {_LONGEST_FRAME:g} s"
+        )
 
     found = [i for i in range(cursor.line, len(cursor.lines)) if cursor.lines[i].strip()]
     if stated != len(found) or not found:
-        what = "the recording is cut or was joined with another" if found else "there is no movement in it"
+        what = (
+            "the recording is cut or was joined with another"
+            if found
+            else "there is no movement in it"
+        )
         raise RecordingError(
-            f"{cursor.path.name}, line {stated_line}: got {len(found)} rows, allowed {stated}, as is stated; {what}"
+            f"{cursor.path.name}, line {stated_line}: got {len(found)} rows, allowed {stated}, as"
+            f" is stated; {what}"
         )
     rows = np.empty((len(found), channels))
     for frame, i in enumerate(found):

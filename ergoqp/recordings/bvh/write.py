@@ -1,4 +1,4 @@
-"""Postures written as a BVH file: the body's own skeleton under our own joint names, y up, centimetres."""
+"""Postures as a BVH file: the body's own skeleton under our own joint names, y up, centimetres."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ _UNITS_PER_METRE: Final = 100.0
 _ROTATIONS: Final = "Zrotation Xrotation Yrotation"
 
 
-def write_bvh(path: str | Path, postures: np.ndarray, base_poses: np.ndarray, body: Body, frame_time: float) -> Path:
+def write_bvh(
+    path: str | Path, postures: np.ndarray, base_poses: np.ndarray, body: Body, frame_time: float
+) -> Path:
     """Write a movement of the body as a BVH file that `ergoqp.load_recording` reads back.
 
     Args:
@@ -67,8 +69,13 @@ def write_bvh(path: str | Path, postures: np.ndarray, base_poses: np.ndarray, bo
             f"postures and base_poses: got the shapes {postures.shape} and {base_poses.shape}, "
             f"allowed (n, {len(JOINTS)}) and (n, 4, 4)"
         )
-    if not (np.isfinite(postures).all() and np.isfinite(base_poses).all() and 0 < frame_time < np.inf):
-        raise InputError("postures, base_poses and frame_time: got a value that is not finite or no period above 0")
+    if not (
+        np.isfinite(postures).all() and np.isfinite(base_poses).all() and 0 < frame_time < np.inf
+    ):
+        raise InputError(
+            "postures, base_poses and frame_time: got a value that is not finite or no period"
+            " above 0"
+        )
     kinematics = Kinematics(body)
     turned = {"pelvis": np.broadcast_to(np.eye(3), (frames, 3, 3))}
     for name in _PARENT:
@@ -88,33 +95,55 @@ def write_bvh(path: str | Path, postures: np.ndarray, base_poses: np.ndarray, bo
 
 
 def _offsets(kinematics: Kinematics) -> dict[str, np.ndarray]:
-    """Return each joint's place in its parent at the zero posture, shape (3,) [m]; the trunk turns at the pelvis."""
-    at = {name: np.array(kinematics.at(name, ca.DM.zeros(len(JOINTS)))[0]).ravel() for name in ("pelvis", *_PARENT)}
+    """Return each joint's place in its parent at the zero posture, shape (3,) [m].
+
+    The trunk turns at the pelvis.
+    """
+    at = {
+        name: np.array(kinematics.at(name, ca.DM.zeros(len(JOINTS)))[0]).ravel()
+        for name in ("pelvis", *_PARENT)
+    }
     at["trunk"] = at["pelvis"]
-    return {"pelvis": np.zeros(3)} | {name: at[name] - at[parent] for name, parent in _PARENT.items()}
+    return {"pelvis": np.zeros(3)} | {
+        name: at[name] - at[parent] for name, parent in _PARENT.items()
+    }
 
 
-def _write_joint(name: str, lines: list[str], depth: int, offsets: dict[str, np.ndarray]) -> Iterator[str]:
-    """Append a joint and what hangs from it, and yield the names below it in the order of their channels."""
+def _write_joint(
+    name: str, lines: list[str], depth: int, offsets: dict[str, np.ndarray]
+) -> Iterator[str]:
+    """Append a joint and what hangs from it; yield the names below it in channel order."""
     tab = "  " * depth
     offset = _TO_FILE @ offsets[name] * _UNITS_PER_METRE
     lines += [
         f"{tab}{'JOINT' if depth else 'ROOT'} {name}",
         f"{tab}{{",
         f"{tab}  OFFSET {offset[0]:.6f} {offset[1]:.6f} {offset[2]:.6f}",
-        f"{tab}  CHANNELS 3 {_ROTATIONS}" if depth else f"{tab}  CHANNELS 6 Xposition Yposition Zposition {_ROTATIONS}",
+        (
+            f"{tab}  CHANNELS 3 {_ROTATIONS}"
+            if depth
+            else f"{tab}  CHANNELS 6 Xposition Yposition Zposition {_ROTATIONS}"
+        ),
     ]
     children = [child for child, parent in _PARENT.items() if parent == name]
     for child in children:
         yield child
         yield from _write_joint(child, lines, depth + 1, offsets)
     if not children:
-        lines += [f"{tab}  End Site", f"{tab}  {{", f"{tab}    OFFSET 0.000000 0.000000 0.000000", f"{tab}  }}"]
+        lines += [
+            f"{tab}  End Site",
+            f"{tab}  {{",
+            f"{tab}    OFFSET 0.000000 0.000000 0.000000",
+            f"{tab}  }}",
+        ]
     lines.append(f"{tab}}}")
 
 
 def _angles(rotations: np.ndarray) -> np.ndarray:
-    """Return the angles of rotations (n, 3, 3), given in our axes, about the file's z, x, y in turn, shape (n, 3) [deg]."""
+    """Return the angles of rotations (n, 3, 3) about the file's z, x, y in turn.
+
+    The rotations are given in our axes; the angles have shape (n, 3) [deg].
+    """
     r = _TO_FILE @ rotations @ _TO_FILE.T
     x = np.arcsin(np.clip(r[:, 2, 1], -1.0, 1.0))
     # With x at a quarter turn, z and y turn about the same line: all of it is given to z.

@@ -1,4 +1,4 @@
-"""Where the body's joint centres are in the world, and how they move with the pelvis and the joints, in one call."""
+"""The body's joint centres in the world and how pelvis and joints move them, in one call."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ class CentreModel:
         z = ca.SX.sym("z", UNKNOWNS)
         cos, sin = ca.cos(z[3]), ca.sin(z[3])
         yaw = ca.vertcat(ca.horzcat(cos, -sin, 0), ca.horzcat(sin, cos, 0), ca.horzcat(0, 0, 1))
-        across = ca.vertcat(ca.horzcat(-sin, -cos, 0), ca.horzcat(cos, -sin, 0), ca.horzcat(0, 0, 0))
+        across = ca.vertcat(
+            ca.horzcat(-sin, -cos, 0), ca.horzcat(cos, -sin, 0), ca.horzcat(0, 0, 0)
+        )
         positions, jacobians = [], []
         for centre in centres:
             position, _, jacobian = kinematics.at(centre, z[BASE:])
@@ -58,7 +60,8 @@ class CentreModel:
             z: pelvis x, y, z, yaw and the posture, shape (36,).
 
         Returns:
-            Positions (m, 3) [m] and Jacobian (3 m, 36), rows centre by centre. Both are overwritten by the next call.
+            Positions (m, 3) [m] and Jacobian (3 m, 36), rows centre by centre. Both are overwritten
+            by the next call.
         """
         self._z[:] = z
         self._evaluate()

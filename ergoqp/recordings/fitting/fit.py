@@ -1,4 +1,4 @@
-"""The posture behind a set of joint centres: bounded Gauss-Newton, frame by frame, each step a small QP."""
+"""The posture behind joint centres: bounded Gauss-Newton, frame by frame, each step a small QP."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ from ergoqp.recordings.fitting.observe import observable_joints
 from ergoqp.recordings.fitting.starts import starts
 from ergoqp.recordings.fitting.weighting import PULL_NEUTRAL, PULL_PREVIOUS, weight_matrix
 
-# m and rad: the joints only as far as the linear picture holds, the pelvis anywhere, but finite, as the solver wants it.
+# m and rad: the joints only as far as the linear picture holds, the pelvis anywhere, but finite, as
+# the solver wants it.
 _LONGEST_STEP: Final = np.concatenate([np.full(BASE - 1, 1e3), np.full(UNKNOWNS - BASE + 1, 0.6)])
 _STEPS: Final = 40
 _SETTLED: Final = 1e-5  # rad or m
-_JUMP: Final = 0.01  # m: an error that rises by more than this over the frame before is tried again from the start postures
+# m: an error that rises by more than this over the frame before is tried again from the start
+# postures
+_JUMP: Final = 0.01
 _PROFIT: Final = 0.8  # a fresh start replaces the continued posture only when it is clearly better
 
 
@@ -39,14 +42,16 @@ class Fit:
 
 
 def fit(model: CentreModel, targets: np.ndarray) -> Fit:
-    """Fit the body to joint centres, every joint kept within its range and unobservable joints at zero.
+    """Fit the body to joint centres, every joint within its range and unobservable ones at zero.
 
     Args:
         model: the body's centres.
-        targets: measured positions in the order of the model's centres, shape (n, m, 3) [m]; NaN where not seen.
+        targets: measured positions in the order of the model's centres, shape (n, m, 3) [m]; NaN
+            where not seen.
 
     Returns:
-        The configuration of every frame. A frame in which nothing is seen keeps the one before, with error NaN.
+        The configuration of every frame. A frame in which nothing is seen keeps the one before,
+        with error NaN.
     """
     seen = np.asarray(np.isfinite(targets).all(axis=2))
     observed = np.zeros((len(targets), len(JOINTS)), dtype=bool)
@@ -63,7 +68,9 @@ def fit(model: CentreModel, targets: np.ndarray) -> Fit:
         frame = _Frame(model, target, mask, observed[i])
         z = None if previous is None else frame.solve(previous, previous)
         if z is None or frame.error(z) > last_error + _JUMP:
-            fresh = min((frame.solve(start, None) for start in starts(model, target, mask)), key=frame.error)
+            fresh = min(
+                (frame.solve(start, None) for start in starts(model, target, mask)), key=frame.error
+            )
             if z is None or frame.error(fresh) < _PROFIT * frame.error(z):
                 z = fresh
         configurations[i] = previous = z
@@ -74,7 +81,9 @@ def fit(model: CentreModel, targets: np.ndarray) -> Fit:
 class _Frame:
     """The least-squares problem of one frame."""
 
-    def __init__(self, model: CentreModel, target: np.ndarray, seen: np.ndarray, observed: np.ndarray) -> None:
+    def __init__(
+        self, model: CentreModel, target: np.ndarray, seen: np.ndarray, observed: np.ndarray
+    ) -> None:
         self._model = model
         self._target = target[seen]
         self._seen = seen
@@ -86,10 +95,12 @@ class _Frame:
 
     def error(self, z: np.ndarray) -> float:
         """Return the root mean square distance of the seen centres [m]."""
-        return float(np.sqrt(((self._model(z)[0][self._seen] - self._target) ** 2).sum(axis=1).mean()))
+        return float(
+            np.sqrt(((self._model(z)[0][self._seen] - self._target) ** 2).sum(axis=1).mean())
+        )
 
     def solve(self, start: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
-        """Return the best configuration near `start`, pulled weakly to the one before and to zero."""
+        """Return the best configuration near `start`, pulled weakly to `previous` and to zero."""
         pull = np.zeros(UNKNOWNS)
         centre = np.zeros(UNKNOWNS)
         pull[BASE:] = PULL_NEUTRAL**2
@@ -123,8 +134,13 @@ class _Frame:
                 break
         return z
 
-    def _expand(self, z: np.ndarray, pull: np.ndarray, centre: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return half the squared residual with the pulls, its Gauss-Newton Hessian and its gradient at `z`."""
+    def _expand(
+        self, z: np.ndarray, pull: np.ndarray, centre: np.ndarray
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return half the squared residual with the pulls.
+
+        Its Gauss-Newton Hessian and its gradient at `z` follow.
+        """
         positions, jacobian = self._model(z)
         residual = (positions[self._seen] - self._target).ravel()
         jacobian = jacobian[self._rows][:, self._free]
@@ -133,8 +149,12 @@ class _Frame:
         cost = 0.5 * float(residual @ self._weights @ residual + off @ (pull * off))
         return cost, weighted @ jacobian + np.diag(pull), weighted @ residual + pull * off
 
-    def _step(self, hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    def _step(
+        self, hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> np.ndarray:
         step, _, flag, _ = daqp.solve(hessian, gradient, self._no_rows, high, low, self._sense)
         if flag <= 0:
-            raise RecordingError(f"the posture of a frame could not be fitted (QP solver flag {flag})")
+            raise RecordingError(
+                f"the posture of a frame could not be fitted (QP solver flag {flag})"
+            )
         return np.asarray(step)

@@ -1,4 +1,7 @@
-"""Hands of a recording told by direction: skeletons put their hand and thumb joints at very different distances."""
+"""Hands of a recording told by direction.
+
+Skeletons put their hand and thumb joints at very different distances.
+"""
 
 from __future__ import annotations
 
@@ -11,31 +14,41 @@ from ergoqp.joints import SIDES
 
 
 def place_hands(centres: Mapping[str, np.ndarray], body: Body) -> dict[str, np.ndarray]:
-    """Return the centres with knuckles and thumbs moved along their own directions to where this body has them.
+    """Return the centres with knuckles and thumbs moved to where this body has them.
 
-    From the wrist to the knuckles only the direction is kept; of the thumb only the side of that line on which it lies. A thumb
-    without knuckles, or on the wrist itself, says nothing and is left out.
+    They are moved along their own directions.
+
+    From the wrist to the knuckles only the direction is kept; of the thumb only the side of that
+    line on which it lies. A thumb without knuckles, or on the wrist itself, says nothing and is
+    left out.
 
     Args:
         centres: centre -> positions (n, 3) [m].
         body: the person who is fitted.
     """
-    placed = {name: path for name, path in centres.items() if not name.endswith(("_knuckles", "_thumb"))}
+    placed = {
+        name: path for name, path in centres.items() if not name.endswith(("_knuckles", "_thumb"))
+    }
     for side in SIDES:
-        wrist, knuckles, thumb = (centres.get(f"{side}_{name}") for name in ("wrist", "knuckles", "thumb"))
+        wrist, knuckles, thumb = (
+            centres.get(f"{side}_{name}") for name in ("wrist", "knuckles", "thumb")
+        )
         if wrist is None or knuckles is None:
             continue
         along, length = _unit(knuckles - wrist)
         if not _tells(length):
             continue
         own_knuckles, own_thumb = (
-            body.model.site(f"{side}_{name}").pos - body.model.site(f"{side}_wrist").pos for name in ("knuckles", "thumb")
+            body.model.site(f"{side}_{name}").pos - body.model.site(f"{side}_wrist").pos
+            for name in ("knuckles", "thumb")
         )
         reach = float(np.linalg.norm(own_knuckles))
         placed[f"{side}_knuckles"] = wrist + reach * along
         if thumb is None:
             continue
-        aside, distance = _unit((thumb - wrist) - np.einsum("ni,ni->n", thumb - wrist, along)[:, None] * along)
+        aside, distance = _unit(
+            (thumb - wrist) - np.einsum("ni,ni->n", thumb - wrist, along)[:, None] * along
+        )
         if _tells(distance):
             own_along = float(own_thumb @ own_knuckles) / reach
             own_aside = float(np.sqrt(own_thumb @ own_thumb - own_along**2))

@@ -1,8 +1,8 @@
 """Heads of skeletons whose neck leans forward while the person looks straight ahead.
 
-The body's neck stands straight on the trunk at zero. Many skeletons put their neck and head joints on the spine, whose upper
-end leans forward in everyone; read as it is, an upright head would be scored as bent. A skeleton whose rest pose is known to
-look straight ahead tells how much.
+The body's neck stands straight on the trunk at zero. Many skeletons put their neck and head joints
+on the spine, whose upper end leans forward in everyone; read as it is, an upright head would be
+scored as bent. A skeleton whose rest pose is known to look straight ahead tells how much.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ _HEAD: Final = ("head", "head_top", "nose")
 
 
 def rest_lean(rest: Mapping[str, np.ndarray]) -> float:
-    """Return how far the neck leans forward of the trunk in a rest pose [rad]; 0 where the rest pose does not tell.
+    """Return how far the neck leans forward of the trunk in a rest pose [rad].
+
+    It is 0 where the rest pose does not tell.
 
     Args:
         rest: centre -> position (3,) in the rest pose, any unit, x forward, y left, z up.
@@ -31,7 +33,9 @@ def rest_lean(rest: Mapping[str, np.ndarray]) -> float:
 
 
 def straighten_head(centres: Mapping[str, np.ndarray], lean: float) -> dict[str, np.ndarray]:
-    """Return the centres with the head turned back about the base of the neck, from left to right through the body.
+    """Return the centres with the head turned back about the base of the neck.
+
+    The axis of the turn goes from left to right through the body.
 
     Args:
         centres: centre -> positions (n, 3) [m], with the neck and a pair of shoulders or hips.
@@ -44,12 +48,17 @@ def straighten_head(centres: Mapping[str, np.ndarray], lean: float) -> dict[str,
             arm = centres[name] - centres["neck"]
             along = np.einsum("ni,ni->n", left, arm)[:, None] * left
             # A forward lean is a positive turn about the axis to the left; this one goes back.
-            turned[name] = centres["neck"] + along + np.cos(lean) * (arm - along) - np.sin(lean) * np.cross(left, arm)
+            turned[name] = (
+                centres["neck"]
+                + along
+                + np.cos(lean) * (arm - along)
+                - np.sin(lean) * np.cross(left, arm)
+            )
     return turned
 
 
 def _left(centres: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the unit vectors from right to left, shape (n, 3), of the shoulders or else of the hips."""
+    """Return the unit vectors from right to left (n, 3), of the shoulders or else the hips."""
     for joint in ("shoulder", "hip"):
         if f"right_{joint}" in centres and f"left_{joint}" in centres:
             across = centres[f"left_{joint}"] - centres[f"right_{joint}"]

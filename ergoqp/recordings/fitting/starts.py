@@ -1,4 +1,7 @@
-"""Postures to start a fit from when there is no frame before: upright and stooped, with the arms in their usual places."""
+"""Postures to start a fit from when there is no frame before.
+
+They are upright and stooped, with the arms in their usual places.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,10 @@ def starts(model: CentreModel, target: np.ndarray, seen: np.ndarray) -> Iterator
 
 
 def _heading(place: Mapping[str, np.ndarray]) -> float:
-    """Return the yaw [rad] at which the body's left is where the recording has it; 0 when no pair of sides is seen."""
+    """Return the yaw [rad] at which the body's left is where the recording has it.
+
+    It is 0 when no pair of sides is seen.
+    """
     for joint in ("hip", "shoulder", "knee", "elbow", "ankle", "wrist"):
         if f"right_{joint}" in place and f"left_{joint}" in place:
             left = place[f"left_{joint}"] - place[f"right_{joint}"]

@@ -1,7 +1,10 @@
-"""What counts in a fit: the place of every joint centre, the direction of every bone, and weakly a joint's own calm.
+"""What counts in a fit: the place of every joint centre and the direction of every bone.
 
-A person's shoulders and hips move in ways that the body has no joints for. With places alone the limbs would turn to make up
-for it, and the angles are what a posture is scored by; so each bone, as a vector, counts beside the places of its ends.
+A joint's own calm counts weakly.
+
+A person's shoulders and hips move in ways that the body has no joints for. With places alone the
+limbs would turn to make up for it, and the angles are what a posture is scored by; so each bone, as
+a vector, counts beside the places of its ends.
 """
 
 from __future__ import annotations
@@ -35,12 +38,15 @@ _BONES: Final[tuple[tuple[tuple[str, ...], str], ...]] = (
 """From the middle of some centres to another."""
 
 _BONE_WEIGHT: Final = 2.0  # twice what a centre counts
-_TRUNK_WEIGHT: Final = 8.0  # the shoulders pull at the trunk from both sides, and every arm angle is measured from it
+_TRUNK_WEIGHT: Final = (
+    8.0  # the shoulders pull at the trunk from both sides, and every arm angle is measured from it
+)
 
 
-# A turn about the own axis of a limb shows only in what is bent beyond it, and a limb measured as bent slightly the wrong way
-# would throw it over to the other end of its range. These pulls decide such cases and give way elsewhere: at an elbow bent by
-# 30 degrees the pull takes 1 % of the shoulder's rotation, at 90 degrees 0.3 %.
+# A turn about the own axis of a limb shows only in what is bent beyond it, and a limb measured as
+# bent slightly the wrong way would throw it over to the other end of its range. These pulls decide
+# such cases and give way elsewhere: at an elbow bent by 30 degrees the pull takes 1 % of the
+# shoulder's rotation, at 90 degrees 0.3 %.
 _CALM: Final[dict[str, tuple[float, float]]] = {
     "shoulder_rotation": (0.02, 0.01),
     "hip_rotation": (0.01, 0.01),
@@ -49,7 +55,7 @@ _CALM: Final[dict[str, tuple[float, float]]] = {
 _PULLS: Final = [_CALM.get(joint.partition("_")[2], (0.001, 0.004)) for joint in JOINTS]
 
 PULL_NEUTRAL: Final = np.array([neutral for neutral, _ in _PULLS])
-"""How hard each joint is drawn to zero, shape (32,) [m/rad]: like a centre on a lever of this length."""
+"""How hard each joint is drawn to zero (32,) [m/rad]: like a centre on a lever of this length."""
 
 PULL_PREVIOUS: Final = np.array([previous for _, previous in _PULLS])
 """How hard each joint is drawn to the frame before, shape (32,) [m/rad]."""

@@ -1,4 +1,4 @@
-"""The person in one posture as a flat figure: what the replay shows, for print and for a first look."""
+"""The person in one posture as a flat figure: the replay's picture for print and a first look."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OWN_COLOUR: Final = "#4b4f57"  # hair and shoes
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """A capsule in the world: the ends of its axis (2, 3) [m], its radius [m], and how near it is to who looks at it [m]."""
+    """A capsule in the world: axis ends (2, 3) [m], radius [m] and nearness to the viewer [m]."""
 
     ends: NDArray[np.float64]
     radius: float
@@ -38,7 +38,8 @@ class Drawing:
         posture: shape (32,) [rad], finite.
         base_pose: the pelvis in the world, shape (4, 4).
         segments: segment -> score.
-        contact: contact frame of the held object in the world, shape (4, 4), None without an object.
+        contact: contact frame of the held object in the world, shape (4, 4), None without an
+            object.
 
     Attributes:
         horizontal: leftmost and rightmost of the axes of all shapes [m].
@@ -71,8 +72,12 @@ class Drawing:
             level = int(palette.level_of_points(segments.get(part.segment or "", 0)))
             colour = _OWN_COLOUR if part.segment is None else palette.colour_of_level(level)
             ends = np.stack([centre - half * axis, centre + half * axis])
-            self._groups.setdefault((part.owner, colour), []).append(_Shape(ends, radius, float(centre @ towards)))
-        everything = np.concatenate([shape.ends for group in self._groups.values() for shape in group])
+            self._groups.setdefault((part.owner, colour), []).append(
+                _Shape(ends, radius, float(centre @ towards))
+            )
+        everything = np.concatenate(
+            [shape.ends for group in self._groups.values() for shape in group]
+        )
         if contact is not None:
             everything = np.concatenate([everything, contact[None, :3, 3]])
         self.horizontal = self._ends(everything @ self._across)
@@ -91,16 +96,25 @@ class Drawing:
             return left + float(point @ self._across) * scale, floor - float(point[2]) * scale
 
         drawn: list[str] = []
-        # Shapes that move together and have one colour get one outline, so that the trunk is not cut into rings.
-        for (_, colour), group in sorted(self._groups.items(), key=lambda item: max(shape.depth for shape in item[1])):
+        # Shapes that move together and have one colour get one outline, so that the trunk is not
+        # cut into rings.
+        for (_, colour), group in sorted(
+            self._groups.items(), key=lambda item: max(shape.depth for shape in item[1])
+        ):
             lines = []
             for shape in group:
                 (x1, y1), (x2, y2) = at(shape.ends[0]), at(shape.ends[1])
                 # A line of no length has no round ends in every browser.
                 line = {"x1": x1, "y1": y1, "x2": x2 + 0.01, "y2": y2, "stroke_linecap": "round"}
                 lines.append((line, 2 * shape.radius * scale))
-            drawn += [svg.element("line", **line, stroke_width=width + 2, class_="outline") for line, width in lines]
-            drawn += [svg.element("line", **line, stroke_width=width, stroke=colour) for line, width in lines]
+            drawn += [
+                svg.element("line", **line, stroke_width=width + 2, class_="outline")
+                for line, width in lines
+            ]
+            drawn += [
+                svg.element("line", **line, stroke_width=width, stroke=colour)
+                for line, width in lines
+            ]
         if self._contact is not None:
             x, y = at(self._contact[:3, 3])
             tip_x, tip_y = at(self._contact[:3, 3] + 0.14 * self._contact[:3, 0])
@@ -129,7 +143,8 @@ def posture_figure(
         base_pose: the pelvis in the world, shape (4, 4).
         segments: segment -> score.
         title: of the picture.
-        contact: contact frame of the held object in the world, shape (4, 4), None without an object.
+        contact: contact frame of the held object in the world, shape (4, 4), None without an
+            object.
     """
     drawing = Drawing(body, posture, base_pose, segments, contact)
     (left, right), (low, high) = drawing.horizontal, drawing.vertical
@@ -141,4 +156,8 @@ def posture_figure(
 
 def said_of(segments: Mapping[str, int]) -> str:
     """Return the scores of the segments in words."""
-    return ", ".join(f"{name.replace('_', ' ')} {segments[name]}" for name in palette.SEGMENTS if name in segments)
+    return ", ".join(
+        f"{name.replace('_', ' ')} {segments[name]}"
+        for name in palette.SEGMENTS
+        if name in segments
+    )

@@ -55,7 +55,11 @@ def lineup(people: Sequence[Standing], title: str) -> str:
     bottom = min(0.0, *(drawing.vertical[0] for drawing in drawings))
     height = (top - bottom) * _SCALE + _WORDS
     widths = [
-        max((d.horizontal[1] - d.horizontal[0]) * _SCALE, width_of(p.label) + 8, width_of(_words(p)) + 20)
+        max(
+            (d.horizontal[1] - d.horizontal[0]) * _SCALE,
+            width_of(p.label) + 8,
+            width_of(_words(p)) + 20,
+        )
         for d, p in zip(drawings, people, strict=True)
     ]
     rows = _rows(widths)
@@ -72,10 +76,18 @@ def lineup(people: Sequence[Standing], title: str) -> str:
             drawn += _one(people[i], drawings[i], x, widths[i], floor, floor - bottom * _SCALE)
             x += widths[i] + _GAP
     said = "; ".join(f"{person.label}: REBA {person.score}" for person in people)
-    return svg.picture(drawn, length, len(rows) * height, title, f"{said}. The dashed line is the height of the object.")
+    return svg.picture(
+        drawn,
+        length,
+        len(rows) * height,
+        title,
+        f"{said}. The dashed line is the height of the object.",
+    )
 
 
-def _one(person: Standing, drawing: Drawing, x: float, width: float, floor: float, below: float) -> list[str]:
+def _one(
+    person: Standing, drawing: Drawing, x: float, width: float, floor: float, below: float
+) -> list[str]:
     low, high = drawing.horizontal
     middle = x + width / 2
     level = int(palette.level_of_score(person.score))
@@ -84,8 +96,22 @@ def _one(person: Standing, drawing: Drawing, x: float, width: float, floor: floa
     return [
         *drawing.elements(_SCALE, middle - (low + high) / 2 * _SCALE, floor),
         svg.text(person.label, middle, below + 20, class_="small middle"),
-        svg.element("rect", x=middle - chip / 2, y=below + 28, width=chip, height=19, rx=9, class_=f"level{level} edge"),
-        svg.text(words, middle, below + 42, class_="strong middle", style=f"fill:{palette.ink_of_level(level)}"),
+        svg.element(
+            "rect",
+            x=middle - chip / 2,
+            y=below + 28,
+            width=chip,
+            height=19,
+            rx=9,
+            class_=f"level{level} edge",
+        ),
+        svg.text(
+            words,
+            middle,
+            below + 42,
+            class_="strong middle",
+            style=f"fill:{palette.ink_of_level(level)}",
+        ),
     ]
 
 

@@ -1,7 +1,7 @@
 """Triangles of the shapes that a scene is drawn with.
 
-The model's capsules are what counts as the body; what is drawn differs from them only in looks: limbs are thinner at their
-far end, and the rings of the trunk are joined into one surface.
+The model's capsules are what counts as the body; what is drawn differs from them only in looks:
+limbs are thinner at their far end, and the rings of the trunk are joined into one surface.
 """
 
 from __future__ import annotations
@@ -55,11 +55,21 @@ def _torso(parts: Sequence[Part]) -> Mesh:
     width = depth + np.array([part.size[1] for part in ordered])
     forward = np.array([part.position[0] for part in ordered])
     # Ends: the lowest ring goes down into the pelvis, the highest closes over the shoulders.
-    heights = np.concatenate([[z[0] - depth[0]], np.linspace(z[0], z[-1], 18), z[-1] + depth[-1] * np.linspace(0.3, 1, 6)])
+    heights = np.concatenate(
+        [
+            [z[0] - depth[0]],
+            np.linspace(z[0], z[-1], 18),
+            z[-1] + depth[-1] * np.linspace(0.3, 1, 6),
+        ]
+    )
     over = np.clip((heights - z[-1]) / depth[-1], 0, 1)
     closing = np.sqrt(1 - over**2)
     half_axes = np.stack(
-        [np.interp(heights, z, depth) * closing, np.interp(heights, z, width) - depth[-1] * (1 - closing) - 0.08 * over], axis=1
+        [
+            np.interp(heights, z, depth) * closing,
+            np.interp(heights, z, width) - depth[-1] * (1 - closing) - 0.08 * over,
+        ],
+        axis=1,
     )
     half_axes[-1] = 0.0
     rings = _rings(half_axes, heights)
@@ -71,7 +81,9 @@ def _torso(parts: Sequence[Part]) -> Mesh:
 def _joined(meshes: Sequence[Mesh]) -> Mesh:
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     vertices = np.concatenate([vertices for vertices, _ in meshes])
-    faces = np.concatenate([faces + np.uint32(start) for (_, faces), start in zip(meshes, starts, strict=False)])
+    faces = np.concatenate(
+        [faces + np.uint32(start) for (_, faces), start in zip(meshes, starts, strict=False)]
+    )
     return vertices, faces
 
 

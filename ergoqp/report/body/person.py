@@ -1,4 +1,4 @@
-"""The person as solid parts, each belonging to a segment of the sheet, and where these parts are in a posture."""
+"""The person as solid parts, each of a segment of the sheet, and their places in a posture."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class Part:
         owner: name of the model's body that it is fixed to.
         segment: key of the score that colours it, None for what has none.
         capsule: a capsule along its own z axis, else an ellipsoid.
-        size: capsule: radius and half length of the straight part; ellipsoid: the three half axes [m].
+        size: capsule: radius and half length of the straight part; ellipsoid: the three half axes
+            [m].
         position: centre in the owner, shape (3,) [m].
         rotation: axes in the owner, shape (3, 3).
     """
@@ -115,7 +116,10 @@ def place(body: Body, postures: NDArray[np.float64], base_poses: NDArray[np.floa
     hinges = [model.joint(name).qposadr[0] for name in JOINTS]
     owners = tuple(dict.fromkeys(part.owner for part in parts_of(body)))
     numbers = [model.body(owner).id for owner in owners]
-    positions, quaternions = np.empty((len(postures), len(owners), 3)), np.empty((len(postures), len(owners), 4))
+    positions, quaternions = (
+        np.empty((len(postures), len(owners), 3)),
+        np.empty((len(postures), len(owners), 4)),
+    )
     for i, (posture, pose) in enumerate(zip(postures, base_poses, strict=True)):
         data.qpos[base] = pose[:3, 3]
         data.qpos[yaw] = np.arctan2(pose[1, 0], pose[0, 0])

@@ -1,4 +1,4 @@
-"""The replay: which moments of a movement are shown, and the 3-D scene of them as one self-contained page."""
+"""The replay: the shown moments of a movement and their 3-D scene as one self-contained page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ class Movement:
         base_poses: the pelvis in the world, upright, shape (n, 4, 4).
         final: score, 0 where there is none; shape (n,).
         segments: scores of the segments, shape (n,) each.
-        object_poses: contact frame of the held object in the world, shape (n, 4, 4), None without an object.
+        object_poses: contact frame of the held object in the world, shape (n, 4, 4), None without
+            an object.
         seated: the person sits, so that a seat is drawn.
     """
 
@@ -43,7 +44,10 @@ class Movement:
     seated: bool = False
 
     def at(self, samples: NDArray[np.int64]) -> Movement:
-        """Return some samples; a missing posture or pose is held from the last one before it, or taken from the first after."""
+        """Return some samples; a missing posture or pose is held from the last one before it.
+
+        Without one before, it is taken from the first after.
+        """
         shown = _held(samples, _finite(self.postures) & _finite(self.base_poses))
         objects = self.object_poses
         if objects is not None:
@@ -66,9 +70,13 @@ def _finite(values: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _held(samples: NDArray[np.int64], good: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return for each sample the last good one up to it, else the first good one, else the sample itself."""
+    """Return for each sample the last good one up to it, else the first good one, else itself."""
     numbers = np.flatnonzero(good)
-    return numbers[np.maximum(np.searchsorted(numbers, samples, side="right") - 1, 0)] if len(numbers) else samples
+    return (
+        numbers[np.maximum(np.searchsorted(numbers, samples, side="right") - 1, 0)]
+        if len(numbers)
+        else samples
+    )
 
 
 @dataclass(frozen=True)
@@ -88,14 +96,19 @@ class Timing:
     @property
     def note(self) -> str:
         """Say what the replay leaves out, in one sentence."""
-        rate = f"{1 / self.frame_time:.2g} frames per second" if self.frame_time else "a single frame"
+        rate = (
+            f"{1 / self.frame_time:.2g} frames per second" if self.frame_time else "a single frame"
+        )
         if self.speed > 1:
-            return f"The replay runs {self.speed:.3g} times faster than real time, to last {LONGEST:.0f} s, at {rate}."
+            return (
+                f"The replay runs {self.speed:.3g} times faster than real time, to last"
+                f" {LONGEST:.0f} s, at {rate}."
+            )
         return f"The replay runs in real time, at {rate}."
 
 
 def timing_of(time: NDArray[np.float64]) -> Timing:
-    """Choose the samples that a replay shows: at most 60 s and 30 frames per second, evenly spaced in time.
+    """Choose the samples of a replay: at most 60 s and 30 frames per second, evenly spaced in time.
 
     Args:
         time: time of each sample, increasing, shape (n,) [s].
@@ -106,6 +119,9 @@ def timing_of(time: NDArray[np.float64]) -> Timing:
     speed = max(1.0, duration / LONGEST)
     steps = max(1, min(len(time) - 1, int(np.floor(duration / speed * FRAME_RATE + 1e-9))))
     moments = np.linspace(time[0], time[-1], steps + 1)
-    # Half a sample of tolerance: a moment that falls on a sample must not show the one before because of its last bit.
-    after = np.searchsorted(time, moments + 0.5 * duration / (len(time) - 1) * 1e-6, side="right") - 1
+    # Half a sample of tolerance: a moment that falls on a sample must not show the one before
+    # because of its last bit.
+    after = (
+        np.searchsorted(time, moments + 0.5 * duration / (len(time) - 1) * 1e-6, side="right") - 1
+    )
     return Timing(np.clip(after, 0, len(time) - 1), duration / speed / steps, speed)

@@ -1,4 +1,4 @@
-"""The 3-D scene of a movement, written by viser into one page with a play bar that asks nothing of any server."""
+"""A movement's 3-D scene, by viser in one page with a play bar that asks nothing of any server."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
 def scene_html(movement: Movement, timing: Timing) -> str:
     """Return the replay as a page of its own.
 
-    A server is started on the loopback interface only because the scene is written by it; nothing connects to it, and it is
-    stopped before this returns.
+    A server is started on the loopback interface only because the scene is written by it; nothing
+    connects to it, and it is stopped before this returns.
 
     Args:
         movement: what happened.
@@ -45,7 +45,8 @@ def scene_html(movement: Movement, timing: Timing) -> str:
     except ImportError:
         raise MissingExtraError("the report page", "report", "viser") from None
     shown = movement.at(timing.samples)
-    # The server announces itself on standard output, which belongs to the command that asked for the page.
+    # The server announces itself on standard output, which belongs to the command that asked for
+    # the page.
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         try:
@@ -89,16 +90,25 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
     spread = float(np.linalg.norm((high - low)[:2]))
     size = float(np.ceil(max(4.0, 2 * spread + 3.0)))
     server.scene.add_grid(
-        "/floor", width=size, height=size, cell_size=0.25, section_size=1.0, position=(centre[0], centre[1], floor),
-        cell_color=(222, 226, 230), section_color=(190, 197, 204), plane_color=(247, 248, 250), plane_opacity=1.0,
-    )  # fmt: skip
+        "/floor",
+        width=size,
+        height=size,
+        cell_size=0.25,
+        section_size=1.0,
+        position=(centre[0], centre[1], floor),
+        cell_color=(222, 226, 230),
+        section_color=(190, 197, 204),
+        plane_color=(247, 248, 250),
+        plane_opacity=1.0,
+    )
     if movement.seated:
         _set_seat(server, np.median(pelvis, axis=0), floor, movement.body.stature)
     server.scene.configure_default_lights(enabled=True, cast_shadow=True)
     forward = movement.base_poses[0, :3, 0]
     right = -movement.base_poses[0, :3, 1]
     middle = np.array([centre[0], centre[1], floor + 0.52 * movement.body.stature]) + 0.12 * forward
-    # Near enough for the person to fill the picture, far enough for the way walked to stay within it.
+    # Near enough for the person to fill the picture, far enough for the way walked to stay within
+    # it.
     distance = max(1.6 * movement.body.stature, 0.9 * spread + 1.5)
     direction = 0.75 * forward + 0.85 * right + np.array([0, 0, 0.3])
     camera = server.initial_camera
@@ -107,15 +117,22 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
     camera.position = middle + distance * direction / np.linalg.norm(direction)
 
 
-def _set_seat(server: viser.ViserServer, pelvis: NDArray[np.float64], floor: float, stature: float) -> None:
+def _set_seat(
+    server: viser.ViserServer, pelvis: NDArray[np.float64], floor: float, stature: float
+) -> None:
     """Put a stool under the pelvis [m]."""
     top = float(pelvis[2]) - 0.045 * stature
     height = top - floor - _SEAT_HEIGHT
     if height <= 0:
         return
-    for name, radius, length, bottom in (("seat", 0.17, _SEAT_HEIGHT, floor + height), ("post", 0.035, height, floor)):
+    for name, radius, length, bottom in (
+        ("seat", 0.17, _SEAT_HEIGHT, floor + height),
+        ("post", 0.035, height, floor),
+    ):
         middle = (float(pelvis[0]), float(pelvis[1]), bottom + length / 2)
-        server.scene.add_cylinder(f"/{name}", radius=radius, height=length, position=middle, color=_SEAT_COLOUR)
+        server.scene.add_cylinder(
+            f"/{name}", radius=radius, height=length, position=middle, color=_SEAT_COLOUR
+        )
 
 
 class _Person:
@@ -123,16 +140,23 @@ class _Person:
 
     def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement) -> None:
         self._movement, self._placement = movement, placement
-        self._frames = [server.scene.add_frame(f"/person/{owner}", show_axes=False) for owner in placement.owners]
+        self._frames = [
+            server.scene.add_frame(f"/person/{owner}", show_axes=False)
+            for owner in placement.owners
+        ]
         self._meshes: list[tuple[str, Any, int]] = []
         groups: dict[tuple[str, str | None, tuple[int, int, int] | None], list[Part]] = {}
         for part in parts_of(movement.body):
-            groups.setdefault((part.owner, part.segment, _OWN_COLOUR.get(part.name)), []).append(part)
+            groups.setdefault((part.owner, part.segment, _OWN_COLOUR.get(part.name)), []).append(
+                part
+            )
         for number, ((owner, segment, own), parts) in enumerate(groups.items()):
             vertices, faces = body_mesh(parts)
             level = self._level(segment, 0)
             colour = own or palette.rgb(palette.colour_of_level(level))
-            mesh = server.scene.add_mesh_simple(f"/person/{owner}/{number}", vertices, faces, color=colour)
+            mesh = server.scene.add_mesh_simple(
+                f"/person/{owner}/{number}", vertices, faces, color=colour
+            )
             if segment is not None:
                 self._meshes.append((segment, mesh, level))
 
@@ -155,12 +179,18 @@ class _Person:
 class _Words:
     """The score above the head and the time on the floor, to the right of the feet."""
 
-    def __init__(self, server: viser.ViserServer, movement: Movement, placement: Placement, floor: float) -> None:
+    def __init__(
+        self, server: viser.ViserServer, movement: Movement, placement: Placement, floor: float
+    ) -> None:
         self._movement, self._placement = movement, placement
         self._top = _LABEL_ABOVE + float(movement.body.model.site("head_top").pos[2])
         self._floor = floor
-        self._score = server.scene.add_label("/score", _score_text(movement, 0), anchor="bottom-center", font_screen_scale=1.5)
-        self._time = server.scene.add_label("/time", _time_text(movement, 0), anchor="top-center", font_screen_scale=1.2)
+        self._score = server.scene.add_label(
+            "/score", _score_text(movement, 0), anchor="bottom-center", font_screen_scale=1.5
+        )
+        self._time = server.scene.add_label(
+            "/time", _time_text(movement, 0), anchor="top-center", font_screen_scale=1.2
+        )
 
     def show(self, frame: int) -> None:
         """Say the score and the time of a frame."""
@@ -176,7 +206,11 @@ class _Words:
 
 def _score_text(movement: Movement, frame: int) -> str:
     score = int(movement.final[frame])
-    return f"REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}" if score else "not scored"
+    return (
+        f"REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}"
+        if score
+        else "not scored"
+    )
 
 
 def _time_text(movement: Movement, frame: int) -> str:
@@ -189,13 +223,23 @@ class _Object:
     def __init__(self, server: viser.ViserServer, poses: NDArray[np.float64]) -> None:
         self._poses = poses
         self._quaternions = _quaternions(poses[:, :3, :3])
-        self._frame = server.scene.add_frame("/object", axes_length=0.16, axes_radius=0.005, origin_radius=0.009)
-        # The box stands off along the x axis of the frame, the axis of the tool, so that it does not hide the hand.
-        server.scene.add_box("/object/box", dimensions=(0.09, 0.07, 0.07), position=(0.085, 0, 0), color=_OBJECT_COLOUR)
+        self._frame = server.scene.add_frame(
+            "/object", axes_length=0.16, axes_radius=0.005, origin_radius=0.009
+        )
+        # The box stands off along the x axis of the frame, the axis of the tool, so that it does
+        # not hide the hand.
+        server.scene.add_box(
+            "/object/box",
+            dimensions=(0.09, 0.07, 0.07),
+            position=(0.085, 0, 0),
+            color=_OBJECT_COLOUR,
+        )
         way = poses[:, :3, 3]
         if len(way) > 1 and float(np.ptp(way, axis=0).max()) > 1e-3:
             points = np.stack([way[:-1], way[1:]], axis=1).astype(np.float32)
-            server.scene.add_line_segments("/object_path", points, colors=_PATH_COLOUR, thickness=2.0, thickness_units="screen")
+            server.scene.add_line_segments(
+                "/object_path", points, colors=_PATH_COLOUR, thickness=2.0, thickness_units="screen"
+            )
 
     def show(self, frame: int) -> None:
         """Move the object to a frame."""

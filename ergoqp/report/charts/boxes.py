@@ -1,4 +1,7 @@
-"""Box plots of what was predicted, or reached, for each true score: the picture of the EPFL report's results."""
+"""Box plots of what was predicted, or reached, for each true score.
+
+This is the picture of the EPFL report's results.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,13 @@ from ergoqp.errors import MissingExtraError
 from ergoqp.files.whole import whole
 
 
-def prediction_picture(values: NDArray[np.float64], scores: NDArray, title: str, path: Path) -> None:
-    """Draw the predicted values (n,) of the postures of each score (n,), and write the picture (PNG or SVG).
+def prediction_picture(
+    values: NDArray[np.float64], scores: NDArray, title: str, path: Path
+) -> None:
+    """Write a picture (PNG or SVG) of the predicted values (n,) of the postures of each score (n,).
 
-    The black line is the perfect prediction. Boxes hold the middle half, whiskers reach 1.5 box lengths, dots lie beyond.
+    The black line is the perfect prediction. Boxes hold the middle half, whiskers reach 1.5 box
+    lengths, dots lie beyond.
 
     Raises:
         MissingExtraError: if matplotlib is not installed.
@@ -29,7 +35,9 @@ def prediction_picture(values: NDArray[np.float64], scores: NDArray, title: str,
     figure = Figure(figsize=(7.0, 4.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.plot(classes[[0, -1]], classes[[0, -1]], color="black", linewidth=1.2, label="perfect", zorder=3)
+    axes.plot(
+        classes[[0, -1]], classes[[0, -1]], color="black", linewidth=1.2, label="perfect", zorder=3
+    )
     axes.boxplot(
         groups,
         positions=classes,
@@ -40,7 +48,13 @@ def prediction_picture(values: NDArray[np.float64], scores: NDArray, title: str,
         medianprops={"color": "#b3541e", "linewidth": 1.8},
         whiskerprops={"color": "#2f5d8c"},
         capprops={"color": "#2f5d8c"},
-        flierprops={"marker": ".", "markersize": 3, "markerfacecolor": "#8a8a8a", "markeredgecolor": "none", "alpha": 0.5},
+        flierprops={
+            "marker": ".",
+            "markersize": 3,
+            "markerfacecolor": "#8a8a8a",
+            "markeredgecolor": "none",
+            "alpha": 0.5,
+        },
     )
     axes.set_xticks(classes)
     axes.set_xlabel("score of the sheet")

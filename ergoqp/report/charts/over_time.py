@@ -34,15 +34,28 @@ def score_chart(
     highest = max(8, int(final.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
         highest = max(highest, min(16, int(np.ceil(np.nanmax(cost)))))
-    legend = [("score", "REBA, exact")] + ([("cost", "smooth cost of the measured posture")] if cost is not None else [])
+    legend = [("score", "REBA, exact")] + (
+        [("cost", "smooth cost of the measured posture")] if cost is not None else []
+    )
     plot = Plot(
-        _interval(time), (0.5, highest + 0.5), "time, s", "REBA score", legend=legend, right=78, height=230,
+        _interval(time),
+        (0.5, highest + 0.5),
+        "time, s",
+        "REBA score",
+        legend=legend,
+        right=78,
+        height=230,
         y_ticks=range(1, highest + 1),
-    )  # fmt: skip
+    )
     starts = [*palette.level_starts(), highest + 1]
     for level, (low, high) in enumerate(pairwise(starts)):
         if low <= highest:
-            plot.shade(low - 0.5, min(high, highest + 1) - 0.5, palette.risk_of_level(level), class_=f"level{level} band")
+            plot.shade(
+                low - 0.5,
+                min(high, highest + 1) - 0.5,
+                palette.risk_of_level(level),
+                class_=f"level{level} band",
+            )
     if cost is not None:
         plot.line(time, cost, "cost")
     held = np.where(final > 0, final, np.nan).astype(float)
@@ -52,12 +65,21 @@ def score_chart(
     for at, score, name in marks:
         plot.add(*_mark(plot, at, score, name))
     scored = final[final > 0]
-    said = f"From {scored[0]} to {scored[-1]}, highest {scored.max()}, lowest {scored.min()}." if scored.size else "No score."
+    said = (
+        f"From {scored[0]} to {scored[-1]}, highest {scored.max()}, lowest {scored.min()}."
+        if scored.size
+        else "No score."
+    )
     return plot.picture("Score over time", said)
 
 
 def lines_chart(
-    title: str, time: NDArray[np.float64], series: Mapping[str, NDArray[np.float64]], y_label: str, *, from_zero: bool = False
+    title: str,
+    time: NDArray[np.float64],
+    series: Mapping[str, NDArray[np.float64]],
+    y_label: str,
+    *,
+    from_zero: bool = False,
 ) -> str:
     """Draw a few series over time.
 
@@ -70,7 +92,9 @@ def lines_chart(
     """
     low, high = padded(np.concatenate(list(series.values())), least=1e-3)
     legend = list(zip(SERIES, series, strict=False)) if len(series) > 1 else []
-    plot = Plot(_interval(time), (0.0 if from_zero else low, high), "time, s", y_label, legend=legend)
+    plot = Plot(
+        _interval(time), (0.0 if from_zero else low, high), "time, s", y_label, legend=legend
+    )
     for style, values in zip(SERIES, series.values(), strict=False):
         plot.line(time, values, style)
     spans = [f"{name} {_span(values)}" for name, values in series.items()]
@@ -90,17 +114,36 @@ def timing_chart(step_time: NDArray[np.float64], period: float) -> str:
     low, high = float(microseconds.min()), max(float(microseconds.max()), 1e6 * period)
     edges = np.geomspace(low / 1.3, high * 1.3, 61)
     share = 100 * np.histogram(microseconds, edges)[0] / microseconds.size
-    plot = Plot((edges[0], edges[-1]), (0.0, 1.25 * float(share.max())), "duration of a step, µs", "share of steps, %",
-                logarithmic=True)  # fmt: skip
-    for left, right, value in zip(plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True):
+    plot = Plot(
+        (edges[0], edges[-1]),
+        (0.0, 1.25 * float(share.max())),
+        "duration of a step, µs",
+        "share of steps, %",
+        logarithmic=True,
+    )
+    for left, right, value in zip(
+        plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True
+    ):
         if value > 0:
             # What a single slow step adds must stay visible.
             height = max(plot.bottom - plot.y.at(value), 1.5)
             plot.add(
-                svg.element("rect", x=left + 0.5, y=plot.bottom - height, width=right - left - 1, height=height, class_="bar")
+                svg.element(
+                    "rect",
+                    x=left + 0.5,
+                    y=plot.bottom - height,
+                    width=right - left - 1,
+                    height=height,
+                    class_="bar",
+                )
             )
     median, p99 = float(np.median(microseconds)), float(np.percentile(microseconds, 99))
-    marks = [("median", median), ("p99", p99), ("max", float(microseconds.max())), ("period", 1e6 * period)]
+    marks = [
+        ("median", median),
+        ("p99", p99),
+        ("max", float(microseconds.max())),
+        ("period", 1e6 * period),
+    ]
     plot.add(*_vertical_marks(plot, marks))
     said = ", ".join(f"{name} {_duration(value)}" for name, value in marks)
     return plot.picture("Duration of the control steps", f"{said[0].upper()}{said[1:]}.")
@@ -121,17 +164,35 @@ def shares_chart(title: str, shares: Mapping[str, float], levels: Sequence[int])
         style = f"level{level}" if level >= 0 else "unscored"
         if width > 0:
             drawn.append(
-                svg.element("rect", svg.tooltip(f"{name}: {words}"), x=x, y=4, width=width, height=36, class_=f"{style} edge")
+                svg.element(
+                    "rect",
+                    svg.tooltip(f"{name}: {words}"),
+                    x=x,
+                    y=4,
+                    width=width,
+                    height=36,
+                    class_=f"{style} edge",
+                )
             )
         if width > width_of(words) + 8:
             drawn.append(
-                svg.text(words, x + width / 2, 27, class_="middle strong", style=f"fill:{palette.ink_of_level(level)}")
+                svg.text(
+                    words,
+                    x + width / 2,
+                    27,
+                    class_="middle strong",
+                    style=f"fill:{palette.ink_of_level(level)}",
+                )
             )
         x += width
         label = f"{name}, {100 * share:.1f} %"
         if legend_x + 24 + width_of(label) > WIDTH:
             legend_x, legend_y = 0.0, legend_y + 22
-        drawn.append(svg.element("rect", x=legend_x, y=legend_y - 10, width=14, height=12, class_=f"{style} edge"))
+        drawn.append(
+            svg.element(
+                "rect", x=legend_x, y=legend_y - 10, width=14, height=12, class_=f"{style} edge"
+            )
+        )
         drawn.append(svg.text(label, legend_x + 20, legend_y, class_="small"))
         legend_x += 40 + width_of(label)
     said = "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
@@ -145,7 +206,11 @@ def _interval(time: NDArray[np.float64]) -> tuple[float, float]:
 
 def _span(values: NDArray[np.float64]) -> str:
     finite = values[np.isfinite(values)]
-    return f"{words_of(float(finite.min()))} to {words_of(float(finite.max()))}" if finite.size else "without values"
+    return (
+        f"{words_of(float(finite.min()))} to {words_of(float(finite.max()))}"
+        if finite.size
+        else "without values"
+    )
 
 
 def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
@@ -153,7 +218,11 @@ def _mark(plot: Plot, at: float, score: int, name: str) -> list[str]:
     x, y = plot.x.at(at), plot.y.at(score)
     words = f"{name} {score}"
     to_the_left = x + 12 + width_of(words) > plot.right
-    anchor = {"x": x - 10, "class_": "strong end halo"} if to_the_left else {"x": x + 10, "class_": "strong halo"}
+    anchor = (
+        {"x": x - 10, "class_": "strong end halo"}
+        if to_the_left
+        else {"x": x + 10, "class_": "strong halo"}
+    )
     return [
         svg.element("circle", cx=x, cy=y, r=4.5, class_="dot"),
         svg.text(words, anchor["x"], y - 8, class_=anchor["class_"]),

@@ -66,15 +66,26 @@ class Plot:
 
     def shade(self, low: float, high: float, words: str, **attributes: object) -> None:
         """Shade between two values of y, behind everything, and name it at the right."""
-        bottom, top = (self.y.at(float(np.clip(value, self.y.low, self.y.high))) for value in (low, high))
+        bottom, top = (
+            self.y.at(float(np.clip(value, self.y.low, self.y.high))) for value in (low, high)
+        )
         if bottom - top < 1:
             return
         self._back.append(
-            svg.element("rect", x=self.left, y=top, width=self.right - self.left, height=bottom - top, **attributes)
+            svg.element(
+                "rect",
+                x=self.left,
+                y=top,
+                width=self.right - self.left,
+                height=bottom - top,
+                **attributes,
+            )
         )
         self._front.append(svg.text(words, self.right + 6, (top + bottom) / 2 + 4, class_="small"))
 
-    def line(self, x: NDArray[np.float64], y: NDArray[np.float64], style: str, *, steps: bool = False) -> None:
+    def line(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], style: str, *, steps: bool = False
+    ) -> None:
         """Draw a series, thinned to what can be seen.
 
         Args:
@@ -84,7 +95,11 @@ class Plot:
             steps: hold each value until the next.
         """
         x, y = thinned(x, y)
-        self._front.append(svg.element("path", d=svg.path(self.x(x), self.y(y), steps=steps), class_=f"line {style}"))
+        self._front.append(
+            svg.element(
+                "path", d=svg.path(self.x(x), self.y(y), steps=steps), class_=f"line {style}"
+            )
+        )
 
     def add(self, *elements: str) -> None:
         """Add elements in front, at pixels from the scales `x` and `y`."""
@@ -99,11 +114,17 @@ class Plot:
         drawn = []
         for tick in ticks:
             y = self.y.at(tick)
-            drawn.append(svg.element("line", x1=self.left, x2=self.right, y1=y, y2=y, class_="grid"))
+            drawn.append(
+                svg.element("line", x1=self.left, x2=self.right, y1=y, y2=y, class_="grid")
+            )
             drawn.append(svg.text(words_of(tick), self.left - 8, y + 4, class_="tick end"))
         drawn += time_axis(self.x, self.top, self.bottom, x_label)
         turned = f"rotate(-90 14 {svg.number((self.top + self.bottom) / 2)})"
-        drawn.append(svg.text(y_label, 14, (self.top + self.bottom) / 2, class_="label middle", transform=turned))
+        drawn.append(
+            svg.text(
+                y_label, 14, (self.top + self.bottom) / 2, class_="label middle", transform=turned
+            )
+        )
         return drawn
 
 
@@ -128,7 +149,9 @@ def _legend(entries: Sequence[tuple[str, str]], left: float, right: float) -> tu
         if x > left and x + width > right:
             x, row = left, row + 1
         y = 12 + _LEGEND_ROW * row
-        drawn.append(svg.element("path", d=f"M{x:.1f} {y:.1f}H{x + 20:.1f}", class_=f"line {style} sample"))
+        drawn.append(
+            svg.element("path", d=f"M{x:.1f} {y:.1f}H{x + 20:.1f}", class_=f"line {style} sample")
+        )
         drawn.append(svg.text(name, x + 26, y + 4, class_="small"))
         x += width + 16
     return drawn, row + 1 if entries else 0

@@ -43,20 +43,30 @@ class Scale:
             decades = np.arange(np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1)
             steps = (1.0, 2.0, 5.0) if len(decades) <= 4 else (1.0,)
             candidates = [step * 10.0**decade for decade in decades for step in steps]
-            return [value for value in candidates if self.low * (1 - 1e-9) <= value <= self.high * (1 + 1e-9)]
+            return [
+                value
+                for value in candidates
+                if self.low * (1 - 1e-9) <= value <= self.high * (1 + 1e-9)
+            ]
         return round_ticks(self.low, self.high, count)
 
 
 def round_ticks(low: float, high: float, count: int = 6) -> list[float]:
-    """Return multiples of 1, 2 or 5 times a power of ten within an interval, about `count` of them."""
+    """Return about `count` multiples of 1, 2 or 5 times a power of ten within an interval."""
     raw = (high - low) / max(count, 1)
     power = 10.0 ** np.floor(np.log10(raw))
-    step = next(multiple * power for multiple in (1.0, 2.0, 5.0, 10.0) if multiple * power >= raw * (1 - 1e-9))
+    step = next(
+        multiple * power
+        for multiple in (1.0, 2.0, 5.0, 10.0)
+        if multiple * power >= raw * (1 - 1e-9)
+    )
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return [float(k * step) for k in np.arange(first, last + 1)]
 
 
-def padded(values: NDArray[np.float64], *, share: float = 0.08, least: float = 1e-6) -> tuple[float, float]:
+def padded(
+    values: NDArray[np.float64], *, share: float = 0.08, least: float = 1e-6
+) -> tuple[float, float]:
     """Return an interval around finite values, with room at both ends.
 
     Args:
@@ -78,7 +88,7 @@ def words_of(value: float) -> str:
 
 
 def columns_of(x: NDArray[np.float64], columns: int) -> NDArray[np.int64]:
-    """Return the column, 0 to `columns` - 1, that each of the ascending positions x (n,) falls into."""
+    """Return the column, 0 to `columns` - 1, that each ascending position x (n,) falls into."""
     width = float(x[-1] - x[0]) if len(x) else 0.0
     if width <= 0:
         return np.zeros(len(x), dtype=np.int64)
@@ -90,11 +100,12 @@ Line = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def thinned(x: NDArray[np.float64], y: NDArray[np.float64], columns: int = 700) -> Line:
-    """Return at most four points per column: its first, lowest, highest and last, so that no peak is lost.
+    """Return at most four points per column: first, lowest, highest and last, so no peak is lost.
 
     Args:
         x: ascending, shape (n,).
-        y: shape (n,); NaN where there is nothing. A column without any number becomes one NaN, which interrupts a line.
+        y: shape (n,); NaN where there is nothing. A column without any number becomes one NaN,
+            which interrupts a line.
         columns: number of columns, about one per pixel.
     """
     if len(x) <= 4 * columns:
@@ -115,12 +126,23 @@ def thinned(x: NDArray[np.float64], y: NDArray[np.float64], columns: int = 700) 
 
 
 def changes(values: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return where a new value starts in a series that holds its values; the first sample is one of them."""
-    return np.flatnonzero(np.diff(values, prepend=values[0] - 1)) if len(values) else np.zeros(0, dtype=np.int64)
+    """Return where a new value starts in a series that holds its values.
+
+    The first sample is one of them.
+    """
+    return (
+        np.flatnonzero(np.diff(values, prepend=values[0] - 1))
+        if len(values)
+        else np.zeros(0, dtype=np.int64)
+    )
 
 
-def highest_per_column(x: NDArray[np.float64], values: NDArray[np.int64], columns: int = 700) -> list[tuple[float, float, int]]:
-    """Return stretches (from, to, value) of a series that holds its values; within a column the highest value wins.
+def highest_per_column(
+    x: NDArray[np.float64], values: NDArray[np.int64], columns: int = 700
+) -> list[tuple[float, float, int]]:
+    """Return stretches (from, to, value) of a series that holds its values.
+
+    Within a column the highest value wins.
 
     Args:
         x: ascending, shape (n,).

@@ -1,4 +1,7 @@
-"""A map of scores over two coordinates of the object's place, each cell in the colour of its action level and numbered."""
+"""A map of scores over two coordinates of the object's place.
+
+Each cell is numbered and in the colour of its action level.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +26,18 @@ AXES: Final = (
     ("tilt up, deg", -180 / np.pi),
     ("turn to the left, deg", 180 / np.pi),
 )
-"""Label and factor of the five coordinates of a place; turning about y by a positive angle is down."""
+"""Label and factor of a place's five coordinates; a positive turn about y is down."""
 
 NOT_REACHED: Final = "not reached"
 
-COLOURS: Final = (*((f"level{level}", words) for level, words in enumerate(ACTION_LEVELS)), ("none", NOT_REACHED))
-"""What the colours of a map mean: class of a chip, and words. Blank is where the tool's axis may not be."""
+COLOURS: Final = (
+    *((f"level{level}", words) for level, words in enumerate(ACTION_LEVELS)),
+    ("none", NOT_REACHED),
+)
+"""What the colours of a map mean: class of a chip, and words.
+
+Blank is where the tool's axis may not be.
+"""
 
 _WIDTH: Final = 430.0
 _TALLEST: Final = 380.0
@@ -62,26 +71,40 @@ def score_map(
 
     Args:
         slice_: the places.
-        values: a score per place (v, h): 0 where not reached, -1 where the object may not be; means may be fractions.
+        values: a score per place (v, h): 0 where not reached, -1 where the object may not be; means
+            may be fractions.
         title: of the picture.
         spots: places to point out, at their shadow on the map.
-        missing: (row, column) -> who cannot reach that place, for the pointer; None where there is one person only.
+        missing: (row, column) -> who cannot reach that place, for the pointer; None where there is
+            one person only.
     """
     x_label, x_factor = AXES[slice_.across]
     y_label, y_factor = AXES[slice_.up]
     columns, rows = (x_factor * slice_.horizontal).tolist(), (y_factor * slice_.vertical).tolist()
     x_name, y_name = (label.split(",")[0] for label in (x_label, y_label))
-    cell = min((_WIDTH - _LEFT - _RIGHT) / len(columns), (_TALLEST - _TOP) / len(rows), _LARGEST_CELL)
+    cell = min(
+        (_WIDTH - _LEFT - _RIGHT) / len(columns), (_TALLEST - _TOP) / len(rows), _LARGEST_CELL
+    )
     right, bottom = _LEFT + cell * len(columns), _TOP + cell * len(rows)
     # The cell of a place has the place in its middle.
     x = Scale(min(columns), max(columns), _LEFT + cell / 2, right - cell / 2)
     y = Scale(min(rows), max(rows), bottom - cell / 2, _TOP + cell / 2)
-    drawn = [svg.element("rect", x=_LEFT, y=_TOP, width=right - _LEFT, height=bottom - _TOP, class_="track")]
+    drawn = [
+        svg.element(
+            "rect", x=_LEFT, y=_TOP, width=right - _LEFT, height=bottom - _TOP, class_="track"
+        )
+    ]
     for i, j in np.ndindex(values.shape):
         value = float(values[i, j])
         if value >= 0:
-            words = _words(value) if value else NOT_REACHED + (f" by {missing(i, j)}" if missing is not None else "")
-            there = f"{x_name} {words_of(round(columns[j], 3))}, {y_name} {words_of(round(rows[i], 3))}"
+            words = (
+                _words(value)
+                if value
+                else NOT_REACHED + (f" by {missing(i, j)}" if missing is not None else "")
+            )
+            there = (
+                f"{x_name} {words_of(round(columns[j], 3))}, {y_name} {words_of(round(rows[i], 3))}"
+            )
             drawn += _cell(value, x.at(columns[j]), y.at(rows[i]), cell, f"{there}: {words}")
     drawn += _axes(x, y, right, bottom, x_label, y_label)
     for spot in spots:
@@ -91,7 +114,9 @@ def score_map(
             float(np.clip(y.at(y_factor * spot.point[slice_.up]), _TOP, bottom)),
             right,
         )
-    return svg.picture(drawn, max(right + _RIGHT, 190.0), bottom + _BELOW, title, _said(values, slice_))
+    return svg.picture(
+        drawn, max(right + _RIGHT, 190.0), bottom + _BELOW, title, _said(values, slice_)
+    )
 
 
 def _cell(value: float, x: float, y: float, cell: float, words: str) -> list[str]:
@@ -124,18 +149,35 @@ def _axes(x: Scale, y: Scale, right: float, bottom: float, x_label: str, y_label
         at = y.at(tick)
         drawn.append(svg.element("line", x1=_LEFT - 4, x2=_LEFT, y1=at, y2=at, class_="axis"))
         drawn.append(svg.text(words_of(tick), _LEFT - 8, at + 4, class_="tick end"))
-    drawn.append(svg.text(x_label, max((_LEFT + right) / 2, 14 + width_of(x_label) / 2), bottom + 38, class_="label middle"))
+    drawn.append(
+        svg.text(
+            x_label,
+            max((_LEFT + right) / 2, 14 + width_of(x_label) / 2),
+            bottom + 38,
+            class_="label middle",
+        )
+    )
     turned = f"rotate(-90 14 {svg.number((_TOP + bottom) / 2)})"
-    drawn.append(svg.text(y_label, 14, (_TOP + bottom) / 2, class_="label middle", transform=turned))
+    drawn.append(
+        svg.text(y_label, 14, (_TOP + bottom) / 2, class_="label middle", transform=turned)
+    )
     return drawn
 
 
 def _spot(spot: Spot, x: float, y: float, right: float) -> list[str]:
     to_the_left = x + 12 + width_of(spot.name) > right + _RIGHT
-    side = {"at": x - 10, "class_": "strong end halo"} if to_the_left else {"at": x + 10, "class_": "strong halo"}
+    side = (
+        {"at": x - 10, "class_": "strong end halo"}
+        if to_the_left
+        else {"at": x + 10, "class_": "strong halo"}
+    )
     return [
         svg.element("circle", cx=x, cy=y, r=6, class_=spot.style),
-        *([svg.text(spot.name, float(side["at"]), y - 8, class_=side["class_"])] if spot.name else []),
+        *(
+            [svg.text(spot.name, float(side["at"]), y - 8, class_=side["class_"])]
+            if spot.name
+            else []
+        ),
     ]
 
 
@@ -145,4 +187,7 @@ def _said(values: NDArray[np.float64], slice_: Slice) -> str:
     if not scored.size:
         return f"Over {what}: no place is reached."
     share = 100 * scored.size / max(1, int((values >= 0).sum()))
-    return f"Over {what}: scores {_words(scored.min())} to {_words(scored.max())}, {share:.0f} % of the places reached."
+    return (
+        f"Over {what}: scores {_words(scored.min())} to {_words(scored.max())}, {share:.0f} % of"
+        " the places reached."
+    )

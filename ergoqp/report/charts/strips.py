@@ -36,7 +36,9 @@ class Strip:
     note: str
 
 
-def strips_chart(title: str, description: str, time: NDArray[np.float64], strips: Sequence[Strip]) -> str:
+def strips_chart(
+    title: str, description: str, time: NDArray[np.float64], strips: Sequence[Strip]
+) -> str:
     """Draw rows of coloured stretches over time; what is shorter than a pixel is still drawn.
 
     Args:
@@ -53,7 +55,11 @@ def strips_chart(title: str, description: str, time: NDArray[np.float64], strips
     drawn = time_axis(scale, top, bottom, "time, s")
     for i, strip in enumerate(strips):
         y = top + _ROW * i
-        drawn.append(svg.element("rect", x=left, y=y + 4, width=right - left, height=_ROW - 8, class_="track"))
+        drawn.append(
+            svg.element(
+                "rect", x=left, y=y + 4, width=right - left, height=_ROW - 8, class_="track"
+            )
+        )
         full = svg.tooltip(strip.name) if _short(strip.name) != strip.name else ""
         label = svg.text(_short(strip.name), left - 8, y + _ROW / 2 + 4, class_="small end")
         drawn.append(svg.element("g", [full, label]))
@@ -63,7 +69,11 @@ def strips_chart(title: str, description: str, time: NDArray[np.float64], strips
                 x = scale.at(start)
                 width = max(scale.at(end) - x, _THINNEST)
                 what = svg.tooltip(f"{strip.name}: {words}, {start:.2f} to {end:.2f} s")
-                drawn.append(svg.element("rect", what, x=x, y=y + 4, width=width, height=_ROW - 8, class_=style))
+                drawn.append(
+                    svg.element(
+                        "rect", what, x=x, y=y + 4, width=width, height=_ROW - 8, class_=style
+                    )
+                )
         drawn.append(svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small"))
     return svg.picture(drawn, WIDTH, bottom + 42, title, description)
 
@@ -78,9 +88,15 @@ def segments_strips(time: NDArray[np.float64], segments: Mapping[str, NDArray[np
     strips = []
     for name in palette.SEGMENTS:
         scores = segments[name]
-        styles = {score: (f"level{palette.level_of_points(score)}", f"{score}") for score in range(1, 10)}
+        styles = {
+            score: (f"level{palette.level_of_points(score)}", f"{score}") for score in range(1, 10)
+        }
         scored = scores[scores > 0]
-        mean = f"mean {scored.mean():.1f} of {palette.segment_highest(name)}" if scored.size else "not scored"
+        mean = (
+            f"mean {scored.mean():.1f} of {palette.segment_highest(name)}"
+            if scored.size
+            else "not scored"
+        )
         strips.append(Strip(name.replace("_", " "), scores, styles, mean))
     said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
     return strips_chart("Segment scores over time", f"{said}.", time, strips)
@@ -101,13 +117,25 @@ def segments_chart(before: Mapping[str, int], after: Mapping[str, int]) -> str:
         svg.element("circle", cx=left + 16, cy=14, r=7, class_="hollow"),
         svg.text("before", left + 30, 18, class_="small"),
         svg.element("circle", cx=left + 106, cy=14, r=7, class_="level0 edge"),
-        svg.text("after, coloured by its points; the track is the sheet's range", left + 120, 18, class_="small"),
+        svg.text(
+            "after, coloured by its points; the track is the sheet's range",
+            left + 120,
+            18,
+            class_="small",
+        ),
     ]
     for points in range(1, highest + 1):
         x = scale.at(points)
         drawn.append(svg.element("line", x1=x, x2=x, y1=top - 6, y2=bottom, class_="grid"))
         drawn.append(svg.text(str(points), x, bottom + 16, class_="tick middle"))
-    drawn.append(svg.text("points of the segment", (scale.start + scale.end) / 2, bottom + 36, class_="label middle"))
+    drawn.append(
+        svg.text(
+            "points of the segment",
+            (scale.start + scale.end) / 2,
+            bottom + 36,
+            class_="label middle",
+        )
+    )
     for i, name in enumerate(palette.SEGMENTS):
         y = top + row * (i + 0.5)
         first, last = scale.at(before[name]), scale.at(after[name])
@@ -117,10 +145,31 @@ def segments_chart(before: Mapping[str, int], after: Mapping[str, int]) -> str:
         drawn.append(svg.element("line", x1=first, x2=last, y1=y, y2=y, class_="link"))
         drawn.append(svg.element("circle", cx=first, cy=y, r=10, class_="hollow"))
         level = int(palette.level_of_points(after[name]))
-        drawn.append(svg.element("circle", cx=last, cy=y, r=7, class_=f"level{level} edge" if level >= 0 else "unscored edge"))
-        words = f"{before[name]} → {after[name]}" if before[name] != after[name] else f"{after[name]}, unchanged"
-        drawn.append(svg.text(words, WIDTH - 96, y + 4, class_="small" if before[name] == after[name] else "strong"))
-    said = "; ".join(f"{name.replace('_', ' ')} {before[name]} to {after[name]}" for name in palette.SEGMENTS)
+        drawn.append(
+            svg.element(
+                "circle",
+                cx=last,
+                cy=y,
+                r=7,
+                class_=f"level{level} edge" if level >= 0 else "unscored edge",
+            )
+        )
+        words = (
+            f"{before[name]} → {after[name]}"
+            if before[name] != after[name]
+            else f"{after[name]}, unchanged"
+        )
+        drawn.append(
+            svg.text(
+                words,
+                WIDTH - 96,
+                y + 4,
+                class_="small" if before[name] == after[name] else "strong",
+            )
+        )
+    said = "; ".join(
+        f"{name.replace('_', ' ')} {before[name]} to {after[name]}" for name in palette.SEGMENTS
+    )
     return svg.picture(drawn, WIDTH, bottom + 44, "Segment scores before and after", f"{said}.")
 
 

@@ -15,8 +15,8 @@ def element(name: str, content: str | Iterable[str] = "", /, **attributes: objec
     Args:
         name: of the element.
         content: markup inside it, already escaped; see `text` for words.
-        attributes: an underscore in a name stands for a hyphen, one at its end is dropped (``class_``); numbers are
-            written with two decimals; None leaves the attribute out.
+        attributes: an underscore in a name stands for a hyphen, one at its end is dropped
+            (``class_``); numbers are written with two decimals; None leaves the attribute out.
     """
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(number(value))}"'
@@ -54,7 +54,9 @@ def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False)
     """
     words: list[str] = []
     pen_down = False
-    for px, py, finite in zip(np.round(x, 1).tolist(), np.round(y, 1).tolist(), np.isfinite(x + y).tolist(), strict=True):
+    for px, py, finite in zip(
+        np.round(x, 1).tolist(), np.round(y, 1).tolist(), np.isfinite(x + y).tolist(), strict=True
+    ):
         if not finite:
             pen_down = False
         elif not pen_down:
@@ -65,7 +67,9 @@ def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False)
     return "".join(words)
 
 
-def picture(content: Iterable[str], width: float, height: float, title: str, description: str) -> str:
+def picture(
+    content: Iterable[str], width: float, height: float, title: str, description: str
+) -> str:
     """Return a whole picture that scales with its place.
 
     Args:

@@ -55,7 +55,8 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
         name: one of `SESSIONS`.
         n: number of unknowns.
         m: number of rows.
-        accuracy: largest primal residual, dual residual and gap that are wanted; each solver's settings aim a little lower.
+        accuracy: largest primal residual, dual residual and gap that are wanted; each solver's
+            settings aim a little lower.
 
     Raises:
         InputError: for an unknown name, a size or an accuracy that cannot be.
@@ -71,5 +72,7 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
     try:
         backend = getattr(import_module(f"ergoqp.solvers.sessions.{module}"), kind)
     except ImportError as error:
-        raise MissingExtraError(f"solver {name!r}", "solvers", error.name or SESSIONS[name].package) from None
+        raise MissingExtraError(
+            f"solver {name!r}", "solvers", error.name or SESSIONS[name].package
+        ) from None
     return Session(name, n, m, backend(n, m, accuracy))

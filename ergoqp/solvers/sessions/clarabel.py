@@ -1,4 +1,4 @@
-"""Clarabel (Goulart and Chen, 2024): interior point with a homogeneous embedding. It cannot start warm."""
+"""Clarabel (Goulart and Chen, 2024): interior point, homogeneous embedding, no warm start."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ _FLAGS: Final = {
 
 
 class ClarabelBackend:
-    """One `clarabel.DefaultSolver`, updated with new values; set up anew when other bounds meet or vanish."""
+    """One `clarabel.DefaultSolver` that is updated with new values.
+
+    It is set up anew when other bounds meet or vanish.
+    """
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
         """Keep the sizes; Clarabel allocates when it is known which bounds meet."""
@@ -52,7 +55,9 @@ class ClarabelBackend:
         grown = [self._P.grow(P), self._A.grow(A)]
         if self._solver is None or any(grown) or pattern.key != self._key:
             cones = [clarabel.ZeroConeT(len(d)), clarabel.NonnegativeConeT(len(h))]
-            self._solver = clarabel.DefaultSolver(self._P.csc(P), qp.g, self._A.csc(A), b, cones, self._settings)
+            self._solver = clarabel.DefaultSolver(
+                self._P.csc(P), qp.g, self._A.csc(A), b, cones, self._settings
+            )
             self._key = pattern.key
         else:
             self._solver.update(P=self._P.values(P), q=qp.g, A=self._A.values(A), b=b)

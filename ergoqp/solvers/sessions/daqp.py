@@ -1,4 +1,7 @@
-"""DAQP's own workspace (Arnström, Bemporad, Axehill, IEEE TAC 67(8), 2022): active set, exact, warm from the last one."""
+"""DAQP's own workspace: an exact active-set method that starts warm from the last active set.
+
+Reference: Arnström, Bemporad, Axehill, IEEE TAC 67(8), 2022.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ import numpy as np
 from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, no_answer
 
-# It stops at a vertex of the active constraints, so that more accuracy costs nothing. Reducing equalities first is meant for
-# single solves.
+# It stops at a vertex of the active constraints, so that more accuracy costs nothing. Reducing
+# equalities first is meant for single solves.
 _SETTINGS: Final = {"iter_limit": 1000, "eq_reduction": -1}
 _FLAGS: Final = {-1: "infeasible", -4: "stopped", -7: "stopped", -6: "infeasible"}
 _EQUALITY: Final = 5
@@ -24,7 +27,10 @@ class DaqpBackend:
     def __init__(self, n: int, m: int, accuracy: float) -> None:
         """Make the workspace; DAQP allocates with the first data."""
         self._n, self._m = n, m
-        self._settings = _SETTINGS | {"primal_tol": min(1e-9, accuracy), "dual_tol": min(1e-10, accuracy)}
+        self._settings = _SETTINGS | {
+            "primal_tol": min(1e-9, accuracy),
+            "dual_tol": min(1e-10, accuracy),
+        }
         self._model: Any = None
         self._sense = np.zeros(n + m, dtype=c_int)
         self._solved = False

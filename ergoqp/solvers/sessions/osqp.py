@@ -1,4 +1,7 @@
-"""OSQP's own workspace (Stellato and others, Math. Prog. Comp. 12, 2020): operator splitting, warm from x and multipliers."""
+"""OSQP's own workspace: operator splitting that starts warm from x and multipliers.
+
+Reference: Stellato and others, Math. Prog. Comp. 12, 2020.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,13 @@ _SETTINGS: Final = {
     "check_termination": 10,
     # Stopping by the residuals of the given data, not of its scaled copy.
     "scaled_termination": False,
-    # The units are of one size already; scaled once more, QPs whose slack is dear take ten times the iterations.
+    # The units are of one size already; scaled once more, QPs whose slack is dear take ten times
+    # the iterations.
     "scaling": 0,
     # Polishing prints a line of its own when no row is active, whatever `verbose` says.
     "polishing": False,
-    # A dear slack makes multipliers large, which a looser test takes for a certificate of infeasibility.
+    # A dear slack makes multipliers large, which a looser test takes for a certificate of
+    # infeasibility.
     "eps_prim_inf": 1e-9,
 }
 _RHO: Final = 0.1
@@ -36,7 +41,10 @@ _FLAGS: Final = {
 
 
 class OsqpBackend:
-    """One `osqp.OSQP`, updated with new values; set up anew when an entry comes that was always zero before."""
+    """One `osqp.OSQP` that is updated with new values.
+
+    It is set up anew when an entry comes that was always zero before.
+    """
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
         """Keep the sizes; OSQP allocates with the first data."""
@@ -53,12 +61,16 @@ class OsqpBackend:
         grown = [self._P.grow(P), self._A.grow(A)]
         if self._solver is None or any(grown):
             self._solver = osqp.OSQP()
-            self._solver.setup(self._P.csc(P), qp.g, self._A.csc(A), lower, upper, rho=_RHO, **self._settings)
+            self._solver.setup(
+                self._P.csc(P), qp.g, self._A.csc(A), lower, upper, rho=_RHO, **self._settings
+            )
         else:
             if not (warm and self._solved):
                 self._solver.update_settings(rho=_RHO)
                 self._solver.warm_start(x=np.zeros(self._n), y=np.zeros(self._m + self._n))
-            self._solver.update(q=qp.g, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A))
+            self._solver.update(
+                q=qp.g, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A)
+            )
         result = self._solver.solve(raise_error=False)
         flag = _FLAGS.get(result.info.status, "failed")
         self._solved = flag == "solved"

@@ -1,4 +1,7 @@
-"""PIQP's dense workspace (Schwan and others, CDC 2023): proximal interior point. It cannot start warm."""
+"""PIQP's dense workspace (Schwan and others, CDC 2023): proximal interior point.
+
+It cannot start warm.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,8 @@ class PiqpBackend:
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
         """Keep the sizes; PIQP allocates when it is known which bounds meet."""
-        # It stops at the tolerance in the sum of many small multipliers; each of them must be within the accuracy.
+        # It stops at the tolerance in the sum of many small multipliers; each of them must be
+        # within the accuracy.
         self._n, self._m, self._accuracy = n, m, max(accuracy / 100, 1e-10)
         self._solver: Any = None
         self._key = b""
@@ -55,6 +59,10 @@ class PiqpBackend:
         solver = piqp.DenseSolver()
         settings = solver.settings
         settings.eps_abs, settings.eps_rel = self._accuracy, 0.0
-        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, self._accuracy, 0.0
+        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = (
+            True,
+            self._accuracy,
+            0.0,
+        )
         settings.verbose = False
         return solver

@@ -28,7 +28,8 @@ class PluginBackend(abc.ABC):
 
     Attributes:
         plugin: name of the plugin.
-        remembers: whether it goes on from the last QP whatever it is given, so that a cold start needs new memory.
+        remembers: whether it goes on from the last QP whatever it is given, so that a cold start
+            needs new memory.
         forgets: whether it must have new memory for every QP.
     """
 
@@ -58,7 +59,9 @@ class PluginBackend(abc.ABC):
         warm = warm and self._solved
         if self._buffer is None or self.forgets or (self.remembers and not warm):
             self._renew()
-        for name, part in zip(_INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True):
+        for name, part in zip(
+            _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
+        ):
             self._in[name][:] = part.ravel(order="F")
         self._call()
         stats = cast("Any", self._buffer).stats()
@@ -93,7 +96,8 @@ def _flag(stats: dict[str, Any]) -> str:
 class QrqpBackend(PluginBackend):
     """CasADi's own active-set method by sparse QR; plain C.
 
-    Started from the last multipliers it was seen to cycle, and to say solved with multipliers of the wrong sign: always cold.
+    Started from the last multipliers it was seen to cycle, and to say solved with multipliers of
+    the wrong sign: always cold.
     """
 
     plugin = "qrqp"
@@ -104,7 +108,10 @@ class QrqpBackend(PluginBackend):
 
 
 class QpoasesBackend(PluginBackend):
-    """qpOASES (Ferreau and others, Math. Prog. Comp. 6, 2014): parametric active set, goes on from the last QP by homotopy."""
+    """qpOASES: a parametric active-set method that goes on from the last QP by homotopy.
+
+    Reference: Ferreau and others, Math. Prog. Comp. 6, 2014.
+    """
 
     plugin = "qpoases"
     remembers = True
@@ -115,30 +122,47 @@ class QpoasesBackend(PluginBackend):
 
 
 class HpipmBackend(PluginBackend):
-    """HPIPM (Frison and Diehl, IFAC 2020): interior point for optimal control; here a single stage without dynamics.
+    """HPIPM (Frison and Diehl, IFAC 2020): interior point for optimal control.
 
-    From buffers that stay where they are, its interface was seen to answer the first QP over and over; with new memory it
-    does not.
+    Here it solves a single stage without dynamics.
+
+    From buffers that stay where they are, its interface was seen to answer the first QP over and
+    over; with new memory it does not.
     """
 
     plugin = "hpipm"
     forgets = True
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
-        """Return the plugin's options; its tolerance is for each product of multiplier and distance, and there are many."""
+        """Return the plugin's options.
+
+        Its tolerance is for each product of multiplier and distance, and there are many.
+        """
         # Far below that it gives up before it is there.
         tolerance = max(accuracy / 1000, 1e-11)
         names = ("res_g_max", "res_b_max", "res_d_max", "res_m_max")
-        return {"N": 0, "nx": [n], "nu": [0], "ng": [m], "hpipm": {"iter_max": 200} | dict.fromkeys(names, tolerance)}
+        return {
+            "N": 0,
+            "nx": [n],
+            "nu": [0],
+            "ng": [m],
+            "hpipm": {"iter_max": 200} | dict.fromkeys(names, tolerance),
+        }
 
 
 class HighsBackend(PluginBackend):
-    """HiGHS (Huangfu and Hall, Math. Prog. Comp. 10, 2018): an active-set QP solver beside its simplex method."""
+    """HiGHS: an active-set QP solver beside its simplex method.
+
+    Reference: Huangfu and Hall, Math. Prog. Comp. 10, 2018.
+    """
 
     plugin = "highs"
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
-        """Return the plugin's options; its tolerances go no lower than 1e-10, and it would add 1e-7 to H."""
+        """Return the plugin's options.
+
+        Its tolerances go no lower than 1e-10. By default it would add 1e-7 to H.
+        """
         tolerance = max(1e-10, accuracy / 10)
         names = ("primal_feasibility_tolerance", "dual_feasibility_tolerance")
         # Without a limit it was seen to go on for ever between rows that all but meet.

@@ -1,4 +1,7 @@
-"""ProxQP's dense workspace (Bambade and others, RSS 2022): proximal augmented Lagrangian, warm from the last answer."""
+"""ProxQP's dense workspace: proximal augmented Lagrangian, warm from the last answer.
+
+Reference: Bambade and others, RSS 2022.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ from ergoqp.solvers.equalities import pattern_of
 from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, no_answer
 
-# On infeasible data it goes on for as long as it is allowed to; what has an answer took 19 outer iterations at most.
+# On infeasible data it goes on for as long as it is allowed to; what has an answer took 19 outer
+# iterations at most.
 _MOST_ITERATIONS: Final = 50
 _MOST_INNER: Final = 100
 _FLAGS: Final = {
@@ -37,7 +41,10 @@ class ProxqpBackend:
         C, d = pattern.equalities(qp)
         free = ~pattern.fixed_rows
         # The bounds of a fixed unknown would be a row without an inside beside its equality.
-        low, high = np.where(pattern.fixed, -np.inf, qp.low), np.where(pattern.fixed, np.inf, qp.high)
+        low, high = (
+            np.where(pattern.fixed, -np.inf, qp.low),
+            np.where(pattern.fixed, np.inf, qp.high),
+        )
         data = (qp.H, qp.g, C, d, qp.A[free], qp.lower[free], qp.upper[free], low, high)
         key = np.concatenate([pattern.fixed_rows, pattern.fixed]).tobytes()
         if self._solver is None or key != self._key:
@@ -45,7 +52,8 @@ class ProxqpBackend:
             self._solver.init(*data)
         else:
             self._solver.settings.initial_guess = (
-                # Going on with the step sizes of the last QP as well took hundreds of iterations where this takes a few.
+                # Going on with the step sizes of the last QP as well took hundreds of iterations
+                # where this takes a few.
                 proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
                 if warm and self._solved
                 else proxqp.InitialGuess.NO_INITIAL_GUESS
@@ -61,16 +69,28 @@ class ProxqpBackend:
         rows, box = np.zeros(self._m), np.zeros(self._n)
         count = int(pattern.fixed_rows.sum())
         rows[pattern.fixed_rows], box[pattern.fixed] = results.y[:count], results.y[count:]
-        rows[free], box[~pattern.fixed] = results.z[: int(free.sum())], results.z[int(free.sum()) :][~pattern.fixed]
+        rows[free], box[~pattern.fixed] = (
+            results.z[: int(free.sum())],
+            results.z[int(free.sum()) :][~pattern.fixed],
+        )
         return QpAnswer(np.array(results.x), rows, box, flag, results.info.iter)
 
     def _made(self, equalities: int, rows: int) -> Any:
         solver = proxqp.dense.QP(self._n, equalities, rows, True)
         settings = solver.settings
-        settings.eps_abs, settings.eps_rel, settings.max_iter = self._accuracy, 0.0, _MOST_ITERATIONS
+        settings.eps_abs, settings.eps_rel, settings.max_iter = (
+            self._accuracy,
+            0.0,
+            _MOST_ITERATIONS,
+        )
         settings.max_iter_in = _MOST_INNER
-        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = True, self._accuracy, 0.0
-        # A dear slack makes multipliers large, which a looser test takes for a certificate of infeasibility.
+        settings.check_duality_gap, settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = (
+            True,
+            self._accuracy,
+            0.0,
+        )
+        # A dear slack makes multipliers large, which a looser test takes for a certificate of
+        # infeasibility.
         settings.eps_primal_inf = 1e-12
         settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
         return solver

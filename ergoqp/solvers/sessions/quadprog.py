@@ -1,4 +1,7 @@
-"""quadprog: the dual method of Goldfarb and Idnani (Math. Programming 27, 1983). It keeps nothing and cannot start warm."""
+"""quadprog: the dual method of Goldfarb and Idnani (Math. Programming 27, 1983).
+
+It keeps nothing and cannot start warm.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,12 @@ class QuadprogBackend:
         # Its form is rows x >= bounds, equalities first.
         rows, bounds = np.concatenate([C, -G]), np.concatenate([d, -h])
         try:
-            x, _, _, iterations, found, _ = quadprog.solve_qp(qp.H, -qp.g, *((rows.T, bounds, len(d)) if len(bounds) else ()))
+            x, _, _, iterations, found, _ = quadprog.solve_qp(
+                qp.H, -qp.g, *((rows.T, bounds, len(d)) if len(bounds) else ())
+            )
         except ValueError as error:
-            return no_answer(self._n, self._m, "infeasible" if "inconsistent" in str(error) else "failed")
+            return no_answer(
+                self._n, self._m, "infeasible" if "inconsistent" in str(error) else "failed"
+            )
         lam_rows, lam_box = pattern.multipliers(-found[: len(d)], found[len(d) :])
         return QpAnswer(x, lam_rows, lam_box, "solved", int(iterations[0]))

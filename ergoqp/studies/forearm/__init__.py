@@ -1,4 +1,7 @@
-"""The forearm as the state: elbow and wrist of the right arm, six numbers. Its data, its true cost, its descents."""
+"""The forearm as the state: elbow and wrist of the right arm, six numbers.
+
+The package holds its data, its true cost and its descents.
+"""
 
 from ergoqp.studies.forearm.data import forearm_data as forearm_data
 from ergoqp.studies.forearm.data import nearest_sample_cost as nearest_sample_cost

@@ -36,7 +36,8 @@ class Boxes:
         scores: the scores that forearm points can have, ascending.
         limits: per score, the largest boxes in which no posture scores more.
         intervals: per joint and highest points, the allowed intervals [rad].
-        rest: a posture whose neck, legs, left arm and right wrist are at their best, shape (32,) [rad].
+        rest: a posture whose neck, legs, left arm and right wrist are at their best, shape (32,)
+            [rad].
     """
 
     scores: tuple[int, ...]
@@ -45,7 +46,7 @@ class Boxes:
     rest: Array
 
     def excess(self, angles: Array, missing: Array, score: int) -> Array:
-        """Return how far angles are outside the nearest box of a score, all joints together; 0 inside [rad].
+        """Return how far angles are outside a score's nearest box, joints together; 0 inside [rad].
 
         Args:
             angles: of `ARM_JOINTS`, shape (7, ...) [rad].
@@ -57,11 +58,16 @@ class Boxes:
         def of(joint: int, points: int) -> Array:
             if (joint, points) not in outside:
                 ends = self.intervals[joint][points]
-                beyond = [np.maximum(low - angles[joint], angles[joint] - high) for low, high in ends]
+                beyond = [
+                    np.maximum(low - angles[joint], angles[joint] - high) for low, high in ends
+                ]
                 outside[joint, points] = np.maximum(np.min(beyond, axis=0), 0) ** 2
             return outside[joint, points]
 
-        squares = [sum((of(*pair) for pair in enumerate(limits)), start=missing**2) for limits in self.limits[score]]
+        squares = [
+            sum((of(*pair) for pair in enumerate(limits)), start=missing**2)
+            for limits in self.limits[score]
+        ]
         return np.sqrt(np.min(squares, axis=0))
 
 
@@ -71,9 +77,12 @@ def boxes_of(method: Method) -> Boxes:
     by_joint = _intervals_by_joint(method)
     rest = np.zeros(len(JOINTS))
     for joint, intervals in by_joint.items():
-        rest[joint] = min((float(np.clip(0.0, low, high)) for low, high in intervals[min(intervals)]), key=abs)
+        rest[joint] = min(
+            (float(np.clip(0.0, low, high)) for low, high in intervals[min(intervals)]), key=abs
+        )
     moved = [by_joint[joint] for joint in ARM_INDEX]
-    # One posture per combination of points, in a band that gives just these; the exact reading says what it scores.
+    # One posture per combination of points, in a band that gives just these; the exact reading says
+    # what it scores.
     combinations = np.array(list(itertools.product(*(sorted(intervals) for intervals in moved))))
     postures = np.tile(rest, (len(combinations), 1))
     for column, joint in enumerate(ARM_INDEX):
@@ -96,13 +105,19 @@ def _intervals_by_joint(method: Method) -> dict[int, Intervals]:
 
 
 def _intervals(step: Step, lower: float, upper: float) -> Intervals:
-    """Return, for each number of points that a joint can get in its range, where it gets no more."""
+    """Return, per number of points a joint can get in its range, where it gets no more."""
     ends = [-np.inf, *step.rises_at, np.inf]
     found: Intervals = {}
     for points in sorted(set(step.scores)):
         allowed = [i for i, score in enumerate(step.scores) if score <= points]
-        runs = [[i for _, i in run] for _, run in itertools.groupby(enumerate(allowed), key=lambda pair: pair[1] - pair[0])]
-        inside = [(max(ends[run[0]] + SLACK, lower), min(ends[run[-1] + 1] - SLACK, upper)) for run in runs]
+        runs = [
+            [i for _, i in run]
+            for _, run in itertools.groupby(enumerate(allowed), key=lambda pair: pair[1] - pair[0])
+        ]
+        inside = [
+            (max(ends[run[0]] + SLACK, lower), min(ends[run[-1] + 1] - SLACK, upper))
+            for run in runs
+        ]
         inside = [(low, high) for low, high in inside if low < high]
         if inside and inside not in found.values():
             found[points] = inside
@@ -110,10 +125,15 @@ def _intervals(step: Step, lower: float, upper: float) -> Intervals:
 
 
 def _inside(intervals: Intervals, points: int) -> float:
-    """Return an angle that gives just these points: at an end of the wider intervals that the narrower do not reach."""
+    """Return an angle that gives just these points.
+
+    It is at an end of the wider intervals that the narrower do not reach.
+    """
     ends = [angle for interval in intervals[points] for angle in interval]
     fewer = [interval for less in intervals if less < points for interval in intervals[less]]
-    return next(angle for angle in ends if not any(low - TIE <= angle <= high + TIE for low, high in fewer))
+    return next(
+        angle for angle in ends if not any(low - TIE <= angle <= high + TIE for low, high in fewer)
+    )
 
 
 def _largest(limits: NDArray[np.int64]) -> list[Limits]:

@@ -1,8 +1,10 @@
-"""The forearm's data set: elbow and wrist of random postures, clustered, and of each cluster only the lowest scores.
+"""The forearm's data set: elbow and wrist of random postures, clustered.
 
-A posture's score has causes that elbow and wrist do not show: a bent neck, the other arm. The EPFL report's remedy
-(section 4.2.3) is elitist: cluster the points and keep those with the lowest score of their cluster. What is left is due to the
-forearm.
+Of each cluster it holds only the lowest scores.
+
+A posture's score has causes that elbow and wrist do not show: a bent neck, the other arm. The EPFL
+report's remedy (section 4.2.3) is elitist: cluster the points and keep those with the lowest score
+of their cluster. What is left is due to the forearm.
 """
 
 from __future__ import annotations
@@ -30,10 +32,13 @@ SCORES: Final = range(1, 11)
 """Scores of the base postures."""
 
 EMPTY_DISTANCE: Final = 0.15
-"""Points farther from every posture of the base than this count as empty; both points together [m]."""
+"""Points farther from every base posture than this count as empty; both points together [m]."""
 
 EMPTY_SLOPE: Final = 10.0
-"""Their label rises by this with the distance from the nearest posture, from the highest score on [points/m]."""
+"""Rise of their label with the distance from the nearest posture [points/m].
+
+It rises from the highest score on.
+"""
 
 _MARGIN: Final = 0.15
 """Empty points are looked for this far around the elbows of the base [m]."""
@@ -56,12 +61,13 @@ def forearm_data(
     Args:
         per_score: random postures of each score 1 to 10, before clustering.
         seed: of the random numbers.
-        clusters: number of clusters, k-means in the six coordinates; None: one per four postures, which keeps about a third
-            of them, as in the EPFL report (2281 of 10 000).
+        clusters: number of clusters, k-means in the six coordinates; None: one per four postures,
+            which keeps about a third of them, as in the EPFL report (2281 of 10 000).
         body: the person; default: the nominal one.
-        empty: number of points added where no posture of the base is near, whether out of reach or only rare. Their label
-            is the highest score and more, the farther the higher: without them a regression is free to be low where there
-            were no data, and a descent ends there; and with one label for all it is flat there, and a descent stays.
+        empty: number of points added where no posture of the base is near, whether out of reach or
+            only rare. Their label is the highest score and more, the farther the higher: without
+            them a regression is free to be low where there were no data, and a descent ends there;
+            and with one label for all it is flat there, and a descent stays.
         cache: keep the data set on disk, and read it from there when the same is asked for again.
         progress: called now and then with the share that is done.
 
@@ -82,17 +88,30 @@ def forearm_data(
 
     def make() -> DataSet:
         points, labels = _make(per_score, seed, clusters, body, empty, progress)
-        source = f"forearm, {per_score} postures per score, {clusters} clusters, {empty} empty points, seed {seed}"
+        source = (
+            f"forearm, {per_score} postures per score, {clusters} clusters, {empty} empty points,"
+            f" seed {seed}"
+        )
         return DataSet(points, labels, FOREARM, source)
 
-    asked = {"version": 2, "per_score": per_score, "seed": seed, "clusters": clusters, "empty": empty}
-    data = cached_data("forearm", {**asked, "lengths": dict(body.lengths)}, make) if cache else make()
+    asked = {
+        "version": 2,
+        "per_score": per_score,
+        "seed": seed,
+        "clusters": clusters,
+        "empty": empty,
+    }
+    data = (
+        cached_data("forearm", {**asked, "lengths": dict(body.lengths)}, make) if cache else make()
+    )
     progress(1.0)
     return data
 
 
 def nearest_sample_cost(points: ArrayLike, data: DataSet) -> Array:
-    """Return the label (n,) of the data point that is nearest to each point: the EPFL report's way to judge an end.
+    """Return the label (n,) of the data point that is nearest to each point.
+
+    It is the EPFL report's way to judge an end.
 
     Args:
         points: shape (n, 6) [m].
@@ -101,10 +120,16 @@ def nearest_sample_cost(points: ArrayLike, data: DataSet) -> Array:
     rows = read_points(points)
     squares = (data.points**2).sum(axis=1)
     parts = [squares - 2 * rows[i : i + 256] @ data.points.T for i in range(0, len(rows), 256)]
-    return data.labels[np.concatenate([np.argmin(part, axis=1) for part in parts])] if parts else np.empty(0)
+    return (
+        data.labels[np.concatenate([np.argmin(part, axis=1) for part in parts])]
+        if parts
+        else np.empty(0)
+    )
 
 
-def _make(per_score: int, seed: int, clusters: int, body: Body, empty: int, progress: Progress) -> tuple[Array, Array]:
+def _make(
+    per_score: int, seed: int, clusters: int, body: Body, empty: int, progress: Progress
+) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
     postures, scores = balanced_postures(per_score, rng, scores=SCORES)
     progress(0.1)
@@ -123,22 +148,33 @@ def _make(per_score: int, seed: int, clusters: int, body: Body, empty: int, prog
 
 
 def _cluster(points: Array, clusters: int, seed: int) -> NDArray[np.int32]:
-    # With a few points per cluster random starts are as good as any; metres are metres, so nothing is scaled.
+    # With a few points per cluster random starts are as good as any; metres are metres, so nothing
+    # is scaled.
     means = sklearn("cluster", "the forearm's data set").KMeans(
         clusters, init="random", n_init=1, max_iter=20, random_state=seed
     )
     return means.fit(points).labels_
 
 
-def _empty_points(points: Array, count: int, length: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return pairs (count, 6) a forearm apart in any direction that are near to no posture's, and their labels (count,)."""
+def _empty_points(
+    points: Array, count: int, length: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return pairs (count, 6) that are near to no posture's, and their labels (count,).
+
+    The points of a pair are a forearm apart, in any direction.
+    """
     low, high = points[:, :3].min(axis=0) - _MARGIN, points[:, :3].max(axis=0) + _MARGIN
     tree = sklearn("neighbors", "the forearm's data set").KDTree(points)
     found, distance = np.empty((0, 6)), np.empty(0)
     while len(found) < count:
         elbow, way = rng.uniform(low, high, (count, 3)), rng.normal(size=(count, 3))
-        drawn = np.hstack([elbow, elbow + length * way / np.linalg.norm(way, axis=1, keepdims=True)])
+        drawn = np.hstack(
+            [elbow, elbow + length * way / np.linalg.norm(way, axis=1, keepdims=True)]
+        )
         apart = tree.query(drawn)[0][:, 0]
         far = apart > EMPTY_DISTANCE
-        found, distance = np.concatenate([found, drawn[far]]), np.concatenate([distance, apart[far]])
+        found, distance = (
+            np.concatenate([found, drawn[far]]),
+            np.concatenate([distance, apart[far]]),
+        )
     return found[:count], SCORES[-1] + EMPTY_SLOPE * (distance[:count] - EMPTY_DISTANCE)

@@ -1,8 +1,11 @@
-"""Gradient descent in the six coordinates, as in the EPFL report (section 4.2.3): what the constraints are measured against.
+"""Gradient descent in the six coordinates, as in the EPFL report (section 4.2.3).
 
-The report's ways, in its order: the plain gradient, which tears the forearm apart (figure 20); the same with the length
-maintained (21); with the gradient of a one-class SVM added to stay near the data (22, 23); and one one-class SVM per score,
-from class i toward the class below (24, 25). Each is stopped by hand, where the estimated cost is 1.
+The constraints are measured against it.
+
+The report's ways, in its order: the plain gradient, which tears the forearm apart (figure 20); the
+same with the length maintained (21); with the gradient of a one-class SVM added to stay near the
+data (22, 23); and one one-class SVM per score, from class i toward the class below (24, 25). Each
+is stopped by hand, where the estimated cost is 1.
 """
 
 from __future__ import annotations
@@ -54,8 +57,9 @@ def descend(
         slope: of what is descended.
         starts: shape (n, 6) [m].
         stop_at: a descent stops for good where the value is not above this; None: never.
-        length: maintained distance of elbow and wrist [m]: after each step both points move along their line, each by half of
-            what is missing, which is the orthogonal projection; None: not maintained.
+        length: maintained distance of elbow and wrist [m]: after each step both points move along
+            their line, each by half of what is missing, which is the orthogonal projection; None:
+            not maintained.
         steps: number of steps.
         rate: step per gradient [m^2 per unit of the value].
         longest: a step's largest length, both points together [m].
@@ -69,10 +73,14 @@ def descend(
         if stop_at is not None:
             stopped |= value <= stop_at
         step = -rate * gradient
-        step *= np.minimum(1, longest / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12))
+        step *= np.minimum(
+            1, longest / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
+        )
         step[stopped] = 0
         moved = points + step
-        points = np.where(stopped[:, None], points, moved if length is None else keep_length(moved, length))
+        points = np.where(
+            stopped[:, None], points, moved if length is None else keep_length(moved, length)
+        )
         value, gradient = slope(points)
         path.append(points)
         values.append(value)
@@ -88,7 +96,10 @@ def keep_length(points: Array, length: float) -> Array:
 
 
 def slope_of(function: ca.Function) -> Slope:
-    """Return a CasADi function ``x (6,) -> value, gradient (6,)`` for many points, as `value_and_gradient` of a cost."""
+    """Return a CasADi function ``x (6,) -> value, gradient (6,)`` for many points.
+
+    It works as `value_and_gradient` of a cost.
+    """
 
     def slope(points: Array) -> tuple[Array, Array]:
         value, gradient = function.map(len(points))(points.T)
@@ -98,7 +109,9 @@ def slope_of(function: ca.Function) -> Slope:
 
 
 def added(cost: Slope, margin: Slope, weight: float) -> Slope:
-    """Return the cost with the gradient of a one-class SVM added: toward its inside. The value is still the cost's.
+    """Return the cost with the gradient of a one-class SVM added: toward its inside.
+
+    The value is still the cost's.
 
     Args:
         cost: what is to become low.
@@ -116,8 +129,9 @@ def added(cost: Slope, margin: Slope, weight: float) -> Slope:
 def toward_class_below(margins: Sequence[Slope], scores: Sequence[float]) -> Slope:
     """Return the slope that leads from class i into the one-class SVM of the class below it.
 
-    A point's class is the lowest whose SVM contains it, and where none does the one whose margin is largest. The value is the
-    score of this class; from the lowest class on the way leads further into it.
+    A point's class is the lowest whose SVM contains it, and where none does the one whose margin is
+    largest. The value is the score of this class; from the lowest class on the way leads further
+    into it.
 
     Args:
         margins: of the one-class SVMs, positive inside, by ascending score.
@@ -129,7 +143,9 @@ def toward_class_below(margins: Sequence[Slope], scores: Sequence[float]) -> Slo
         values = np.stack([value for value, _ in found])
         inside = values >= 0
         current = np.where(inside.any(axis=0), inside.argmax(axis=0), values.argmax(axis=0))
-        uphill = np.stack([gradient for _, gradient in found])[np.maximum(current - 1, 0), np.arange(len(points))]
+        uphill = np.stack([gradient for _, gradient in found])[
+            np.maximum(current - 1, 0), np.arange(len(points))
+        ]
         return np.asarray(scores, dtype=float)[current], -uphill
 
     return slope

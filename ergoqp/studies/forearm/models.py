@@ -1,4 +1,7 @@
-"""The learned models of the problem ``forearm``: two costs and the boundary of their data. How the shipped files were made."""
+"""The learned models of the problem ``forearm``: two costs and the boundary of their data.
+
+This is how the shipped files were made.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from ergoqp.studies.forearm.data import forearm_data
 Progress = Callable[[float], None]
 
 KERNELS = 800
-"""Support vectors of the regression that are kept: enough that the descent ends where the full one does."""
+"""Support vectors kept of the regression, enough for descents to end where the full one's do."""
 
 RUNG = 600
 """Most points of a score that its one-class SVM is fitted to."""
@@ -45,7 +48,10 @@ class ForearmModels:
     boundary: OneClass
 
     def save(self, folder: Path) -> None:
-        """Write what the problem needs: ``forearm_svr.npz``, ``forearm_ladder.npz`` and ``forearm_boundary.npz``."""
+        """Write ``forearm_svr.npz``, ``forearm_ladder.npz`` and ``forearm_boundary.npz``.
+
+        They are what the problem needs.
+        """
         self.svr.save(folder / "forearm_svr.npz")
         self.ladder.save(folder / "forearm_ladder.npz")
         self.boundary.save(folder / "forearm_boundary.npz")
@@ -58,7 +64,8 @@ def fit_forearm_models(
 
     Args:
         per_score: postures of each score of the base, see `forearm_data`.
-        rows: most points of the data that each machine is fitted to, and as many empty places for the second one.
+        rows: most points of the data that each machine is fitted to, and as many empty places for
+            the second one.
         seed: of the data.
         progress: called now and then with the share that is done.
 
@@ -73,22 +80,35 @@ def fit_forearm_models(
     rng = np.random.default_rng(seed)
     some = kept.part(rng.permutation(len(kept))[:rows])
     empty = filled.part(rng.permutation(np.flatnonzero(filled.labels > kept.labels.max()))[:rows])
-    both = DataSet(np.vstack([some.points, empty.points]), np.concatenate([some.labels, empty.labels]), kept.coordinates)
+    both = DataSet(
+        np.vstack([some.points, empty.points]),
+        np.concatenate([some.labels, empty.labels]),
+        kept.coordinates,
+    )
     report_svr, svr = _machine(some), _machine(both)
     progress(0.8)
-    boundary = OneClass.fit(kept.points[rng.permutation(len(kept))[: 2 * rows]], kept.coordinates, nu=0.01, gamma=0.25)
+    boundary = OneClass.fit(
+        kept.points[rng.permutation(len(kept))[: 2 * rows]], kept.coordinates, nu=0.01, gamma=0.25
+    )
     ladder = _ladder(kept, rng)
     progress(1.0)
     return ForearmModels(svr, report_svr, ladder, boundary)
 
 
 def _machine(data: DataSet) -> LearnedCost:
-    """Fit a regression with wide kernels: it is to lead, and the labels are noisy by their causes elsewhere."""
+    """Fit a regression with wide kernels.
+
+    It is to lead, and the labels are noisy by their causes elsewhere.
+    """
     mean, scale = data.points.mean(axis=0), data.points.std(axis=0)
-    machine = sklearn("svm", "fitting a kernel cost").SVR(C=10.0, gamma=0.25, epsilon=1.0, cache_size=500)
+    machine = sklearn("svm", "fitting a kernel cost").SVR(
+        C=10.0, gamma=0.25, epsilon=1.0, cache_size=500
+    )
     machine.fit((data.points - mean) / scale, data.labels)
     centres, weights = machine.support_vectors_, machine.dual_coef_.ravel()
-    model = KernelSum(Kernel("rbf", 0.25), centres, weights, float(machine.intercept_[0]), mean, scale)
+    model = KernelSum(
+        Kernel("rbf", 0.25), centres, weights, float(machine.intercept_[0]), mean, scale
+    )
     cost = Svr(Columns(tuple(range(len(mean)))), model, data.coordinates, float(data.labels.min()))
     return reduced(cost, KERNELS, data)[0] if len(model) > KERNELS else cost
 
@@ -96,15 +116,22 @@ def _machine(data: DataSet) -> LearnedCost:
 def _ladder(data: DataSet, rng: np.random.Generator) -> OneClassLadder:
     """Fit a ladder to as many points of each score, without scores that have next to none.
 
-    Each rung is the core of its class, two thirds of it: a wider one also holds places that only its neighbours reach, or
-    nobody.
-    The calibration is for predictions: here classes overlap so much that it would flatten the ladder. A rung that counts what
-    its score does is what a descent wants.
+    Each rung is the core of its class, two thirds of it: a wider one also holds places that only
+    its neighbours reach, or nobody. The calibration is for predictions: here classes overlap so
+    much that it would flatten the ladder. A rung that counts what its score does is what a descent
+    wants.
     """
     scores, counts = np.unique(data.labels, return_counts=True)
     scores = scores[counts >= 20]
     chosen = [rng.permutation(np.flatnonzero(data.labels == score))[:RUNG] for score in scores]
     fitted = OneClassLadder.fit(data.part(np.concatenate(chosen)), nu=0.3, gamma=0.5)
     lowest = float(scores[0])
-    terms = fitted.rungs, fitted.scores.tolist(), data.coordinates, lowest, fitted.steepness, fitted.pull
+    terms = (
+        fitted.rungs,
+        fitted.scores.tolist(),
+        data.coordinates,
+        lowest,
+        fitted.steepness,
+        fitted.pull,
+    )
     return OneClassLadder(*terms, reach=fitted.reach, offset=lowest, height=1.0)

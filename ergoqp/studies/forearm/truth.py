@@ -1,9 +1,12 @@
-"""The true cost of a forearm: the lowest sheet score over all postures of the whole body that put elbow and wrist there.
+"""The true cost of a forearm: the lowest sheet score over all postures.
 
-Neck, legs, left arm, right wrist and pronation are free, so they are at their best. What is left is a search over trunk and
-right arm: side bend and twist of the trunk are looked at on a grid, everything else follows in closed form
-(`ergoqp.human.forearm`). A score that no grid point reaches but some nearly do is looked for again around these, on ever
-finer grids, so that a narrow set of postures is found too.
+They are those of the whole body that put elbow and wrist there.
+
+Neck, legs, left arm, right wrist and pronation are free, so they are at their best. What is left is
+a search over trunk and right arm: side bend and twist of the trunk are looked at on a grid,
+everything else follows in closed form (`ergoqp.human.forearm`). A score that no grid point reaches
+but some nearly do is looked for again around these, on ever finer grids, so that a narrow set of
+postures is found too.
 """
 
 from __future__ import annotations
@@ -29,14 +32,43 @@ LENGTH_TOLERANCE: Final = 1e-6
 """No posture reaches points whose distance differs from the forearm's length by more [m]."""
 
 _BEND_DEG: Final = (-40, -33, -26, -19, -14, -10, -7, -3.5, 0, 3.5, 7, 10, 14, 19, 26, 33, 40)
-_TWIST_DEG: Final = (-45, -38, -31, -24, -17, -13, -10, -7, -3.5, 0, 3.5, 7, 10, 13, 17, 24, 31, 38, 45)
-_SHOULDER_DEG: Final = (*range(-60, -30, 10), -26, *range(-20, 21, 5), 26, 32, 38, *range(45, 91, 11), *range(105, 176, 14))
+_TWIST_DEG: Final = (
+    -45,
+    -38,
+    -31,
+    -24,
+    -17,
+    -13,
+    -10,
+    -7,
+    -3.5,
+    0,
+    3.5,
+    7,
+    10,
+    13,
+    17,
+    24,
+    31,
+    38,
+    45,
+)
+_SHOULDER_DEG: Final = (
+    *range(-60, -30, 10),
+    -26,
+    *range(-20, 21, 5),
+    26,
+    32,
+    38,
+    *range(45, 91, 11),
+    *range(105, 176, 14),
+)
 """Nodes of the grids: dense where angles cost little."""
 
 _CELL: Final = np.radians(7)
 """Widest spacing of the grid [rad]."""
 _STEEP: Final = 6
-"""A score is looked for on finer grids where the coarser misses it by less than this many of its cells."""
+"""Finer grids look for a score that the coarser misses by less than this many of its cells."""
 _SEEDS: Final = 10
 """Local best points that are followed."""
 _LEVELS: Final = 14
@@ -47,7 +79,9 @@ _BLOCK: Final = 64
 """Points at a time, so that a block stays within the cache."""
 
 
-def true_cost(points: ArrayLike, body: Body | None = None, method: Method | None = None) -> NDArray[np.int64]:
+def true_cost(
+    points: ArrayLike, body: Body | None = None, method: Method | None = None
+) -> NDArray[np.int64]:
     """Return the lowest sheet score of any posture with the right elbow and wrist at these points.
 
     Args:
@@ -64,11 +98,16 @@ def true_cost(points: ArrayLike, body: Body | None = None, method: Method | None
     return true_posture(points, body, method)[1]
 
 
-def true_posture(points: ArrayLike, body: Body | None = None, method: Method | None = None) -> tuple[Array, NDArray[np.int64]]:
-    """Return a posture of the lowest score for each pair of points, and the score; arguments as for `true_cost`.
+def true_posture(
+    points: ArrayLike, body: Body | None = None, method: Method | None = None
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return a posture of the lowest score for each pair of points, and the score.
+
+    The arguments are as for `true_cost`.
 
     Returns:
-        Postures, shape (n, 32) [rad], NaN where no posture reaches the points; and scores, shape (n,), 0 there.
+        Postures, shape (n, 32) [rad], NaN where no posture reaches the points; and scores, shape
+        (n,), 0 there.
 
     Raises:
         InputError: for points of another shape.
@@ -90,10 +129,11 @@ def true_posture(points: ArrayLike, body: Body | None = None, method: Method | N
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """A way to look at all postures of given points: two of the joints on a grid, the others solved for.
+    """A way to look at all postures of given points: two joints on a grid, the others solved for.
 
     Attributes:
-        solve: a method of `Arm`: (arm, points, first, second) -> angles (7, n, 4 m), missing (n, 4 m).
+        solve: a method of `Arm`: (arm, points, first, second) -> angles (7, n, 4 m), missing (n, 4
+            m).
         joints: the two, as indices of `ARM_JOINTS`.
         nodes: of the grid (2, rows, columns) [rad].
     """
@@ -103,7 +143,10 @@ class _Grid:
     nodes: Array
 
     def local_best(self, excess: Array) -> NDArray[np.int64]:
-        """Return the columns (n, seeds) of the lowest local minima, each of the four solutions by itself."""
+        """Return the columns (n, seeds) of the lowest local minima.
+
+        Each of the four solutions is looked at by itself.
+        """
         field = excess.reshape(len(excess), 4, *self.nodes.shape[1:])
         padded = np.pad(field, ((0, 0), (0, 0), (1, 1), (1, 1)), constant_values=np.inf)
         around = sliding_window_view(padded, (3, 3), axis=(2, 3)).min(axis=(4, 5))
@@ -111,7 +154,10 @@ class _Grid:
         return np.argpartition(lowest, _SEEDS, axis=1)[:, :_SEEDS]
 
     def around(self, angles: Array, chosen: NDArray[np.int64], cell: float) -> tuple[Array, Array]:
-        """Return finer grids (n, seeds x star) of the two joints around chosen columns, within the joints' ranges."""
+        """Return finer grids (n, seeds x star) of the two joints around chosen columns.
+
+        They stay within the joints' ranges.
+        """
         finer = []
         for joint, star in zip(self.joints, _STAR.T, strict=True):
             seeds = np.take_along_axis(angles[joint], chosen, axis=1)[:, :, None]
@@ -120,14 +166,20 @@ class _Grid:
         return finer[0], finer[1]
 
 
-def _grid(solve: Callable[[Arm, Array, Array, Array], tuple[Array, Array]], nodes: dict[str, Sequence[float]]) -> _Grid:
+def _grid(
+    solve: Callable[[Arm, Array, Array, Array], tuple[Array, Array]],
+    nodes: dict[str, Sequence[float]],
+) -> _Grid:
     joints = [ARM_JOINTS.index(name) for name in nodes]
     return _Grid(solve, joints, np.radians(np.meshgrid(*nodes.values())))
 
 
 _GRIDS: Final = (
     _grid(Arm.solve_by_bend, {"trunk_side_bend": _BEND_DEG, "trunk_twist": _TWIST_DEG}),
-    _grid(Arm.solve_by_shoulder, {"right_shoulder_flexion": _SHOULDER_DEG, "trunk_twist": _TWIST_DEG[::2]}),
+    _grid(
+        Arm.solve_by_shoulder,
+        {"right_shoulder_flexion": _SHOULDER_DEG, "trunk_twist": _TWIST_DEG[::2]},
+    ),
 )
 
 
@@ -138,11 +190,14 @@ class _Search:
         self.arm, self.boxes = arm, boxes
 
     def best(self, points: Array) -> Array:
-        """Return angles of `ARM_JOINTS` with the lowest score (n, 7) [rad], NaN where nothing reaches."""
+        """Return lowest-score angles (n, 7) of `ARM_JOINTS` [rad], NaN where nothing reaches."""
         found = np.full((len(points), len(ARM_JOINTS)), np.nan)
         rows = np.arange(len(points))
         solved = [
-            grid.solve(self.arm, points, *(np.tile(axis.ravel(), (len(points), 1)) for axis in grid.nodes)) for grid in _GRIDS
+            grid.solve(
+                self.arm, points, *(np.tile(axis.ravel(), (len(points), 1)) for axis in grid.nodes)
+            )
+            for grid in _GRIDS
         ]
         for score in self.boxes.scores:
             for grid, (angles, missing) in zip(_GRIDS, solved, strict=True):
@@ -151,13 +206,21 @@ class _Search:
                     grid, points[rows[open_rows]], angles[:, open_rows], missing[open_rows], score
                 )
             left = np.isnan(found[rows, 0])
-            rows, solved = rows[left], [(angles[:, left], missing[left]) for angles, missing in solved]
+            rows, solved = (
+                rows[left],
+                [(angles[:, left], missing[left]) for angles, missing in solved],
+            )
             if not len(rows):
                 break
         return np.clip(found, LOWER[ARM_INDEX], UPPER[ARM_INDEX])
 
-    def _refine(self, grid: _Grid, points: Array, angles: Array, missing: Array, score: int) -> Array:
-        """Return angles inside the boxes of a score (n, 7), NaN where none is found; starts from the whole grid's angles."""
+    def _refine(
+        self, grid: _Grid, points: Array, angles: Array, missing: Array, score: int
+    ) -> Array:
+        """Return angles (n, 7) inside the boxes of a score, NaN where none is found.
+
+        The search starts from the whole grid's angles.
+        """
         found = np.full((len(points), len(ARM_JOINTS)), np.nan)
         rows, cell = np.arange(len(points)), _CELL
         for level in range(_LEVELS + 1):
@@ -176,7 +239,11 @@ class _Search:
 
 
 def _best_of_stars(excess: Array) -> NDArray[np.int64]:
-    """Return the best column of each seed's star (n, seeds), so that one valley never takes all of them."""
-    stars = excess.reshape(len(excess), 4, _SEEDS, len(_STAR)).transpose(0, 2, 1, 3).reshape(len(excess), _SEEDS, -1)
+    """Return the best column of each seed's star (n, seeds), so one valley never takes them all."""
+    stars = (
+        excess.reshape(len(excess), 4, _SEEDS, len(_STAR))
+        .transpose(0, 2, 1, 3)
+        .reshape(len(excess), _SEEDS, -1)
+    )
     solution, place = np.divmod(np.argmin(stars, axis=2), len(_STAR))
     return (solution * _SEEDS + np.arange(_SEEDS)) * len(_STAR) + place
