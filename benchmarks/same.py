@@ -87,12 +87,13 @@ def _problem(name: str, kind: str) -> Any:
 
 def record(name: str, kind: str, number: int, folder: Path) -> None:
     """Keep the inputs of random walks, each a row of all numbers."""
-    from ergoqp.step.inputs import stand_in
+    from ergoqp.step.model import StepModel, stand_in
     from ergoqp.step.state import initial_state
 
     function = step_function(name, kind, folder)
     problem = _problem(name, kind)
     rng, n = np.random.default_rng(sum(map(ord, name))), len(problem.coordinates)
+    model = StepModel(problem, kind == "guided")
     home, contact = np.asarray(stand_in(problem), dtype=float), problem.response.contact()
     sizes = {function.name_in(i): function.size_in(i) for i in range(function.n_in())}
     kept, refused, moving = [], 0, 0
@@ -103,7 +104,7 @@ def record(name: str, kind: str, number: int, folder: Path) -> None:
                 rng.choice([0.05, 0.15, 0.3]) * rng.normal(size=n) if n == 32 else 0.0
             )
             pose, twist = np.array(contact(posture)[0]), np.zeros(6)
-            state = np.ravel(initial_state(problem, kind == "guided"))
+            state = np.ravel(initial_state(model))
         posture = posture + (0.002 * rng.normal(size=n) if n == 32 else 0.0)
         seen = posture + (np.radians(0.3) * rng.normal(size=n) if n == 32 else 0.0)
         odd = rng.random()

@@ -17,6 +17,7 @@ import numpy as np
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
 from ergoqp.step.data import QP_DATA, qp_data
+from ergoqp.step.model import StepModel
 from ergoqp.step.objective import cost_function, gain_function
 from ergoqp.step.qp import build_qp
 from ergoqp.step.stepper import Stepper
@@ -27,9 +28,9 @@ def phases_us(problem: Problem, calls: Sequence[tuple[Any, Any, float]]) -> dict
     data = qp_data(problem)
     solver = build_qp(solver_named("daqp"), data.size1_out("A"))
     cost, response, gain = (
-        cost_function(problem),
+        cost_function(StepModel(problem)),
         problem.response.sensitivity(),
-        gain_function(problem),
+        gain_function(StepModel(problem)),
     )
     everything = {"cost": cost, "response": response, "data": data, "qp": solver, "gain": gain}
     timers = {name: _Timer(function) for name, function in everything.items()}

@@ -19,7 +19,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best import frame_of
-from ergoqp.step.inputs import stand_in
+from ergoqp.step.model import stand_in
 from ergoqp.step.stepper import Stepper
 
 JUMP = 0.6

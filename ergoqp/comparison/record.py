@@ -28,7 +28,8 @@ from ergoqp.solvers import QpSolver, solver_named
 from ergoqp.solvers.sequence import PARTS, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
 from ergoqp.step.function import build_step
-from ergoqp.step.inputs import OUTPUTS, input_sizes
+from ergoqp.step.inputs import INPUTS, OUTPUTS
+from ergoqp.step.model import StepModel
 from ergoqp.step.qp import FREE, TOLERANCE
 from ergoqp.step.stepper import Stepper
 
@@ -142,7 +143,8 @@ def record(
     if steps < 1:
         raise InputError(f"steps: got {steps}, allowed 1 or more")
     solver, log = RecordingSolver(), list[dict[str, Any]]()
-    function, sizes = build_step(problem, solver), input_sizes(problem)
+    function, model = build_step(problem, solver), StepModel(problem)
+    sizes = {name: model.size(name) for name in INPUTS}
     stepper = Stepper(problem, log=log.append)
     recordings, done = [], 0
     for loop in range(seed, seed + steps):

@@ -35,7 +35,7 @@ from ergoqp.native.daqp import (
 )
 from ergoqp.problem.problem import Problem
 from ergoqp.step.function import build_step
-from ergoqp.step.inputs import stand_in
+from ergoqp.step.model import stand_in
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""

@@ -5,6 +5,7 @@ The header, the wrapper for Python and their documentation follow from it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ergoqp._version import __version__
@@ -12,8 +13,9 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.faults import Fault
-from ergoqp.step.history import SHORTEST_DT, History
-from ergoqp.step.inputs import INPUTS, OUTPUTS, input_sizes
+from ergoqp.step.history import SHORTEST_DT
+from ergoqp.step.inputs import INPUTS, OUTPUTS
+from ergoqp.step.model import StepModel
 from ergoqp.step.state import initial_state
 
 
@@ -220,7 +222,7 @@ def memory_header(problem: Problem, core: str) -> str:
         core: the header that CasADi wrote for the generated function, which says how much memory it
             works in.
     """
-    sizes = {name: rows * columns for name, (rows, columns) in input_sizes(problem).items()}
+    sizes = {name: math.prod(StepModel(problem).size(name)) for name in INPUTS}
     n, rows = len(problem.coordinates), len(problem.row_names)
     outputs = {
         "twist": 6,
@@ -240,7 +242,8 @@ def memory_header(problem: Problem, core: str) -> str:
     lines += [
         f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")
     ]
-    history, initial = History.of(problem), ", ".join(map(repr, initial_state(problem).tolist()))
+    model = StepModel(problem)
+    history, initial = model.history, ", ".join(map(repr, initial_state(model).tolist()))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
     lines += [f"#define ERGOQP_SPEED {', '.join(map(repr, problem.twist_limit.speed.tolist()))}"]

@@ -5,7 +5,7 @@ It is for matrices whose structure CasADi's general routines would not use.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 import casadi as ca
@@ -49,6 +49,21 @@ def written_out(function: ca.Function, *arguments: ca.MX | float) -> list[ca.MX]
     return function.call(
         [ca.MX(argument) for argument in arguments], function.is_a("MXFunction"), False
     )
+
+
+def by_name(
+    function: ca.Function, known: Mapping[str, Any], written: bool = False
+) -> dict[str, ca.MX]:
+    """Return what a function gives for what is known, both by the names of the function.
+
+    Args:
+        function: with named inputs and outputs.
+        known: its inputs among others.
+        written: write a function of matrices out, see `written_out`.
+    """
+    given = [known[name] for name in function.name_in()]
+    found: Any = written_out(function, *given) if written else function.call(given)
+    return dict(zip(function.name_out(), found, strict=True))
 
 
 def once(expressions: list[ca.MX]) -> list[ca.MX]:

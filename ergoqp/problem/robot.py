@@ -66,6 +66,11 @@ class DeclaredRobot:
         return self.delay + self.pose_delay
 
     @property
+    def owes(self) -> bool:
+        """Whether it leaves anything of what was sent for later."""
+        return bool(self.dead_time or self.lag)
+
+    @property
     def needs_pose(self) -> bool:
         """Whether nobody knows where the object is without a measured pose."""
         return bool(self.gain_error or self.longest_hold)

@@ -10,22 +10,23 @@ from typing import Final
 import casadi as ca
 
 from ergoqp.expressions.linear import dense
-from ergoqp.problem.problem import Problem
-from ergoqp.step.history import LONGEST_DT, SHORTEST_DT, History, owes, remaining_seconds
+from ergoqp.step.history import LONGEST_DT, SHORTEST_DT, remaining_seconds
+from ergoqp.step.model import StepModel
 
 _AT_ALL: Final = 1e-9
 """What lasted for less did not last at all [s]."""
 
 
-def weights_function(problem: Problem) -> ca.Function:
+def weights_function(model: StepModel) -> ca.Function:
     """What follows from the ages alone, in scalars.
 
     Returns:
-        Function ``(ages, idle, dt) -> (own, (weights at the end of this period, seconds) (n, 2),
-        weights now (n,), seconds for which what was sent still acts (k,), dt, dt_ok, ages at the
-        end of this period, idled, fits, parked)``.
+        Function ``(ages, idle, dt) -> (own, of_plan (n, 2): weights at the end of this period, and
+        seconds; present (n,): weights now; remaining (k,): seconds for which what was sent still
+        acts; period, dt_ok, aged: ages at the end of this period; idled, fits, parked)``.
     """
-    history, W, robot = History.of(problem), problem.average, problem.robot
+    problem, history = model.problem, model.history
+    W, robot = problem.average, problem.robot
     ages, idle, given = ca.SX.sym("ages", history.ages), ca.SX.sym("idle"), ca.SX.sym("dt")
     dt_ok = ca.logic_and(given >= SHORTEST_DT, given <= LONGEST_DT)
     dt = ca.if_else(dt_ok, given, problem.dt)
@@ -35,14 +36,17 @@ def weights_function(problem: Problem) -> ca.Function:
     if W:
         own, weights, now, left = _mean(ends[:n], dt, W)
         of_plan = ca.horzcat(weights, left)
-    if owes(problem):
+    if robot.owes:
         remaining = remaining_seconds(
             ends[: history.sent], ends[1 : history.sent + 1], robot.dead_time, robot.lag
         )
     parked = idle >= max(W, robot.dead_time, _AT_ALL)
     outputs = [own, of_plan, now, remaining, dt, dt_ok, (ages + dt)[: history.ages - 1], idle + dt]
-    outputs += [_holds_all(problem, ages, dt), parked]
-    return ca.Function("weights", [ages, idle, given], ca.cse(dense(outputs)))
+    outputs += [_holds_all(model, ages, dt), parked]
+    names = ["own", "of_plan", "present", "remaining", "period", "dt_ok", "aged", "idled"]
+    names += ["fits", "parked"]
+    inputs = ["ages", "idle", "dt"]
+    return ca.Function("weights", [ages, idle, given], ca.cse(dense(outputs)), inputs, names)
 
 
 def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -84,8 +88,8 @@ def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
     return length, length / ca.fmax(ages[1:] - ages[:-1], _AT_ALL)
 
 
-def _holds_all(problem: Problem, ages: ca.SX, dt: ca.SX) -> ca.SX:
-    history = History.of(problem)
+def _holds_all(model: StepModel, ages: ca.SX, dt: ca.SX) -> ca.SX:
+    history, problem = model.history, model.problem
     needed = [(history.planned - 3, problem.average), (history.sent - 2, problem.robot.dead_time)]
     found = ca.SX(1)
     for last, seconds in needed:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from ergoqp.expressions.linear import largest
-from ergoqp.problem.problem import Problem
+from ergoqp.limits import Limit
 from ergoqp.step.bounds import STEADY_RETURN, limit_values
 
 
@@ -17,7 +19,7 @@ def still_asks(asked: ca.MX) -> ca.MX:
     return asked[0] <= asked[1]
 
 
-def asked_update(problem: Problem, asked: ca.MX, margins: ca.MX, dt: ca.MX) -> ca.MX:
+def asked_update(limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX) -> ca.MX:
     """Return the next state of asking (2,).
 
     What was given up is asked for again once nothing is outside.
@@ -25,13 +27,12 @@ def asked_update(problem: Problem, asked: ca.MX, margins: ca.MX, dt: ca.MX) -> c
     The predicted time is that of the pace at which rows come back, see `ergoqp.step.bounds`.
 
     Args:
-        problem: the task.
+        limits: that are rows.
         asked: seconds for which a row was asked back, and twice the seconds that it should take
             [s].
         margins: of all rows, where things are (r,).
         dt: period [s].
     """
-    limits = problem.row_limits
     soft = limit_values(limits, "returns") * (1 - limit_values(limits, "hard"))
     time, tolerance = (
         ca.DM(limit_values(limits, "recovery_time")),

@@ -6,25 +6,23 @@ If need be the twist is shortened toward braking.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import dense, is_set, largest, smallest
+from ergoqp.expressions.linear import by_name, dense, is_set, largest, smallest
 from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import on_surface
 from ergoqp.problem.problem import Problem
-from ergoqp.step.bounds import MOVES, bends, limit_values, patience
+from ergoqp.step.bounds import MOVES, bends, patience
 from ergoqp.step.causes import Cause, Status
-from ergoqp.step.counted import way_size
-from ergoqp.step.guide import TRIAL, trial_update
-from ergoqp.step.margins import StepRows, situations_of, smallest_margins
-from ergoqp.step.objective import with_pattern
+from ergoqp.step.margins import Margins, situations_of, smallest_margins
+from ergoqp.step.model import StepModel
 from ergoqp.step.qp import FREE, TOLERANCE
-from ergoqp.step.readings import readings_size, situation_of
-from ergoqp.step.rest import STATES, rest_update
+from ergoqp.step.rest import rest_update
+from ergoqp.step.trial import trial_update
 
 HELD: Final = 1e-12
 """Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
@@ -55,61 +53,30 @@ _JUDGED: Final = (
     "dt",
     "away",
     "gain",
-    "value",
+    "total",
     "xi",
     "S",
     "residual",
     "usable",
     "rest",
 )
-_JOURNEY: Final = ("promise", "points", "trial", "distance", "on")
+_JOURNEY: Final = ("promise", "value", "trial", "distance", "on")
 
 
-def _symbols(problem: Problem, names: tuple[str, ...], kind: type = ca.SX) -> dict[str, Any]:
-    """Inputs of the functions of this file, by name; what has no size here is one number."""
-    n, rows = len(problem.coordinates), len(problem.row_names)
-    sizes = {
-        "posture": (n, 1),
-        "observed": (n, 1),
-        "readings": (readings_size(problem), 1),
-        "pose": (4, 4),
-        "S": (n, 6),
-    }
-    sizes |= {
-        "landed": (4, 4),
-        "way": (way_size(problem), 1),
-        "shift": (n, 1),
-        "begun": (6, 1),
-        "away": (2 * rows, 1),
-    }
-    sizes |= {
-        "previous": (6, 1),
-        "xi": (6, 1),
-        "wanted": (6, 1),
-        "brake": (6, 1),
-        "last": (6, 1),
-        "rest": (STATES, 1),
-    }
-    sizes |= {"share": (6, 1)}
-    sizes |= {
-        "trial": (TRIAL, 1),
-        "now": (rows, 1),
-        "outside": (rows, 1),
-        "E": problem.response.sensitivity().size_out(1),
-    }
-    return {name: kind.sym(name, *sizes.get(name, (1, 1))) for name in names}
-
-
-def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca.Function:
-    """What the object should do by this answer, and whether all of it can be certified as it is.
+def judge_function(model: StepModel) -> ca.Function:
+    """Return what the object should do by this answer, and whether that can be certified as it is.
 
     Guided, what is known of the trial of the given place is judged too, see `ergoqp.step.guide`.
+
+    Returns:
+        Function ``(...) -> (wanted, brake, now, solved, outside, next_rest, whole, next_trial)``:
+        the wanted twist and the braking one as they can be sent, the margins, whether the QP is
+        solved, which rows are outside, and whether the wanted twist holds.
     """
-    names = (*_JUDGED, *(_JOURNEY if guided else ()))
-    known = _symbols(problem, names, ca.MX)
-    rows = StepRows(problem, known, known["S"])
-    now = rows.now
-    count = len(problem.row_names)
+    problem = model.problem
+    known = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
+    margins = Margins(model, known)
+    now, count = margins.now, len(problem.row_names)
     away = ca.fmax(known["away"][:count], known["away"][count:]) > 0
     if problem.surface is not None:
         # A surface has no ends to be beyond, only a distance from it.
@@ -117,58 +84,81 @@ def judge_function(problem: Problem, pattern: ca.SX, guided: bool = False) -> ca
             [float(limit is problem.surface) for limit in problem.row_limits for _ in limit.names]
         )
         away = ca.logic_or(away, ca.logic_and(on, now < -problem.surface.tolerance))
-    outside = ca.logic_and(away, _moves(problem, rows))
-    decide = _decide_function(problem, pattern, guided)
-    given = known | {"must_move": largest(outside)}
-    wanted, slowest, ways, solved, rest, *trial = decide(
-        *(given[decide.name_in(i)] for i in range(decide.n_in()))
-    )
-    whole = smallest(rows.margins(ways) - _floor(problem, now)) >= 0
-    outputs = [wanted, slowest, now, solved, outside, rest, whole, *trial]
-    return ca.Function("judge", list(known.values()), [ca.densify(part) for part in outputs])
+    outside = ca.logic_and(away, _moves(problem, margins))
+    found = by_name(_decide_function(model), known | {"must_move": largest(outside)})
+    ways = found.pop("ways")
+    found |= {"now": now, "outside": outside}
+    found["whole"] = smallest(margins.ahead(ways) - _floor(model, now)) >= 0
+    outputs = [ca.densify(part) for part in found.values()]
+    return ca.Function("judge", list(known.values()), outputs, list(known), list(found))
 
 
-def _decide_function(problem: Problem, pattern: ca.SX, guided: bool) -> ca.Function:
+def _decide_function(model: StepModel) -> ca.Function:
     """The twist that this answer asks for and the braking one, as they can be sent.
 
     With them come the first one's stop, rest and trial.
     """
-    names = (*_JUDGED, "must_move", *(_JOURNEY if guided else ()))
-    sx = _symbols(problem, names)
-    limits, dt, stop = problem.row_limits, sx["dt"], problem.stop
-    situation = situation_of(problem, sx, with_pattern(sx["S"], pattern))
+    problem, guided = model.problem, model.guided
+    sx = model.symbols((*_JUDGED, "must_move", *(_JOURNEY if guided else ())))
+    dt, stop = sx["dt"], problem.stop
+    situation = model.situation(sx, model.sparse(sx["S"]))
     brake = on_surface(stop.braking(sx["previous"], dt), situation, sx["usable"])
     solved = sx["residual"] < TOLERANCE
     counts = ca.logic_and(sx["usable"], solved)
     rest = rest_update(
-        problem.control, sx["rest"], sx["gain"], sx["value"], sx["must_move"], dt, counts
+        problem.control, sx["rest"], sx["gain"], sx["total"], sx["must_move"], dt, counts
     )
-    trial = []
+    trial = {}
     if guided:
-        journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["points"])
+        journey = (sx["landed"], sx["distance"], sx["on"], sx["promise"], sx["value"])
         next_trial, rest = trial_update(problem.control, sx["trial"], rest, *journey, dt, counts)
-        trial = [next_trial]
+        trial = {"next_trial": next_trial}
     wanted = ca.if_else(
         ca.logic_and(is_set(rest[0]), ca.logic_not(sx["must_move"])), brake.twist, sx["xi"]
     )
     # The answer of a failed QP may be NaN; it goes no further. And with no time left there is
     # nothing to choose.
-    in_time = patience(limits, situation, sx["previous"], dt, stop) > 0
+    in_time = patience(problem.row_limits, situation, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (
         _kept(problem, situation, twist, dt, sx["usable"]) for twist in (wanted, brake.twist)
     )
-    outputs = [wanted, slowest, stop.ways(wanted, dt), solved, rest, *trial]
-    return ca.Function(
-        "decide",
-        list(sx.values()),
-        ca.cse(dense(outputs)),
-        list(names),
-        [f"o{i}" for i in range(len(outputs))],
-    )
+    found = {
+        "wanted": wanted,
+        "brake": slowest,
+        "ways": stop.ways(wanted, dt),
+        "solved": solved,
+        "next_rest": rest,
+        **trial,
+    }
+    outputs = ca.cse(dense(list(found.values())))
+    return ca.Function("decide", list(sx.values()), outputs, list(sx), list(found))
 
 
-def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
+_SHORTENED: Final = (
+    "posture",
+    "observed",
+    "readings",
+    "landed",
+    "way",
+    "shift",
+    "dt",
+    "S",
+    "wanted",
+    "brake",
+    "now",
+)
+
+
+def shortened(model: StepModel, known: Mapping[str, ca.MX]) -> ca.MX:
+    """Return the shares (6,) of `_shorten_function`; all ones where the ``whole`` way holds."""
+    shorten = _shorten_function(model)
+    all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
+    choose = ca.Function.if_else("shorten_or_not", all_of_it, shorten)
+    return choose(known["whole"], *(known[name] for name in shorten.name_in()))
+
+
+def _shorten_function(model: StepModel) -> ca.Function:
     """The largest shares (6,) of the way from braking to the wanted twist that can be certified.
 
     A share of 0 is only braking itself.
@@ -177,26 +167,11 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
     nearer to its cone does not keep the object out of its workspace. What held before holds through
     the stop, what did not gets no worse, and nothing is asked beyond what braking does.
     """
-    sx = _symbols(
-        problem,
-        (
-            "posture",
-            "observed",
-            "readings",
-            "landed",
-            "way",
-            "shift",
-            "dt",
-            "S",
-            "wanted",
-            "brake",
-            "now",
-        ),
-    )
-    S = with_pattern(sx["S"], pattern)
-    situation = situation_of(problem, sx, S)
-    at_braking = _margins(problem, sx, S, sx["brake"], sx["dt"])
-    floor = _floor(problem, sx["now"], at_braking)
+    problem, sx = model.problem, model.symbols(_SHORTENED)
+    S = model.sparse(sx["S"])
+    situation = model.situation(sx, S)
+    at_braking = _margins(model, sx, S, sx["brake"], sx["dt"])
+    floor = _floor(model, sx["now"], at_braking)
     shift, turn = ca.DM([1, 1, 1, 0, 0, 0]), ca.DM([0, 0, 0, 1, 1, 1])
     candidates = [candidate * ca.DM.ones(6) for candidate in _SHARES]
     if problem.surface is None:
@@ -206,68 +181,91 @@ def shorten_function(problem: Problem, pattern: ca.SX) -> ca.Function:
         twist = _kept(
             problem, situation, sx["brake"] + candidate * (sx["wanted"] - sx["brake"]), sx["dt"]
         )
-        holds = smallest(_margins(problem, sx, S, twist, sx["dt"]) - floor) >= 0
+        holds = smallest(_margins(model, sx, S, twist, sx["dt"]) - floor) >= 0
         shares = ca.if_else(holds, candidate, shares)
-    return ca.Function("shorten", list(sx.values()), ca.cse([ca.densify(shares)]))
+    return ca.Function(
+        "shorten", list(sx.values()), ca.cse([ca.densify(shares)]), list(sx), ["share"]
+    )
 
 
-def account_function(problem: Problem, pattern: ca.SX, movable: list[int]) -> ca.Function:
-    """The twist that is sent, and the account of it."""
-    m = len(movable)
-    known = _symbols(
-        problem,
-        ("posture", "observed", "readings", "pose", "dt", "S", "residual", "usable", "E"),
-        ca.MX,
-    )
-    known |= {name: ca.MX.sym(name, m) for name in ("slack", "multipliers")}
-    known |= _symbols(
-        problem, ("causes", "wanted", "brake", "now", "solved", "outside", "rest", "share"), ca.MX
-    )
-    known |= _symbols(problem, ("begun", "own", "last"), ca.MX)
+_ACCOUNTED: Final = (
+    "posture",
+    "observed",
+    "readings",
+    "pose",
+    "dt",
+    "S",
+    "residual",
+    "usable",
+    "E",
+    "slack",
+    "multipliers",
+    "causes",
+    "wanted",
+    "brake",
+    "now",
+    "solved",
+    "outside",
+    "next_rest",
+    "share",
+    "begun",
+    "own",
+    "sent",
+)
+
+
+def account_function(model: StepModel) -> ca.Function:
+    """Return the twist that is sent, and the account of it.
+
+    Returns:
+        Function ``(...) -> (planned, twist, still, posture_rate, status, all_causes, all_slack,
+        all_multipliers, residuals)``; the slack and multipliers are those of all rows (r,).
+    """
+    problem, movable = model.problem, model.movable
+    known, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
     limits, now = problem.row_limits, known["now"]
-    rows = StepRows(problem, known, known["S"])
-    tolerance, soft = (
-        ca.DM(limit_values(limits, "tolerance")),
-        ca.DM(1 - limit_values(limits, "hard")),
-    )
+    margins = Margins(model, known)
+    tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
     # Slack of a row on the object side only says that the QP asked for more than needed: the
     # certificate is exact there.
-    held = now[movable] >= -tolerance[movable] if m else now
+    held = now[movable] >= -tolerance[movable] if movable else now
     used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
-    close = _close_function(problem)
     given = known | {"used": used, "any_outside": largest(known["outside"])}
-    planned, sent, still, status, causes, residuals = close(
-        *(given[close.name_in(i)] for i in range(close.n_in()))
-    )
-    rate = _model_rate(
-        limits, situation_of(problem, known, known["S"]), known["S"] @ sent, known["dt"]
-    )
-    slack, multipliers = (
-        _spread(known[name], movable, len(problem.row_names)) for name in ("slack", "multipliers")
-    )
+    found = by_name(_close_function(model), given)
+    twist = found["twist"]
+    rate = _model_rate(limits, model.situation(known, known["S"]), known["S"] @ twist, known["dt"])
+    slack, multipliers = (_spread(known[name], movable, count) for name in ("slack", "multipliers"))
     # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way
     # as well, and is named.
-    slack = ca.fmax(slack, _rate_excess(rows, sent)) if len(limits) else slack
-    outputs = [planned, sent, still, rate, status, causes, slack, multipliers, residuals]
-    return ca.Function("account", list(known.values()), [ca.densify(part) for part in outputs])
+    slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
+    found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
+    outputs = [ca.densify(part) for part in found.values()]
+    return ca.Function("account", list(known.values()), outputs, list(known), list(found))
 
 
-def _close_function(problem: Problem) -> ca.Function:
+_CLOSED: Final = (
+    "posture",
+    "dt",
+    "residual",
+    "usable",
+    "E",
+    "causes",
+    "wanted",
+    "brake",
+    "solved",
+    "next_rest",
+    "share",
+    "begun",
+    "own",
+    "sent",
+    "used",
+    "any_outside",
+)
+
+
+def _close_function(model: StepModel) -> ca.Function:
     """The twist that is planned, the one that is sent with it, and what to call the step."""
-    names = (
-        "posture",
-        "dt",
-        "residual",
-        "usable",
-        "E",
-        "causes",
-        "wanted",
-        "brake",
-        "solved",
-        "rest",
-        "share",
-    )
-    sx = _symbols(problem, (*names, "begun", "own", "last", "used", "any_outside"))
+    problem, sx = model.problem, model.symbols(_CLOSED)
     share = largest(sx["share"])
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
     planned = sx["brake"] + ca.if_else(accepted, sx["share"], 0) * (sx["wanted"] - sx["brake"])
@@ -279,13 +277,13 @@ def _close_function(problem: Problem) -> ca.Function:
         # A mean keeps the acceleration by itself, as long as the history holds all of its seconds.
         change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
         sent = ca.fmin(
-            ca.fmax(sx["begun"] + sx["own"] * planned, sx["last"] - change), sx["last"] + change
+            ca.fmax(sx["begun"] + sx["own"] * planned, sx["sent"] - change), sx["sent"] + change
         )
     failed = ca.if_else(
         sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved
     )
     causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
-    status = ca.if_else(is_set(sx["rest"][0]), int(Status.settled), int(Status.optimal))
+    status = ca.if_else(is_set(sx["next_rest"][0]), int(Status.settled), int(Status.optimal))
     status = ca.if_else(sx["used"], int(Status.relaxed), status)
     status = ca.if_else(sx["any_outside"], int(Status.recovering), status)
     status = ca.if_else(accepted, status, int(Status.braking))
@@ -294,9 +292,16 @@ def _close_function(problem: Problem) -> ca.Function:
     contact = ca.sqrt(ca.sumsqr(sx["E"] @ sent))
     residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
     still = ca.sumsqr(planned) + ca.sumsqr(sent) <= 0
-    outputs = [planned, sent, still, status, causes, residuals]
-    named = ["planned", "sent_twist", "still", "status", "all_causes", "residuals"]
-    return ca.Function("close", list(sx.values()), ca.cse(dense(outputs)), list(sx), named)
+    found = {
+        "planned": planned,
+        "twist": sent,
+        "still": still,
+        "status": status,
+        "all_causes": causes,
+        "residuals": residuals,
+    }
+    outputs = ca.cse(dense(list(found.values())))
+    return ca.Function("close", list(sx.values()), outputs, list(sx), list(found))
 
 
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
@@ -319,14 +324,14 @@ def _kept(
     )
 
 
-def _margins(problem: Problem, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
+def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
     """Smallest margins of all rows through a period at `twist` and the stop after it."""
-    ways = problem.stop.ways(twist, dt)
-    situations = situations_of(problem, sx, S, ways)
-    return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in problem.row_limits))
+    ways = model.problem.stop.ways(twist, dt)
+    situations, limits = situations_of(model, sx, S, ways), model.problem.row_limits
+    return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in limits))
 
 
-def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> Expression:
+def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> Expression:
     """Margins that an accepted twist must keep through its stop, given those of now and of braking.
 
     Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking
@@ -336,7 +341,8 @@ def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> 
     gives way by about as much; what does not hold is left to the QP, which never lets it further
     out.
     """
-    hard, proven = (ca.DM(limit_values(problem.row_limits, name)) for name in ("hard", "proven"))
+    problem = model.problem
+    hard, proven = (ca.DM(model.values(name)) for name in ("hard", "proven"))
     braked = now if at_braking is None else at_braking
     given_way = ca.if_else(braked < 0, braked - GIVES_WAY, -1e-7)
     soft_floor = ca.if_else(now < 0, -FREE, given_way)
@@ -350,16 +356,16 @@ def _floor(problem: Problem, now: Expression, at_braking: Expression = None) -> 
     return ca.if_else(hard, hard_floor, soft_floor)
 
 
-def _moves(problem: Problem, rows: StepRows) -> ca.MX:
+def _moves(problem: Problem, margins: Margins) -> ca.MX:
     """Whether some twist that the object can do moves each row."""
     free = ca.DM(problem.twist_limit.speed > 0)
-    return ca.vertcat(*(ca.fabs(matrix) @ free > MOVES for matrix in rows.matrices))
+    return ca.vertcat(*(ca.fabs(matrix) @ free > MOVES for matrix in margins.matrices))
 
 
-def _rate_excess(rows: StepRows, twist: ca.MX) -> ca.MX:
+def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:
     """By how much each row is faster at a twist than its rate allows, beyond the QP's accuracy."""
-    speeds = ca.vertcat(*(ca.fabs(matrix @ twist) for matrix in rows.matrices))
-    beyond = ca.fmax(speeds - ca.fmin(ca.vertcat(*rows.rates), FREE), 0)
+    speeds = ca.vertcat(*(ca.fabs(matrix @ twist) for matrix in margins.matrices))
+    beyond = ca.fmax(speeds - ca.fmin(ca.vertcat(*margins.rates), FREE), 0)
     return ca.if_else(beyond > 1e-7, beyond, 0)
 
 

@@ -3,156 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ProblemError
-from ergoqp.expressions.linear import Shape, vectors, written_out
+from ergoqp.expressions.linear import Shape, by_name, vectors
 from ergoqp.expressions.rigid import shifted
 from ergoqp.limits import Situation
-from ergoqp.problem.problem import Problem
-from ergoqp.step.history import owes
+from ergoqp.step.model import StepModel
 from ergoqp.step.way import UnderWay
 
 
-def _counts(problem: Problem) -> int:
-    """How many hard rows have less than their distance to count on."""
-    robot = problem.robot
-    uncounted = problem.average or owes(problem) or robot.noise.any() or robot.longest_hold
-    return len(hard_names(problem)) if uncounted else 0
-
-
-def hard_names(problem: Problem) -> tuple[str, ...]:
-    """Return the names of the rows on the object side."""
-    return tuple(name for limit in problem.row_limits if limit.hard for name in limit.names)
-
-
-def way_size(problem: Problem) -> int:
-    """Return how many numbers say what is under way: see `split_way`."""
-    return sum(_sizes(problem))
-
-
-def _sizes(problem: Problem) -> list[int]:
-    """Sizes of the parts of that vector, in the order of `Way`."""
-    count, held = _counts(problem), problem.robot.longest_hold > 0
-    if not count:
-        return [6]
-    bent = [1] * (_turns(problem) + 2 * _strays(problem))
-    return [6, count, count, *bent, *([count, count, 1] if held else [])]
-
-
-def _turns(problem: Problem) -> bool:
-    """Whether the object may be turned otherwise than it lands."""
-    return owes(problem) or bool(problem.robot.pose_noise_deg)
-
-
-def _strays(problem: Problem) -> bool:
-    """Whether the way under way can turn the object about more than one axis, and a row bends."""
-    return problem.average > 0 and any(_bends(problem))
-
-
-def _bends(problem: Problem) -> list[bool]:
-    """Whether each hard row bends."""
-    hard = (limit for limit in problem.row_limits if limit.hard)
-    return [bool(getattr(limit, "bend", 0.0)) for limit in hard for _ in limit.names]
-
-
-@dataclass(frozen=True)
-class Way:
-    """What is under way, for `ergoqp.limits.Situation`.
-
-    Attributes:
-        ahead: displacement (6,) [m, rad].
-        lost: what cannot be counted on of the distance to the (lower, upper) ends, by hard limit.
-        turn: angle that a robot may have done already, and by which its pose may be mistaken [rad];
-            None: there is none.
-        stray: by which angle it leaves the straight line at most [rad]; None: no row bends.
-        raised: which angle a mean that rises adds at most [rad]; None: no row bends.
-        lost_held: as `lost`, where the robot holds on once with what is under way, if that is
-            declared.
-        turn_held: and as `turn`.
-    """
-
-    ahead: Any
-    lost: dict[str, tuple[Any, Any]]
-    turn: Any
-    stray: Any
-    raised: Any
-    lost_held: dict[str, tuple[Any, Any]]
-    turn_held: Any
-
-
-def split_way(problem: Problem, way: Any) -> Way:
-    """Return what is under way from the vector that `way_of` makes of it."""
-    ends = np.cumsum([0, *_sizes(problem)]).tolist()
-    ahead, *parts = (way[start:end] for start, end in pairwise(ends))
-    if not parts:
-        return Way(ahead, {}, None, None, None, {}, None)
-    bent = iter(parts[2:])
-    lost = _by_limit(problem, *parts[:2])
-    strays = _strays(problem)
-    turn, stray, raised = (
-        next(bent) if there else None for there in (_turns(problem), strays, strays)
-    )
-    if not problem.robot.longest_hold:
-        return Way(ahead, lost, turn, stray, raised, lost, turn)
-    return Way(ahead, lost, turn, stray, raised, _by_limit(problem, *parts[-3:-1]), parts[-1])
-
-
-def _by_limit(problem: Problem, below: Any, above: Any) -> dict[str, tuple[Any, Any]]:
-    found, start = {}, 0
-    for limit in problem.row_limits:
-        if limit.hard:
-            end = start + len(limit.names)
-            found[limit.names[0]] = below[start:end], above[start:end]
-            start = end
-    return found
-
-
-def way_of(
-    problem: Problem,
-    found: UnderWay,
-    pose: ca.MX,
-    unsure: ca.MX | None = None,
-    shape: Shape = vectors,
-) -> tuple[ca.MX, ca.MX]:
-    """Return (where the object lands (4, 4), what is under way as numbers, see `split_way`).
+def landing(
+    model: StepModel, found: UnderWay, known: Mapping[str, ca.MX], shape: Shape = vectors
+) -> dict[str, ca.MX]:
+    """Return ``landed`` (4, 4), where the object lands, and ``way``: see `WayLayout`.
 
     A robot is declared by its upper ends: any share of each piece may be done already. So a piece
     that leads away from an end is not counted on, and one that leads to it counts in full.
 
     Args:
-        problem: the task.
+        model: of the step.
         found: what is under way.
-        pose: as measured, or as far as it is known (4, 4).
-        unsure: how far the object may be behind that, along each axis and against it (6, 2) [m,
-            rad]; None: not at all.
+        known: ``pose`` as measured, or as far as it is known (4, 4); and where the declared robot
+            may be late ``doubt``: how far the object may be behind that, along each axis and
+            against it (6, 2) [m, rad].
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
-    if not _counts(problem):
-        return pose, found.total
-    given = {
-        name: part for name, part in vars(found).items() if name in _PARTS and part is not None
-    }
-    if unsure is not None:
-        given["unsure"] = unsure
+    if not model.under_way.count:
+        return {"landed": known["pose"], "way": found.total}
+    given = {name: part for name, part in found.parts.items() if name in _PARTS}
+    if "doubt" in known:
+        given["doubt"] = known["doubt"]
     symbols = {name: ca.MX.sym(name, part.sparsity()) for name, part in given.items()}
     at = ca.MX.sym("pose", 4, 4)
-    function = ca.Function("way", [at, *symbols.values()], _counted(problem, at, symbols))
-    landed, way = written_out(shape(function), pose, *given.values())
-    return landed, way
+    outputs = _counted(model, at, symbols)
+    inputs, names = [at, *symbols.values()], ["pose", *symbols]
+    function = ca.Function("way", inputs, outputs, names, ["landed", "way"])
+    return by_name(shape(function), {**known, **given}, written=True)
 
 
 _PARTS: Final = ("total", "twists", "seconds", "weights", "tail", "clung", "turn")
 
 
-def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
-    robot = problem.robot
-    landed, rows = _hard_rows(problem)(pose, found["total"])
+def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[ca.MX]:
+    problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
+    landed, rows = _hard_rows(model)(pose, found["total"])
     done = rows @ found["twists"]
     # Of each piece, what leads to the upper ends, and to the lower ones.
     toward = ca.fmax(done, 0)
@@ -172,9 +70,9 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         )
         below, above = below + rise[many:], above + rise[:many]
     angles = stray = raised = ca.MX(0)
-    if robot.longest_hold or _strays(problem):
+    if robot.longest_hold or parts_of.strays:
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
-    if _strays(problem):
+    if parts_of.strays:
         # A way of length L that leads c far leaves its chord by at most sqrt(L^2 - c^2) / 2. Turns
         # do not commute: done one by one, they differ from the turn of their sum by the area
         # between way and chord.
@@ -186,13 +84,13 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
             / 2
             * ca.sqrt(ca.fmax(length**2 - ca.sumsqr(found["total"][3:]), 0))
         )
-        above += (1 + robot.gain_error) * stray * length * ca.DM(_bends(problem))
+        above += (1 + robot.gain_error) * stray * length * ca.DM(parts_of.bends)
         turns = found["twists"][3:, :n]
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
         raised = law.stretch * law.longest * (rises @ found["weights"])
-    if "unsure" in found:
+    if "doubt" in found:
         # The object may be so much less far along each axis than it is reckoned.
-        back = _along(rows, found["unsure"])
+        back = _along(rows, found["doubt"])
         below, above = below + back[:many], above + back[many:]
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
@@ -202,11 +100,11 @@ def _counted(problem: Problem, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     parts = [found["total"], below, above]
     # A turn that is measured with an error is one that may have been done, or not.
     turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
-    if "unsure" in found:
-        turn += ca.norm_2(ca.fmax(found["unsure"][3:, 0], found["unsure"][3:, 1]))
-    if _turns(problem):
+    if "doubt" in found:
+        turn += ca.norm_2(ca.fmax(found["doubt"][3:, 0], found["doubt"][3:, 1]))
+    if parts_of.turns:
         parts.append(turn)
-    if _strays(problem):
+    if parts_of.strays:
         parts += [stray, raised]
     if robot.longest_hold:
         hold = robot.longest_hold * (1 + robot.gain_error)
@@ -240,9 +138,9 @@ def _most(values: ca.MX) -> ca.MX:
     return most
 
 
-def _hard_rows(problem: Problem) -> ca.Function:
+def _hard_rows(model: StepModel) -> ca.Function:
     """``(pose, displacement under way (6,)) -> (landed, matrices (h, 6) of hard rows there)``."""
-    n = len(problem.coordinates)
+    n, problem = len(model.problem.coordinates), model.problem
     pose, total = ca.SX.sym("pose", 4, 4), ca.SX.sym("total", 6)
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
     landed = shifted(pose, total)
@@ -250,10 +148,10 @@ def _hard_rows(problem: Problem) -> ca.Function:
         posture, ca.SX.ones(n), landed, S, ca.SX(6, 1), ca.SX(6, 1), surface=problem.surface
     )
     rows = ca.densify(
-        ca.vertcat(*(limit.rows(situation).matrix for limit in problem.row_limits if limit.hard))
+        ca.vertcat(*(limit.rows(situation).matrix for limit in model.under_way.limits))
     )
     if ca.depends_on(rows, ca.vertcat(posture, ca.vec(S))):
-        names = ", ".join(hard_names(problem))
+        names = ", ".join(model.under_way.names)
         raise ProblemError(
             f"limits: got a hard row among {names} that follows the posture, allowed rows of the"
             " object only"

@@ -10,24 +10,21 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import dense, written_out
+from ergoqp.expressions.linear import by_name, dense, written_out
 from ergoqp.limits import Rows
 from ergoqp.limits.stop import Braking, on_surface
 from ergoqp.problem.problem import Problem
-from ergoqp.step.bounds import movable_rows, no_further, patience, row_bounds, unhurried
-from ergoqp.step.counted import way_size
-from ergoqp.step.objective import cost_function, objective, sensitivity_pattern, with_pattern
+from ergoqp.step.bounds import no_further, patience, row_bounds, unhurried
+from ergoqp.step.model import PLACE, StepModel
+from ergoqp.step.objective import cost_function, objective
 from ergoqp.step.qp import FREE
-from ergoqp.step.readings import readings_function, readings_size, situation_of
 
 QP_DATA: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
 """What `ergoqp.step.qp.build_qp` takes, in its order."""
 
 
 def qp_data(problem: Problem) -> ca.Function:
-    """Return the QP of a control step as a function of what the step knows.
-
-    It is for an object with nothing under way.
+    """Return the QP of a step with nothing under way, as a function of what the step knows.
 
     That is so where every twist is sent as planned (`Control.average` 0) and no robot is declared.
 
@@ -38,127 +35,99 @@ def qp_data(problem: Problem) -> ca.Function:
         their end rows like all others (the last locking pass), 0 lets them be locked instead. The
         rows of `A` are those of `movable_names`.
     """
+    model = StepModel(problem)
     names = ("posture", "observed", "pose", "previous", "dt", "stalled", "locked", "final")
-    given = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
-    data, _ = pass_data(problem)
-    _, value, gradient = cost_function(problem)(given["posture"], given["observed"])
-    known = given | {
-        "readings": readings_function(problem)(given["posture"]),
-        "value": value,
-        "gradient": gradient,
-    }
-    known |= {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(way_size(problem)))}
-    known |= {"away": away_function(problem)(*(known[name] for name in AWAY[:-1]), 1)}
-    parts = data(*(known[data.name_in(i)] for i in range(data.n_in())))
-    return ca.Function(
-        "qp_data", list(given.values()), list(parts)[:-1], list(given), [*QP_DATA, "S", "E"]
-    )
-
-
-def _size(problem: Problem, name: str) -> tuple[int, int]:
-    n = len(problem.coordinates)
-    sizes = dict.fromkeys(
-        ("posture", "observed", "gradient", "locked", "shift"), (n, 1)
-    ) | dict.fromkeys(("pose", "landed"), (4, 4))
-    sizes |= {"away": (2 * len(problem.row_names), 1)}
-    sizes |= {
-        "readings": (readings_size(problem), 1),
-        "way": (way_size(problem), 1),
-        "previous": (6, 1),
-        "S": (n, 6),
-    }
-    return sizes.get(name, (1, 1))
+    given = model.symbols(names, ca.MX)
+    known = given | {"landed": given["pose"], "way": ca.MX(ca.DM.zeros(*model.size("way")))}
+    known |= {"asks": ca.MX(1)}
+    for function in (model.readings, cost_function(model), away_function(model), pass_data(model)):
+        known |= by_name(function, known)
+    outputs = [*QP_DATA, "S", "E"]
+    parts = [known[name] for name in outputs]
+    return ca.Function("qp_data", list(given.values()), parts, list(given), outputs)
 
 
 def movable_names(problem: Problem) -> tuple[str, ...]:
     """Return the names of the rows in the step's QP: those that some twist can move."""
-    return tuple(problem.row_names[i] for i in pass_data(problem)[1])
+    return tuple(problem.row_names[i] for i in StepModel(problem).movable)
 
-
-_PLACE: Final = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 
 AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
 """What `away_function` takes."""
 
 
-def pass_data(problem: Problem) -> tuple[ca.Function, list[int]]:
-    """Return the QP of one locking pass and the numbers of the rows in it.
+def pass_data(model: StepModel) -> ca.Function:
+    """Return the QP of one locking pass.
 
-    The function is ``(*_PLACE, away, value, gradient, stalled, locked, final) -> (*QP_DATA, S, E,
+    The function is ``(*PLACE, away, total, gradient, stalled, locked, final) -> (*QP_DATA, S, E,
     shift)``; `away` is that of `away_function`. What is geometry is scalars; what is the same for
     every row is vectors, which an interpreter runs many times faster.
     """
-    names = (*_PLACE, "away", "value", "gradient", "stalled", "locked", "final")
-    mx = {name: ca.MX.sym(name, *_size(problem, name)) for name in names}
+    problem, kept = model.problem, model.movable
+    names = (*PLACE, "away", "total", "gradient", "stalled", "locked", "final")
+    mx = model.symbols(names, ca.MX)
     S, E = written_out(problem.response.sensitivity(), mx["posture"], mx["locked"])
-    terms, kept, follows = _terms(problem)
+    function, follows = _terms(model)
     shift = S @ mx["way"][:6]
-    own, below, above, rate, reserve, twist, low, high, reach = terms(
-        *(mx[name] for name in _PLACE), shift, S
-    )
+    terms = by_name(function, mx | {"shift": shift, "S": S})
     away = mx["away"][[*kept, *(len(problem.row_names) + row for row in kept)]]
-    brake = Braking(twist, low, high, reach, mx["dt"], problem.stop)
-    rows = Rows(_gathered(S, own, follows), below, above, rate, reserve)
+    brake = Braking(**{name: terms[name] for name in _BRAKING}, dt=mx["dt"], stop=problem.stop)
+    matrix = _gathered(S, terms["own"], follows)
+    rows = Rows(matrix, **{name: terms[name] for name in _VECTORS})
     bounds = row_bounds(
         problem.twist_limit, problem.row_limits, rows, kept, away, brake, mx["final"]
     )
-    H, g = objective(problem, mx, S, E)
-    data = [
-        H,
-        g,
-        bounds.matrix,
-        bounds.lower,
-        bounds.upper,
-        bounds.side,
-        bounds.cap,
-        low,
-        high,
-        S,
-        E,
-        shift,
-    ]
-    outputs = [ca.densify(part) for part in data]
-    return ca.Function(
-        "pass_data", list(mx.values()), outputs, list(mx), [*QP_DATA, "S", "E", "shift"]
-    ), kept
+    H, g = objective(model, mx, S, E)
+    found = {
+        "H": H,
+        "g": g,
+        "A": bounds.matrix,
+        "lower": bounds.lower,
+        "upper": bounds.upper,
+        "side": bounds.side,
+        "cap": bounds.cap,
+        "low": brake.low,
+        "high": brake.high,
+        "S": S,
+        "E": E,
+        "shift": shift,
+    }
+    outputs = [ca.densify(part) for part in found.values()]
+    return ca.Function("pass_data", list(mx.values()), outputs, list(mx), list(found))
 
 
-def _terms(problem: Problem) -> tuple[ca.Function, list[int], list[int | None]]:
-    """Return what the rows and braking are made of, and which rows some twist can move.
+_BRAKING: Final = ("twist", "low", "high", "reach")
 
-    Which of these are rows of S is returned last.
 
-    The function is ``(*_PLACE, shift, S) -> (own, below, above, rate, reserve, twist, low, high,
-    reach)``: of the movable rows, and of this period's braking. `own` (k, 6) are the rows that are
-    not rows of S.
+def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
+    """Return what the rows and braking are made of, and which movable rows are rows of S.
+
+    The function is ``(*PLACE, shift, S) -> (own, *_VECTORS, *_BRAKING)``: of the movable rows, and
+    of this period's braking. `own` (k, 6) are the rows that are not rows of S.
     """
-    sx = {name: ca.SX.sym(name, *_size(problem, name)) for name in (*_PLACE, "shift", "S")}
-    S, stop = with_pattern(sx["S"], sensitivity_pattern(problem)), problem.stop
+    problem, kept = model.problem, model.movable
+    sx = model.symbols((*PLACE, "shift", "S"))
+    S, stop = model.sparse(sx["S"]), problem.stop
     brake = stop.braking(sx["previous"], sx["dt"])
-    situation = situation_of(problem, sx, S, brake)
+    situation = model.situation(sx, S, brake)
     brake = on_surface(brake, situation)
     brake = unhurried(
         brake, patience(problem.row_limits, situation, sx["previous"], sx["dt"], stop)
     )
-    kept = movable_rows(problem.twist_limit, problem.row_limits, situation)
     twist = problem.twist_limit
     rows = [no_further(twist, limit, limit.rows(situation), brake) for limit in problem.row_limits]
     numbered = [(each, i) for each in rows for i in range(each.matrix.shape[0])]
-    follows = [
-        i if each.matrix is situation.sensitivity else None
-        for each, i in (numbered[k] for k in kept)
-    ]
-    own = [numbered[k] for k, of_S in zip(kept, follows, strict=True) if of_S is None]
+    moving = [numbered[k] for k in kept]
+    follows = [i if each.matrix is situation.sensitivity else None for each, i in moving]
+    own = [row for row, of_S in zip(moving, follows, strict=True) if of_S is None]
     matrix = ca.vertcat(ca.SX(0, 6), *(each.matrix[i, :] for each, i in own))
-    ends = [
-        _stacked([getattr(each, part)[i] for each, i in (numbered[k] for k in kept)])
-        for part in _VECTORS
-    ]
-    parts = [matrix, *ends, brake.twist, brake.low, brake.high, brake.reach]
-    return ca.Function("terms", list(sx.values()), ca.cse(dense(parts))), kept, follows
+    ends = [_stacked([getattr(each, part)[i] for each, i in moving]) for part in _VECTORS]
+    parts = [matrix, *ends, *(getattr(brake, name) for name in _BRAKING)]
+    names = ["own", *_VECTORS, *_BRAKING]
+    return ca.Function("terms", list(sx.values()), ca.cse(dense(parts)), list(sx), names), follows
 
 
-def away_function(problem: Problem) -> ca.Function:
+def away_function(model: StepModel) -> ca.Function:
     """``AWAY -> away (2 r,)``: how far rows that ask to come back are beyond their ends.
 
     The upper ends come first, then the lower ones.
@@ -167,10 +136,8 @@ def away_function(problem: Problem) -> ca.Function:
     goes by where things are, not by where they land, so it does not depend on S. `asks` is 0 when
     rows of the posture have given up.
     """
-    known = {name: ca.SX.sym(name, *_size(problem, name)) for name in AWAY}
-    situation = situation_of(
-        problem, known, with_pattern(ca.SX.ones(*_size(problem, "S")), sensitivity_pattern(problem))
-    )
+    problem, known = model.problem, model.symbols(AWAY)
+    situation = model.situation(known, model.sparse(ca.SX.ones(*model.size("S"))))
     above, below = [ca.SX(0, 1)], [ca.SX(0, 1)]
     for limit in problem.row_limits:
         rows = limit.rows(situation)

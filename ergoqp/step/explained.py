@@ -14,7 +14,7 @@ import numpy as np
 from ergoqp.expressions.linear import dense, is_set, largest
 from ergoqp.problem.problem import Problem
 from ergoqp.step.faults import Fault, fault_of
-from ergoqp.step.history import owes
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import joined, split
 from ergoqp.step.story import (
     NAMED,
@@ -24,8 +24,6 @@ from ergoqp.step.story import (
     UNIT,
     leap_beyond,
     length,
-    symbols_of,
-    watch_blocks,
 )
 
 _MEMORY: Final = 0.3
@@ -48,7 +46,7 @@ So noise does not hide it up to `UNIT`.
 """
 
 
-def explained_function(problem: Problem) -> ca.Function:
+def explained_function(model: StepModel) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault.
 
     The name is made anew at every step.
@@ -66,30 +64,27 @@ def explained_function(problem: Problem) -> ca.Function:
         "fastest",
         "up",
         "down",
-    )
-    holds = problem.robot.longest_hold > 0 and owes(problem)
-    given = symbols_of(
-        problem,
-        *names,
         "parked",
         "enable",
         "now_rests",
         "story",
         "said",
-        *(["compared"] if holds else []),
     )
+    problem, robot = model.problem, model.problem.robot
+    holds = robot.longest_hold > 0 and robot.owes
+    given = model.symbols((*names, *(("compared",) if holds else ())))
     # One sample over a period that is too long shows nothing: what noise does in that time is more
     # than a fault.
     told = ca.logic_and(is_set(given["told"]), given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
     faulty = is_set(given["faulty"])
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
     if holds:
-        now |= {"held": split(watch_blocks(problem)["compared"], given["compared"])["held"]}
+        now |= {"held": split(model.blocks["compared"], given["compared"])["held"]}
     reported, signs = _reported(problem, now)
     # What moves while it is not enabled is no fault.
     signs = ca.if_else(ca.logic_and(told, is_set(given["enable"])), signs, 0)
     kept = {name: now[name] for name in REPORTED}
-    if owes(problem):
+    if robot.owes:
         kept |= {name: ca.SX(*REPORTED[name]) for name in ("drift", "blur", "path")}
         kept["due"] = ca.horzcat(now["up"], now["down"])
     told_now = ca.if_else(told, joined(REPORTED, reported), joined(REPORTED, kept))
@@ -143,7 +138,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
         drift - stretch * (now["down"] + due[:, 0]), -drift - stretch * (now["up"] + due[:, 1])
     )
     by_twist = length((late - slack - unheard) / (_EARLY * unit))
-    if owes(problem):
+    if problem.robot.owes:
         # What it is sent does not say yet how fast it is, only how fast it can be.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.problem.problem import Problem
+from ergoqp.step.parts import Sizes
 
 FAR: Final = 1e3
 """Age of what was before the first step: older than anything counts [s]."""
@@ -33,10 +34,16 @@ class History:
     Attributes:
         planned: how many planned twists, newest first.
         sent: how many sent ones.
+        lags: whether the declared robot has still to do some of what is older than these.
+        clings: whether it may have held on to it.
+        owes: whether anything of what was sent is left for later.
     """
 
     planned: int
     sent: int
+    lags: bool = False
+    clings: bool = False
+    owes: bool = False
 
     @classmethod
     def of(cls, problem: Problem) -> History:
@@ -45,38 +52,31 @@ class History:
         def periods(seconds: float) -> int:
             return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
 
-        return cls(1 + periods(problem.average), 1 + periods(problem.robot.dead_time))
+        robot = problem.robot
+        planned, sent = 1 + periods(problem.average), 1 + periods(robot.dead_time)
+        lags = bool(robot.lag)
+        return cls(planned, sent, lags, lags and bool(robot.longest_hold), robot.owes)
 
     @property
     def ages(self) -> int:
         """How many ends of periods, the present one not counted."""
         return max(self.planned - 1, self.sent)
 
-
-def history_sizes(problem: Problem) -> dict[str, tuple[int, int]]:
-    """Return the shape of every part of the state that is history; see `initial_history`."""
-    history = History.of(problem)
-    sizes = {
-        "planned": (6, history.planned),
-        "sent": (6, history.sent),
-        "ages": (history.ages, 1),
-        "idle": (1, 1),
-    }
-    if problem.robot.lag:
-        sizes["tail"], sizes["swift"] = (6, 2), (6, 2)
-        if problem.robot.longest_hold:
+    @property
+    def sizes(self) -> Sizes:
+        """Shape of every part of the state that is history, see `initial_history`."""
+        sizes = {"planned": (6, self.planned), "sent": (6, self.sent), "ages": (self.ages, 1)}
+        sizes |= {"idle": (1, 1)}
+        if self.lags:
+            sizes |= {"tail": (6, 2), "swift": (6, 2)}
+        if self.clings:
             sizes["clung"] = (6, 2)
-    return sizes | ({"owed": (6, 1)} if owes(problem) else {})
+        return sizes | ({"owed": (6, 1)} if self.owes else {})
 
 
-def owes(problem: Problem) -> bool:
-    """Whether the declared robot leaves anything of what was sent for later."""
-    return bool(problem.robot.dead_time or problem.robot.lag)
-
-
-def initial_history(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
+def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray]:
     """Return the history of an object that has moved at `twist` (6,) for ever."""
-    parts = {name: np.zeros(size) for name, size in history_sizes(problem).items()}
+    parts = {name: np.zeros(size) for name, size in history.sizes.items()}
     parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
     parts["idle"][:] = 0.0 if np.any(twist) else FAR
     return parts

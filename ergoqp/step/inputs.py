@@ -1,28 +1,22 @@
-"""What goes into a step and comes out of it, by name.
+"""What goes into a step and comes out of it, by name, and the judgement of every input.
 
-Every input is judged before anything is computed.
+Inputs are judged before anything is computed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import casadi as ca
-import numpy as np
 
-from ergoqp.expressions.linear import Shape, dense, is_set
+from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
 from ergoqp.step.causes import Cause
-from ergoqp.step.counted import way_of
-from ergoqp.step.history import owes
-from ergoqp.step.parts import count
-from ergoqp.step.state import state_sizes
-from ergoqp.step.story import watch_blocks
-from ergoqp.step.watch import reckoned, watch
-from ergoqp.step.way import UnderWay, under_way
+from ergoqp.step.model import StepModel
+from ergoqp.step.watch import reckoned
+from ergoqp.step.way import UnderWay
 
 INPUTS: Final = (
     "posture",
@@ -58,110 +52,67 @@ OUTPUTS: Final = (
 )
 
 
-def input_sizes(problem: Problem, guided: bool = False) -> dict[str, tuple[int, int]]:
-    """Return the shape of every input of the step."""
-    n = len(problem.coordinates)
-    sizes = {
-        "posture": (n, 1),
-        "observed": (n, 1),
-        "pose": (4, 4),
-        "executed": (6, 1),
-        "state": (count(state_sizes(problem, guided)), 1),
-    }
-    return {name: sizes.get(name, (1, 1)) for name in INPUTS}
-
-
-@dataclass(frozen=True)
-class Known:
-    """What a step goes by, all of it usable numbers.
-
-    Attributes:
-        posture: (n,) [rad].
-        pose: contact frame as measured, or as far as it is known (4, 4).
-        landed: where it comes to rest if the planned twist were zero from now on (4, 4).
-        previous: twist that was planned for the end of the last period (6,).
-        dt: period [s].
-        way: what is under way, as `ergoqp.step.counted.split_way` reads it.
-        under_way: the same, in its parts.
-        causes: why the step can only brake, by `Cause`; 0 if it can do more.
-        started: 1 once a pose is known.
-        watched: the blocks of `ergoqp.step.watch.watch_blocks`, and how unsure the pose is.
-    """
-
-    posture: ca.MX
-    pose: ca.MX
-    landed: ca.MX
-    previous: ca.MX
-    dt: ca.MX
-    way: ca.MX
-    under_way: UnderWay
-    causes: ca.MX
-    started: ca.MX
-    watched: dict[str, ca.MX]
-
-
-def known_of(
-    problem: Problem, raw: Mapping[str, ca.MX], state: Mapping[str, ca.MX], shape: Shape
-) -> Known:
+def read_inputs(
+    model: StepModel, given: Mapping[str, ca.MX], found: UnderWay, shape: Shape
+) -> dict[str, ca.MX]:
     """Judge every input; replace what cannot be used by what was known before.
 
     So no NaN goes further.
 
     Args:
-        problem: the task.
-        raw: `INPUTS` as they came.
-        state: the parts of the state, see `ergoqp.step.state`.
+        model: of the step.
+        given: `INPUTS` as they came, and the parts of the state.
+        found: what is under way.
         shape: how functions are written, see `ergoqp.expressions.linear`.
+
+    Returns:
+        What the step goes by, all of it usable numbers: ``posture``, ``pose`` as measured, or as
+        far as it is known; ``previous``, the twist that was planned last; ``dt``; whether a pose
+        was ``measured``, and from now on is known (``next_started``); whether a twist is ``told``;
+        whether the object has to ``stop``; ``causes`` why the step can only brake, by `Cause`; the
+        ``next_account`` of `ergoqp.step.watch.reckoned`; and all that was given beside these.
     """
-    seen = is_set(raw["observed"])
-    usable = ca.logic_and(seen, ca.fabs(raw["posture"]) <= problem.response.largest)
-    posture = ca.if_else(usable, raw["posture"], ca.DM(stand_in(problem)))
+    seen = is_set(given["observed"])
+    usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)
+    posture = ca.if_else(usable, given["posture"], model.stand_in)
     # Every entry is unseen or plausible.
     posture_ok = ca.sum1(usable - seen) > -0.5
-
-    found = under_way(problem, state["history"], raw["dt"], shape)
-    given = {**state, **raw, **vars(found), "period": found.dt, "posture_ok": posture_ok}
-    read = shape(_read_function(problem))
-    moved, account, started, measured, told, stop, causes = read(
-        *(given[name] for name in read.name_in())
-    )
-    pose = _pose(problem, measured, raw["pose"], state["started"], state["stored"], moved, posture)
-    given |= {"pose": pose, "measured": measured, "told": told, "stop": stop}
-    watched, causes = watch(problem, given | {"causes": causes}, shape)
-    watched["account"] = account
-    unsure = None
-    if owes(problem):
+    known = {**given, **found.parts, "period": found.dt, "posture_ok": posture_ok}
+    read = by_name(shape(_read_function(model)), known, written=True)
+    pose = _pose(model.problem, given, read["measured"], read["moved"], posture)
+    known |= read | {"posture": posture, "pose": pose}
+    if model.problem.robot.owes:
         # Of what was under way when the object was seen last, any share may have been done already:
         # it is integrated as if none had.
-        unsure = ca.if_else(measured, 0, state["unsure"])
-        seen_now = ca.logic_or(measured, ca.logic_not(is_set(state["started"])))
-        watched["unsure"] = ca.if_else(seen_now, ca.horzcat(found.up, found.down), state["unsure"])
-    landed, way = way_of(problem, found, pose, unsure, shape)
-    return Known(
-        posture, pose, landed, found.previous, found.dt, way, found, causes, started, watched
-    )
+        known["doubt"] = ca.if_else(read["measured"], 0, given["unsure"])
+    return known
 
 
-def _read_function(problem: Problem) -> ca.Function:
+_READ: Final = ("pose", "has_pose", "executed", "has_twist", "age", "frame", "enable", "ask")
+_KEPT: Final = (
+    "sent",
+    "changed",
+    "started",
+    "lasted",
+    "period",
+    "dt_ok",
+    "posture_ok",
+    "fits",
+    "parked",
+    "idled",
+    "said",
+    "account",
+)
+
+
+def _read_function(model: StepModel) -> ca.Function:
     """Judge all inputs but the posture.
 
     Returns:
-        Function that gives the displacement of the last period as far as it is known and the next
-        account of it (see `ergoqp.step.watch.reckoned`), whether a pose is known from now on,
-        whether one was measured, whether a twist was reported, whether the object may not move, and
-        the causes so far.
+        Function that gives ``moved``, the displacement of the last period as far as it is known,
+        and what `read_inputs` says.
     """
-    inputs = {
-        name: size
-        for name, size in input_sizes(problem).items()
-        if name not in ("posture", "observed", "state")
-    }
-    own = dict.fromkeys(("sent", "changed"), (6, 1))
-    own |= dict.fromkeys(
-        ("started", "lasted", "period", "dt_ok", "posture_ok", "fits", "parked", "idled"), (1, 1)
-    )
-    own |= {name: (count(watch_blocks(problem)[name]), 1) for name in ("said", "account")}
-    raw = {name: ca.SX.sym(name, *size) for name, size in (inputs | own).items()}
+    problem, raw = model.problem, model.symbols((*_READ, *_KEPT))
     has_pose, has_twist, started, frame = (
         is_set(raw[name]) for name in ("has_pose", "has_twist", "started", "frame")
     )
@@ -174,7 +125,7 @@ def _read_function(problem: Problem) -> ca.Function:
         "told": told,
         "measured": measured,
     }
-    moved, account = reckoned(problem, raw | reported)
+    moved, account = reckoned(problem.robot, raw | reported)
     anchors = ca.logic_or(measured, ca.logic_and(frame, raw["posture_ok"]))
     unmeasured = ca.logic_and(problem.robot.needs_pose, ca.logic_not(measured))
     disabled = ca.logic_not(is_set(raw["enable"]))
@@ -193,30 +144,23 @@ def _read_function(problem: Problem) -> ca.Function:
         Cause.short_periods: ca.logic_not(raw["fits"]),
     }
     causes = sum((2.0**cause * flag for cause, flag in bad.items()), ca.SX(0))
-    outputs = [
-        moved,
-        account,
-        ca.logic_or(started, anchors),
-        measured,
-        told,
-        ca.logic_or(disabled, unmeasured),
-        causes,
-    ]
-    return ca.Function(
-        "read",
-        list(raw.values()),
-        ca.cse(dense(outputs)),
-        list(raw),
-        [f"out_{i}" for i in range(len(outputs))],
-    )
+    outputs = {
+        "moved": moved,
+        "next_account": account,
+        "next_started": ca.logic_or(started, anchors),
+        "measured": measured,
+        "told": told,
+        "stop": ca.logic_or(disabled, unmeasured),
+        "causes": causes,
+    }
+    parts = ca.cse(dense(list(outputs.values())))
+    return ca.Function("read", list(raw.values()), parts, list(raw), list(outputs))
 
 
 def _pose(
     problem: Problem,
+    given: Mapping[str, ca.MX],
     measured: ca.MX,
-    pose: ca.MX,
-    started: ca.MX,
-    stored: ca.MX,
     moved: ca.MX,
     posture: ca.MX,
 ) -> ca.MX:
@@ -239,12 +183,5 @@ def _pose(
     exact = ca.Function("exact", [sx[0]], [ca.densify(normalised(sx[0]))])
     as_measured = ca.Function("as_measured", inputs, [exact(inputs[0])])
     return ca.Function.if_else("pose_known", as_measured, unmeasured)(
-        measured, pose, started, stored, moved, posture
-    )
-
-
-def stand_in(problem: Problem) -> np.ndarray:
-    """Posture for joints that are not seen: the response's comfort posture, where it has one."""
-    return np.asarray(
-        getattr(problem.response, "comfort", np.zeros(len(problem.coordinates))), dtype=float
+        measured, given["pose"], given["started"], given["stored"], moved, posture
     )

@@ -11,19 +11,16 @@ from dataclasses import replace
 
 import casadi as ca
 
-from ergoqp.expressions.linear import dense
+from ergoqp.expressions.linear import by_name, dense
 from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
-from ergoqp.problem.problem import Problem
-from ergoqp.step.counted import way_size
-from ergoqp.step.objective import sensitivity_pattern, with_pattern
-from ergoqp.step.readings import here, readings_size, situation_of
+from ergoqp.step.model import StepModel
 
-_HERE = ("posture", "observed", "readings", "pose")
-_LANDED = ("posture", "observed", "readings", "landed", "way", "shift")
+_HERE = ("posture", "observed", "readings", "pose", "S")
+_LANDED = ("posture", "observed", "readings", "landed", "way", "shift", "S")
 
 
-class StepRows:
+class Margins:
     """The rows of all limits where things are, and their margins from where they land.
 
     Attributes:
@@ -32,43 +29,42 @@ class StepRows:
         now: margin (r,) of every row as it is.
     """
 
-    def __init__(self, problem: Problem, known: Mapping[str, ca.MX], S: ca.MX) -> None:
+    def __init__(self, model: StepModel, known: Mapping[str, ca.MX]) -> None:
         """Look at all limits once.
 
         Args:
-            problem: the task.
-            known: ``posture``, ``observed``, ``readings`` and ``pose`` of this step; for `margins`
-                also ``landed``, ``way`` and ``shift``.
-            S: sensitivity (n, 6), dense.
+            model: of the step.
+            known: ``posture``, ``observed``, ``readings``, ``pose`` and ``S`` of this step; for
+                `ahead` also ``landed``, ``way`` and ``shift``.
         """
-        self._problem, self._known, self._S = problem, known, S
-        situation = situation_of(problem, here(known), S)
-        place = [*(known[name] for name in _HERE), S]
+        self._model, self._known = model, known
+        situation = model.situation(here(known), known["S"])
         self.matrices, self.rates, still = [], [], []
-        for limit in problem.row_limits:
+        for limit in model.problem.row_limits:
             if _linear(limit):
                 rows = limit.rows(situation)
                 matrix, rate, margins = rows.matrix, rows.rate, ca.fmin(rows.below, rows.above)
             else:
-                matrix, rate, margins = _curved_here(problem, limit)(*place)
+                found = by_name(_curved_here(model, limit), known)
+                matrix, rate, margins = found["matrix"], found["rate"], found["margins"]
             self.matrices.append(matrix)
             self.rates.append(rate)
             still.append(margins)
         self.now = ca.vertcat(*still)
 
-    def margins(self, ways: ca.MX) -> ca.MX:
+    def ahead(self, ways: ca.MX) -> ca.MX:
         """Return each row's smallest margin (r,) on the straight ways to further displacements.
 
         See `Stop.ways`.
         """
-        situations = situations_of(self._problem, self._known, self._S, ways)
-        place = [*(self._known[name] for name in _LANDED), self._S]
+        situations = situations_of(self._model, self._known, self._known["S"], ways)
         found = []
-        for limit in self._problem.row_limits:
+        for limit in self._model.problem.row_limits:
             if _linear(limit):
                 found.append(smallest_margins(limit, situations, ways))
             else:
-                found.append(_curved_ahead(self._problem, limit, ways.shape[1])(*place, ways))
+                curved = _curved_ahead(self._model, limit, ways.shape[1])
+                found.append(by_name(curved, {**self._known, "ways": ways})["margins"])
         return ca.vertcat(*found)
 
 
@@ -77,34 +73,34 @@ def _linear(limit: Limit) -> bool:
     return getattr(limit, "linear", False)
 
 
-def _curved_here(problem: Problem, limit: Limit) -> ca.Function:
-    """``(*_HERE, S) -> (matrix, rate, margins as they are)`` of one limit."""
-    place, known, S = _scalars(problem, _HERE)
-    situation = situation_of(problem, known, S)
+def _curved_here(model: StepModel, limit: Limit) -> ca.Function:
+    """``(*_HERE) -> (matrix, rate, margins as they are)`` of one limit."""
+    sx = model.symbols(_HERE)
+    situation = model.situation(sx, model.sparse(sx["S"]))
     rows = limit.rows(situation)
     still = [rows.matrix, rows.rate, limit.margins(situation, ca.SX(6, 1))]
-    return ca.Function("curved_here", place, ca.cse(dense(still)))
+    names = ["matrix", "rate", "margins"]
+    return ca.Function("curved_here", list(sx.values()), ca.cse(dense(still)), list(sx), names)
 
 
-def _curved_ahead(problem: Problem, limit: Limit, count: int) -> ca.Function:
-    """``(*_LANDED, S, ways) -> margins`` of one limit; ways are (6, count)."""
-    ways = ca.SX.sym("ways", 6, count)
-    place, known, S = _scalars(problem, _LANDED)
-    margins = smallest_margins(limit, situations_of(problem, known, S, ways), ways)
-    return ca.Function("curved_ahead", [*place, ways], ca.cse(dense([margins])))
+def _curved_ahead(model: StepModel, limit: Limit, count: int) -> ca.Function:
+    """``(*_LANDED, ways) -> margins`` of one limit; ways are (6, count)."""
+    sx, ways = model.symbols(_LANDED), ca.SX.sym("ways", 6, count)
+    situations = situations_of(model, sx, model.sparse(sx["S"]), ways)
+    margins = ca.cse(dense([smallest_margins(limit, situations, ways)]))
+    names = [*sx, "ways"]
+    return ca.Function("curved_ahead", [*sx.values(), ways], margins, names, ["margins"])
 
 
 def situations_of(
-    problem: Problem, known: Mapping[str, Expression], S: Expression, ways: Expression
+    model: StepModel, known: Mapping[str, Expression], S: Expression, ways: Expression
 ) -> tuple[Situation, ...]:
     """Return the situation for each of `Stop.ways`.
 
     A robot that holds on does so with what is under way, or with the twist.
     """
-    law = problem.stop
-    found = [
-        situation_of(problem, known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]
-    ]
+    law = model.problem.stop
+    found = [model.situation(known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
     if law.average:
         found = [replace(situation, lead=ways[:, -2], most=ways[:, -1]) for situation in found]
     return tuple(found)
@@ -124,17 +120,6 @@ def smallest_margins(
     return margins
 
 
-def _scalars(
-    problem: Problem, names: tuple[str, ...]
-) -> tuple[list[ca.SX], dict[str, ca.SX], ca.SX]:
-    """Symbols as inputs, the same by name, and S with its pattern."""
-    n = len(problem.coordinates)
-    sizes = {
-        "readings": (readings_size(problem), 1),
-        "pose": (4, 4),
-        "landed": (4, 4),
-        "way": (way_size(problem), 1),
-    }
-    known = {name: ca.SX.sym(name, *sizes.get(name, (n, 1))) for name in names}
-    S = ca.SX.sym("S", n, 6)
-    return [*known.values(), S], known, with_pattern(S, sensitivity_pattern(problem))
+def here(known: Mapping[str, Expression]) -> dict[str, Expression]:
+    """Return the symbols that say where things are, and not where they land."""
+    return {name: value for name, value in known.items() if name not in ("landed", "way", "shift")}

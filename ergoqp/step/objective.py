@@ -5,6 +5,7 @@ Cost and comfort are those over the look-ahead.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import casadi as ca
@@ -14,7 +15,7 @@ from ergoqp.arguments import shown
 from ergoqp.errors import ProblemError
 from ergoqp.expressions.linear import is_set
 from ergoqp.problem.problem import Problem
-from ergoqp.step.inputs import stand_in
+from ergoqp.step.model import StepModel
 from ergoqp.step.rest import HUNTING
 
 _CAUTION_EPS: Final = 0.1
@@ -38,45 +39,28 @@ _DENSE_LOOKS: Final = (0.3, 1.0)
 """For costs of large matrices, which do not turn within a few centimetres."""
 
 
-def sensitivity_pattern(problem: Problem) -> ca.SX:
-    """Return S at a symbolic posture: which entries are zero whatever the posture."""
-    n = len(problem.coordinates)
-    return problem.response.sensitivity()(ca.SX.sym("q", n), ca.SX.sym("locked", n))[0]
-
-
-def with_pattern(dense: ca.SX, pattern: ca.SX) -> ca.SX:
-    """Return `dense` with the entries that are zero in `pattern` dropped.
-
-    Rows of joints that never move vanish.
-    """
-    kept = ca.SX(*pattern.shape)
-    for row in range(pattern.shape[0]):
-        if not all(pattern[row, column].is_zero() for column in range(pattern.shape[1])):
-            kept[row, :] = dense[row, :]
-    return kept
-
-
-def cost_function(problem: Problem) -> ca.Function:
-    """``(posture, observed) -> (V, V with comfort, its gradient)``.
+def cost_function(model: StepModel) -> ca.Function:
+    """``(posture, observed) -> (value, total, gradient)``: V, V with comfort, and its gradient.
 
     What is not seen, or cannot be moved, does not pull.
 
     Comfort: where the sheet is flat, the posture that the person would relax to leads the way.
     """
-    n = len(problem.coordinates)
+    problem, n = model.problem, len(model.problem.coordinates)
     q, observed = ca.MX.sym("q", n), ca.MX.sym("observed", n)
     value, slope = _value_and_gradient(problem, q)
-    weights, away = _comfort(problem), q - ca.DM(stand_in(problem))
+    weights, away = _comfort(problem), q - model.stand_in
     total = value + ca.dot(weights, away**2) / 2
     moved = [problem.coordinates.index(joint) for joint in problem.joints]
     gradient = ca.MX(n, 1)
     gradient[moved] = ((slope + weights * away) * is_set(observed))[moved]
-    function = ca.Function("cost", [q, observed], [value, total, ca.densify(gradient)])
+    names = (["posture", "observed"], ["value", "total", "gradient"])
+    function = ca.Function("cost", [q, observed], [value, total, ca.densify(gradient)], *names)
     if _is_dense(problem):
         return function
     # As scalars the value and its gradient share what they have in common.
     inputs = [ca.SX.sym("q", n), ca.SX.sym("observed", n)]
-    return ca.Function("cost", inputs, ca.cse(list(function.expand()(*inputs))))
+    return ca.Function("cost", inputs, ca.cse(list(function.expand()(*inputs))), *names)
 
 
 def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -112,30 +96,31 @@ def _comfort(problem: Problem) -> ca.DM:
     return ca.DM(problem.control.comfort * moved * problem.response.weight_vector)
 
 
-def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> tuple[ca.MX, ca.MX]:
+def objective(
+    model: StepModel, known: Mapping[str, ca.MX], S: ca.MX, E: ca.MX
+) -> tuple[ca.MX, ca.MX]:
     """Gauss-Newton on V - V_min over the look-ahead, effort, smoothing and contact.
 
     The contact is the one that the person could not keep.
 
     Args:
-        problem: the task.
-        known: ``value``, ``gradient``, ``previous``, ``dt`` and ``stalled`` of this step.
+        model: of the step.
+        known: ``total``, ``gradient``, ``previous``, ``dt`` and ``stalled`` of this step.
         S: sensitivity (n, 6).
         E: contact motion that the posture cannot follow (k, 6).
 
     Returns:
         (H, g) of the QP.
     """
-    control, pattern = problem.control, sensitivity_pattern(problem)
+    problem, control, moved = model.problem, model.problem.control, model.moved
     waits = max(_HESITATES * control.stall_after, 1e-6)
     hesitates = ca.fmax(ca.fmin(known["stalled"], HUNTING * control.stall_after) / waits - 1, 0)
     effort = ca.DM(np.repeat([control.effort_linear, control.effort_angular], 3))
     smoothing = control.smoothing / known["dt"]
     ahead = control.look_ahead
-    moved = [row for row in range(pattern.shape[0]) if with_pattern(pattern, pattern)[row, :].nnz()]
     S = S[moved, :]
     slope = S.T @ known["gradient"][moved]
-    excess = ca.fmax(known["value"] - problem.cost.minimum, 0) + _CAUTION_EPS
+    excess = ca.fmax(known["total"] - problem.cost.minimum, 0) + _CAUTION_EPS
     weighted = S * ca.repmat(
         ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6
     )
@@ -151,35 +136,37 @@ def objective(problem: Problem, known: dict[str, ca.MX], S: ca.MX, E: ca.MX) -> 
     )
 
 
-def gain_function(problem: Problem) -> ca.Function:
-    """``(posture, V, xi, S) -> best improvement along the answer [points]``.
+def gain_function(model: StepModel) -> ca.Function:
+    """``(posture, total, xi, S) -> gain``: the best improvement along the answer [points].
 
     It is within one second at full speed.
 
     The cost itself is looked up on the way: its slope alone would promise a point for every band
     end within the noise.
     """
+    problem = model.problem
     n, speed = len(problem.coordinates), problem.twist_limit.speed
     q, xi, S = ca.SX.sym("q", n), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
     # Joints that the object cannot move stay the same expression at every look, and what the cost
     # makes of them is shared.
-    full = with_pattern(S, sensitivity_pattern(problem)) @ (xi / (relative + 1e-9))
+    full = model.sparse(S) @ (xi / (relative + 1e-9))
     looks = _DENSE_LOOKS if _is_dense(problem) else _LOOKS
     places = [_reached(problem, q, seconds * full) for seconds in looks]
     look = ca.Function("look", [q, xi, S], [ca.densify(ca.horzcat(*places)), relative])
 
     inputs = [ca.MX.sym("q", n), ca.MX.sym("V"), ca.MX.sym("xi", 6), ca.MX.sym("S", n, 6)]
     seen, pace = look(inputs[0], inputs[2], inputs[3])
-    away = seen - ca.repmat(ca.DM(stand_in(problem)), 1, len(looks))
+    away = seen - ca.repmat(model.stand_in, 1, len(looks))
     ahead = _values(problem, seen) + ca.mtimes(_comfort(problem).T, away**2) / 2
     gain = ca.if_else(pace > 1e-6, inputs[1] - ca.mmin(ahead), 0)
-    function = ca.Function("gain", inputs, [gain])
+    names = (["posture", "total", "xi", "S"], ["gain"])
+    function = ca.Function("gain", inputs, [gain], *names)
     if _is_dense(problem):
         return function
     scalars = [ca.SX.sym("q", n), ca.SX.sym("V"), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)]
-    return ca.Function("gain", scalars, [ca.cse(function.expand()(*scalars))])
+    return ca.Function("gain", scalars, [ca.cse(function.expand()(*scalars))], *names)
 
 
 def _reached(problem: Problem, q: ca.SX, way: ca.SX) -> ca.SX:

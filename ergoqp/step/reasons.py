@@ -13,8 +13,8 @@ from ergoqp.step.account import Account
 from ergoqp.step.bounds import limit_values
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.faults import fault_sentence
-from ergoqp.step.guide import BACK, LOOK, THERE
 from ergoqp.step.history import LONGEST_DT, SHORTEST_DT
+from ergoqp.step.trial import BACK, LOOK, THERE
 
 _DRAWN: Final = {
     THERE: "drawn toward the given place",

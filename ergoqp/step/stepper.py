@@ -15,12 +15,13 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.answer import Step
 from ergoqp.step.causes import Cause, Status
 from ergoqp.step.function import step_function
-from ergoqp.step.guide import TRIAL
-from ergoqp.step.history import SHORTEST_DT, history_sizes
+from ergoqp.step.history import SHORTEST_DT
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import count
 from ergoqp.step.place import Guide, read_guide
 from ergoqp.step.rest import STATES, stalled
-from ergoqp.step.state import initial_state, state_sizes
+from ergoqp.step.state import initial_state
+from ergoqp.step.trial import TRIAL
 from ergoqp.step.values import number, put, truth
 
 _ROUNDING: Final = 1e-9
@@ -78,13 +79,14 @@ class Stepper:
         self._loop = {"dt": self.dt, "solver": solver, "compiled": compiled}
         place = None if guide is None else read_guide(self.problem, guide)
         self._guided = place is not None
-        self._begin = initial_state(self.problem, self._guided)
+        self._model = StepModel(self.problem, self._guided)
+        self._begin = initial_state(self._model)
         # The history comes first in the state, the planned twists in it, then the sent ones; newest
         # first.
-        sent_at = 6 * history_sizes(self.problem)["planned"][1]
+        sent_at = 6 * self._model.history.planned
         self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
-        sizes = state_sizes(self.problem, self._guided)
-        self._rest_at = count({name: sizes[name] for name in ("history", "stored", "started")})
+        parts = self._model.state
+        self._rest_at = count({name: parts[name] for name in ("history", "stored", "started")})
         self._function = step_function(self.problem, solver, compiled, guided=self._guided)
         self._buffer, self._call = self._function.buffer()
         names_in, names_out = self._function.name_in(), self._function.name_out()
@@ -134,7 +136,7 @@ class Stepper:
         state = self._begin
         if twist is not None:
             speed = self.problem.twist_limit.speed
-            state = initial_state(self.problem, self._guided, np.clip(_six(twist), -speed, speed))
+            state = initial_state(self._model, np.clip(_six(twist), -speed, speed))
         self._state_in[:] = state
         self._inputs["posture"][:] = 0.0
 

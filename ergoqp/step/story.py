@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.problem.problem import Problem
-from ergoqp.step.history import owes
-from ergoqp.step.parts import count
+from ergoqp.step.parts import Sizes
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)
 """Difference of measured and declared motion that is none yet, per axis (6,) [m, rad]."""
@@ -52,15 +51,9 @@ ACCOUNT: Final = {
     "short": (6, 2),  # way that was sent and not reported yet, along each axis and against it
     "ahead": (6, 1),  # how much further the object is reckoned to be than was reported
 }
-_SIZES: Final = (
-    {**COMPARED, **STORY, **SAID}
-    | dict.fromkeys(("executed", "sent", "up", "down", "slowest", "fastest", "went"), (6, 1))
-    | dict.fromkeys(("pose", "stored"), (4, 4))
-    | {"unsure": (6, 2)}
-)
 
 
-def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
+def watch_blocks(problem: Problem) -> dict[str, Sizes]:
     """Return the state's blocks that watch the robot, and their parts; all zero at the start."""
     # The fastest that may have been held on to, along each axis and against it: since the last
     # measured pose; of a late robot, in which a hold shows little by little and so does not stand
@@ -71,24 +64,15 @@ def watch_blocks(problem: Problem) -> dict[str, dict[str, tuple[int, int]]]:
     turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
     # For the same reason: by which angle the object was turned by what was sent since it was
     # measured, if not by that.
-    blind = {"blind": (1, 1)} if owes(problem) and not turn else {}
+    blind = {"blind": (1, 1)} if problem.robot.owes and not turn else {}
     # What one hold may have left in the comparison unseen, beside noise.
-    slip = {"slip": (6, 1)} if problem.robot.longest_hold and not owes(problem) else {}
+    slip = {"slip": (6, 1)} if problem.robot.longest_hold and not problem.robot.owes else {}
     return {
         "compared": COMPARED | held | slip | turn | blind,
         "story": STORY,
         "said": SAID,
         "account": ACCOUNT,
     }
-
-
-def symbols_of(problem: Problem, *names: str) -> dict[str, ca.SX]:
-    """Return symbols for the inputs of the watch's functions, by name.
-
-    What has no size here is one number.
-    """
-    sizes = _SIZES | {name: (count(block), 1) for name, block in watch_blocks(problem).items()}
-    return {name: ca.SX.sym(name, *sizes.get(name, (1, 1))) for name in names}
 
 
 def leap_beyond(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:

@@ -21,12 +21,12 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import Shape, dense, is_set
+from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import turned
-from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.step.causes import Cause
 from ergoqp.step.explained import explained_function
-from ergoqp.step.history import owes
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import count, joined, split
 from ergoqp.step.story import (
     ACCOUNT,
@@ -37,8 +37,6 @@ from ergoqp.step.story import (
     UNIT,
     leap_beyond,
     length,
-    symbols_of,
-    watch_blocks,
 )
 
 CALM: Final = 0.5
@@ -48,16 +46,16 @@ _WIDE: Final = 1e3
 """Further apart than anything [m, rad]."""
 
 
-def watch(
-    problem: Problem, given: Mapping[str, ca.MX], shape: Shape
-) -> tuple[dict[str, ca.MX], ca.MX]:
-    """Return `watch_blocks` after the last period, and the causes why the step can only brake.
+def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[str, ca.MX]:
+    """Return the blocks ``compared``, ``story`` and ``said`` after the last period, and ``causes``.
+
+    Those are why the step can only brake.
 
     What a reported twist shows counts from the next step on.
 
     Args:
-        problem: the task.
-        given: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``,
+        model: of the step.
+        known: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``,
             ``measured``, ``told`` (0 or 1), ``executed``, ``sent`` (6,), ``lasted`` [s],
             ``slowest``, ``fastest`` (6,): twists of a robot that does no more than it was sent,
             ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1),
@@ -66,39 +64,42 @@ def watch(
             may be from where it is reckoned.
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
-    compare, explain = shape(_compared(problem)), explained_function(problem)
-    compared, faulty, causes, went, rests = compare.call(
-        [given[name] for name in compare.name_in()]
-    )
+    compare, explain = shape(_compared(model)), explained_function(model)
+    found = by_name(compare, known)
     # Where no twist is reported and nothing is wrong, there is nothing to explain.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
     story = was["story"]
-    if owes(problem):
+    if model.problem.robot.owes:
         # What a late robot did in this period nobody knows, so the sum of what it did begins anew.
         anew = {name: ca.MX(ca.DM.zeros(*REPORTED[name])) for name in ("drift", "path", "blur")}
         anew["due"] = ca.horzcat(was["up"], was["down"])
         story = joined(STORY, split(STORY, story) | anew)
     quiet = ca.Function("quiet", inputs, [story, ca.MX(ca.DM.zeros(count(SAID)))])
     choose = ca.Function.if_else("explain_or_not", shape(explain), quiet)
-    facts = {**given, "went": went, "faulty": faulty, "now_rests": rests}
-    story, said = choose.call([ca.logic_or(faulty, given["told"]), *(facts[name] for name in was)])
-    return {"compared": compared, "story": story, "said": said}, causes
+    facts = {**known, **found}
+    speaks = ca.logic_or(found["faulty"], known["told"])
+    story, said = choose.call([speaks, *(facts[name] for name in was)])
+    return {
+        "compared": found["next_compared"],
+        "story": story,
+        "said": said,
+        "causes": found["all_causes"],
+    }
 
 
-def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
+def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
     """Return the blocks of an object that moves already at `twist` (6,).
 
     What its robot owes nobody has measured.
     """
-    sizes = watch_blocks(problem)
     blocks = {
         name: {part: np.zeros(size) for part, size in block.items()}
-        for name, block in sizes.items()
+        for name, block in model.blocks.items()
     }
     blocks["compared"]["least"] -= _WIDE
     blocks["compared"]["most"] += _WIDE
-    late = problem.robot.dead_time + problem.robot.lag
+    late = model.problem.robot.dead_time + model.problem.robot.lag
     blocks["story"]["due"] = late * np.stack([np.maximum(twist, 0), np.maximum(-twist, 0)], axis=1)
     blocks["account"]["short"] = blocks["story"]["due"]
     return {
@@ -107,7 +108,7 @@ def taken_over(problem: Problem, twist: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+def reckoned(robot: DeclaredRobot, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
     """Return the last period's motion (6,), as far as it is known where no pose is measured.
 
     The next account is returned with it.
@@ -118,7 +119,7 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
     is taken back. So nothing that is reported leads further than what was sent.
 
     Args:
-        problem: the task.
+        robot: as declared.
         given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed``
             (6,), ``lasted`` [s], and ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and
             for how long nothing has been sent ``idled`` [s].
@@ -129,13 +130,13 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
     )
     declared = now["sent"] * now["lasted"] + now["changed"]
     # Before it is known where the object is, nobody knows for how long it has moved either.
-    sent = (1 + problem.robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
+    sent = (1 + robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
     most = now["short"] + ca.fmax(ca.horzcat(sent, -sent), 0)
     way = ca.if_else(now["told"], now["executed"] * now["lasted"], declared)
     parts = ca.fmin(ca.fmax(ca.horzcat(way, -way), 0), most)
     done = parts[:, 0] - parts[:, 1]
     moved = ca.if_else(ca.logic_and(now["told"], known), done - now["ahead"], declared)
-    forgiven = now["idled"] >= CALM + problem.robot.dead_time + 3 * problem.robot.lag
+    forgiven = now["idled"] >= CALM + robot.dead_time + 3 * robot.lag
     over = ca.logic_or(forgiven, ca.logic_and(now["parked"], ca.logic_not(known)))
     short = ca.if_else(over, 0, most - parts)
     anew = ca.logic_or(ca.logic_or(over, now["measured"]), ca.logic_not(now["started"]))
@@ -143,16 +144,16 @@ def reckoned(problem: Problem, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX
     return moved, joined(ACCOUNT, {"short": short, "ahead": ahead})
 
 
-def _compared(problem: Problem) -> ca.Function:
+def _compared(model: StepModel) -> ca.Function:
     """Compare the poses.
 
-    The function is ``(...) -> (compared, whether there is a fault, causes, motion of the pose (6,),
-    rests)``.
+    The function is ``(...) -> (next_compared, faulty, all_causes, went, now_rests)``: the block,
+    whether there is a fault, causes, motion of the pose (6,), and how often it came to rest.
 
     An interpreter pays for every scalar here in every step, so what is not needed to see a fault is
     in `ergoqp.step.explained`.
     """
-    robot, stretch = problem.robot, 1 + problem.robot.gain_error
+    robot, stretch = model.problem.robot, 1 + model.problem.robot.gain_error
     names = (
         "pose",
         "stored",
@@ -166,28 +167,24 @@ def _compared(problem: Problem) -> ca.Function:
         "down",
         "parked",
         "stop",
-    )
-    given = symbols_of(
-        problem,
-        *names,
         "enable",
         "period",
         "compared",
         "said",
         "causes",
-        *(["unsure"] if owes(problem) else []),
     )
-    sizes = watch_blocks(problem)["compared"]
+    given = model.symbols((*names, *(("unsure",) if robot.owes else ())))
+    sizes = model.blocks["compared"]
     now = given | split(sizes, given["compared"]) | split(SAID, given["said"])
     parked, enabled, noise = now["parked"], is_set(now["enable"]), ca.DM(robot.noise)
     done = now["sent"] * (now["lasted"] * now["started"])
     went = now["started"] * _difference(now["stored"], now["pose"])
     apart, least, most = now["apart"] + went - done, now["least"], now["most"]
     block, gone, slip = {}, ca.SX(6, 1), ca.SX(6, 1)
-    if robot.longest_hold and not owes(problem):
+    if robot.longest_hold and not robot.owes:
         reach = ca.fmax(now["held"], ca.horzcat(now["sent"], -now["sent"]))
         block["held"] = ca.if_else(now["measured"], 0, reach)
-        gone = now["measured"] * _held(problem, leap_beyond(now, went), reach)
+        gone = now["measured"] * _held(robot, leap_beyond(now, went), reach)
         apart -= gone
         # A hold that does not stand out of the noise is not taken off, and what is taken off may be
         # noise in part.
@@ -220,9 +217,9 @@ def _compared(problem: Problem) -> ca.Function:
         # The error of the pose at the begin turns with the object, so it may lie along any axis.
         noise = ca.vertcat(noise[:3], (1 + np.sqrt(3)) * noise[3:])
     below = above = ca.SX(6, 1)
-    if owes(problem):
+    if robot.owes:
         below, above = below + stretch * now["down"], above + stretch * now["up"]
-    if robot.longest_hold and owes(problem):
+    if robot.longest_hold and robot.owes:
         hold = (
             stretch
             * robot.longest_hold
@@ -251,7 +248,7 @@ def _compared(problem: Problem) -> ca.Function:
         block["slip"] = ca.if_else(anew, 0, slip)
     if "turned" in sizes:
         block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
-    if robot.longest_hold and owes(problem):
+    if robot.longest_hold and robot.owes:
         # What it held on to before it came to rest still counts in this comparison, and no more in
         # the next one.
         block["held"] = ca.fmax(now["held"] * (1 - begins), ca.horzcat(now["sent"], -now["sent"]))
@@ -270,13 +267,8 @@ def _compared(problem: Problem) -> ca.Function:
     resting = ca.logic_and(halted, ca.logic_not(ca.logic_or(faulty, now["stop"])))
     causes = now["causes"] + 2.0**Cause.robot * faulty + 2.0**Cause.halted * resting
     outputs = ca.cse(dense([joined(sizes, block), faulty, causes, went, rests]))
-    return ca.Function(
-        "compared_poses",
-        list(given.values()),
-        outputs,
-        list(given),
-        [f"o{i}" for i in range(len(outputs))],
-    )
+    named = ["next_compared", "faulty", "all_causes", "went", "now_rests"]
+    return ca.Function("compared_poses", list(given.values()), outputs, list(given), named)
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
@@ -296,12 +288,12 @@ def _rotation(before: ca.SX, after: ca.SX) -> ca.SX:
     return ca.vertcat(turn[0] + ca.if_else(turn[0] < 0, -over, over), turn[1:])
 
 
-def _held(problem: Problem, leap: ca.SX, reach: ca.SX) -> ca.SX:
+def _held(robot: DeclaredRobot, leap: ca.SX, reach: ca.SX) -> ca.SX:
     """How much of a leap (6,) one declared hold explains, of at most `reach` (6, 2).
 
     Of a leap that may be noise it explains none.
     """
-    most = problem.robot.longest_hold * (1 + problem.robot.gain_error) * ca.fmax(reach, 0)
+    most = robot.longest_hold * (1 + robot.gain_error) * ca.fmax(reach, 0)
     explained = ca.fmax(ca.fmin(leap, most[:, 0]), -most[:, 1])
-    stands_out = length((ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)) > 1
+    stands_out = length((ca.fabs(leap) - 2 * ca.DM(robot.noise)) / ca.DM(UNIT)) > 1
     return ca.if_else(stands_out, explained, 0)

@@ -22,10 +22,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ergoqp.expressions.linear import Shape, dense, vectors, written_out
-from ergoqp.problem.problem import Problem
+from ergoqp.expressions.linear import Shape, by_name, dense, vectors, written_out
 from ergoqp.step.ages import weights_function
-from ergoqp.step.history import History, history_sizes, owes, remaining_seconds
+from ergoqp.step.history import remaining_seconds
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import count, split
 
 
@@ -96,30 +96,34 @@ class UnderWay:
     fits: ca.MX
     parked: ca.MX
 
+    @property
+    def parts(self) -> dict[str, ca.MX]:
+        """All that there is, by name."""
+        return {name: part for name, part in vars(self).items() if part is not None}
 
-def under_way(problem: Problem, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
+
+def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
     """Return what is under way at the begin of a period.
 
     Args:
-        problem: the task.
-        history: as one vector of `history_sizes`.
+        model: of the step.
+        history: as one vector of `History.sizes`.
         dt: period as it was given; what is none is taken for the problem's [s].
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
-    sizes = history_sizes(problem)
+    sizes = model.history.sizes
     symbols = ca.MX.sym("history", count(sizes)), ca.MX.sym("dt")
-    parts = vars(_under_way(problem, split(sizes, symbols[0]), symbols[1]))
-    present = [name for name, part in parts.items() if part is not None]
-    function = ca.Function("under_way", symbols, [ca.densify(parts[name]) for name in present])
-    found = written_out(shape(function), history, dt)
-    named: dict[str, Any] = dict.fromkeys(parts) | dict(zip(present, found, strict=True))
-    return UnderWay(**named)
+    parts = _under_way(model, split(sizes, symbols[0]), symbols[1]).parts
+    outputs = [ca.densify(part) for part in parts.values()]
+    found = written_out(shape(ca.Function("under_way", symbols, outputs)), history, dt)
+    every: dict[str, Any] = dict.fromkeys(UnderWay.__dataclass_fields__)
+    return UnderWay(**{**every, **dict(zip(parts, found, strict=True))})
 
 
-def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
-    W, robot, lag = problem.average, problem.robot, problem.robot.lag
-    by_ages = weights_function(problem)(part["ages"], part["idle"], dt)
-    own, of_plan, now, remaining, period, dt_ok, aged, idled, fits, parked = by_ages
+def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderWay:
+    W, robot, lag = model.problem.average, model.problem.robot, model.problem.robot.lag
+    by_ages = by_name(weights_function(model), {**part, "dt": dt})
+    of_plan, remaining = by_ages["of_plan"], by_ages["remaining"]
     pieces, seconds = [], []
     begun = owed = up = down = total = ca.MX(ca.DM.zeros(6))
     if W:
@@ -127,7 +131,7 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         begun, total = sums[:, 0], sums[:, 1]
         pieces, seconds = [part["planned"]], [of_plan[:, 1]]
     tail = turn = swift = None
-    if owes(problem):
+    if robot.owes:
         owed = part["sent"] @ remaining
         up, down = (ca.fmax(way, 0) @ remaining for way in (part["sent"], -part["sent"]))
         turn = ca.sqrt(ca.sum1(part["sent"][3:, :] ** 2)) @ remaining
@@ -150,7 +154,7 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         total=total,
         twists=ca.horzcat(*pieces) if pieces else ca.MX(6, 0),
         seconds=ca.vertcat(*seconds) if seconds else ca.MX(0, 1),
-        weights=now if W else None,
+        weights=by_ages["present"] if W else None,
         tail=tail,
         clung=part.get("clung"),
         turn=turn,
@@ -164,14 +168,14 @@ def _under_way(problem: Problem, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
         slowest=stretch * slowest,
         fastest=stretch * fastest,
         swift=swift,
-        dt=period,
-        dt_ok=dt_ok,
-        aged=aged,
-        idled=idled,
+        dt=by_ages["period"],
+        dt_ok=by_ages["dt_ok"],
+        aged=by_ages["aged"],
+        idled=by_ages["idled"],
         begun=begun,
-        own=own,
-        fits=fits,
-        parked=parked,
+        own=by_ages["own"],
+        fits=by_ages["fits"],
+        parked=by_ages["parked"],
     )
 
 
@@ -186,36 +190,36 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
 
 
 def next_history(
-    problem: Problem, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX
+    model: StepModel, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX
 ) -> list[ca.MX]:
     """Return the history after a period, in pieces that are put one below the other.
 
     Args:
-        problem: the task.
-        history: before, as one vector of `history_sizes`.
+        model: of the step.
+        history: before, as one vector of `History.sizes`.
         found: what was under way at its begin.
         planned: twist that was planned for the end of the period (6,).
         sent: twist that was sent for it (6,).
         still: 1 if both are zero.
     """
-    kept, sizes = History.of(problem), history_sizes(problem)
+    kept, robot = model.history, model.problem.robot
     first = 6 * kept.planned
     after = [planned, history[: first - 6], sent, history[first : first + 6 * kept.sent - 6]]
     after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
-    if lag := problem.robot.lag:
+    if lag := robot.lag:
         dt = found.dt
         # The oldest leaves the history; what it has still to do goes on fading.
-        part = split(sizes, history)
+        part = split(kept.sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
         seconds = remaining_seconds(
-            ends[kept.sent - 1] + dt, ends[kept.sent] + dt, problem.robot.dead_time, lag
+            ends[kept.sent - 1] + dt, ends[kept.sent] + dt, robot.dead_time, lag
         )
         fades = ca.exp(-dt / lag) * part["tail"]
         after.append(ca.vec(fades + seconds * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))))
         assert found.swift is not None
         after.append(ca.vec(found.swift))
-        if hold := problem.robot.longest_hold:
+        if hold := robot.longest_hold:
             # What a hold leaves behind of the oldest fades as slowly, and there is only one hold.
             left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
             after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
-    return [*after, found.owed] if owes(problem) else after
+    return [*after, found.owed] if robot.owes else after

@@ -19,6 +19,7 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
 from ergoqp.step.answer import Step
 from ergoqp.step.data import QP_DATA, movable_names, qp_data
+from ergoqp.step.model import StepModel
 from ergoqp.step.objective import cost_function
 from ergoqp.step.qp import build_qp
 
@@ -64,7 +65,7 @@ def terms_function(problem: Problem) -> ca.Function:
     given = [ca.MX.sym(data.name_in(i), data.sparsity_in(i)) for i in range(data.n_in())]
     posture, observed = given[0], given[1]
     parts = dict(zip((data.name_out(i) for i in range(data.n_out())), data(*given), strict=True))
-    _, value, gradient = cost_function(problem)(posture, observed)
+    _, value, gradient = cost_function(StepModel(problem))(posture, observed)
     ahead, control = problem.control.look_ahead, problem.control
     excess = ca.fmax(value - problem.cost.minimum, 0) + _CAUTION_EPS
     caution = ahead * np.sqrt(control.caution * problem.response.weight_vector)

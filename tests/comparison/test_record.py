@@ -17,8 +17,8 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.responses import LinearResponse
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Qp, QpSequence
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import split
-from ergoqp.step.state import state_sizes
 
 
 @cache
@@ -74,7 +74,7 @@ def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
     last = [
         answer.x for answer, accepted in zip(part.answers, part.accepted, strict=True) if accepted
     ]
-    sizes = state_sizes(problem)
+    sizes = StepModel(problem).state
     planned = [
         np.array(split(sizes, step.account("next_state"))["history"][:6]) for step in trace.steps
     ]

@@ -147,7 +147,7 @@ def test_names_of_any_letters_are_literals_of_c(tmp_path):
     assert c_string("\x1f ~\x7f") == '"\\037 ~\\177"'
     quoted = 'we"ird ?? é'
     named = header(replace(ergoqp.load_problem("screwing"), name=quoted))
-    assert named.startswith(f'/* The control step of the problem "{quoted}", exported by')
+    assert named.startswith(f'/* The control step of problem "{quoted}", exported by')
     assert f"#define ERGOQP_PROBLEM {c_string(quoted)}\n" in named
 
 

@@ -15,6 +15,7 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.step.certification import GIVES_WAY, HELD, _floor, _rate_excess
+from ergoqp.step.model import StepModel
 from ergoqp.step.qp import FREE
 
 
@@ -23,7 +24,9 @@ def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:
     margins."""
     rows = problem.row_names
     found = np.array(
-        _floor(problem, np.full((len(rows), 1), now), np.full((len(rows), 1), at_braking))
+        _floor(
+            StepModel(problem), np.full((len(rows), 1), now), np.full((len(rows), 1), at_braking)
+        )
     ).ravel()
     return dict(zip(rows, found.tolist(), strict=True))
 

@@ -30,9 +30,9 @@ from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
 from ergoqp.simulation.robot import moved
 from ergoqp.step.asked import asked_update
 from ergoqp.step.bounds import STEADY_RETURN, limit_values
-from ergoqp.step.counted import way_size
 from ergoqp.step.data import pass_data
 from ergoqp.step.function import _newly_locked, build_step
+from ergoqp.step.model import StepModel
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Cause, Status, Stepper
 
@@ -318,7 +318,7 @@ def test_what_is_outside_by_little_is_asked_back_at_the_steady_pace() -> None:
     )
     asked, margins = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(where))
     after = ca.Function(
-        "after", [asked, margins], [asked_update(problem, asked, margins, ca.MX(0.01))]
+        "after", [asked, margins], [asked_update(problem.row_limits, asked, margins, ca.MX(0.01))]
     )
     for out in (1e-3, 5e-3):
         where[joint] = -out
@@ -332,7 +332,9 @@ def test_a_narrowed_range_is_left_beyond_its_tolerance_and_not_at_it() -> None:
     rows, joint = problem.row_names, problem.row_names.index("right_elbow_flexion")
     tolerance = limit_values(problem.row_limits, "tolerance")[joint]
     asked, margins, dt = ca.MX.sym("asked", 2), ca.MX.sym("margins", len(rows)), ca.MX.sym("dt")
-    after = ca.Function("after", [asked, margins, dt], [asked_update(problem, asked, margins, dt)])
+    after = ca.Function(
+        "after", [asked, margins, dt], [asked_update(problem.row_limits, asked, margins, dt)]
+    )
     for beyond, asks in ((0.0, False), (1e-9, True)):
         where = np.full(len(rows), 0.1)
         where[joint] = -tolerance - beyond
@@ -384,20 +386,21 @@ def test_a_joint_is_locked_inside_the_zone_at_its_end_by_an_answer_that_leads_ou
 
 def test_what_a_pass_takes_has_the_sizes_of_what_the_step_knows() -> None:
     problem = problem_of("screwing")
-    data, kept = pass_data(problem)
+    model = StepModel(problem)
+    data, kept = pass_data(model), model.movable
     rows, n = len(problem.row_names), 32
     assert len(kept) <= rows
     sizes = {
         "posture": (n, 1),
         "observed": (n, 1),
         "landed": (4, 4),
-        "way": (way_size(problem), 1),
+        "way": (model.under_way.size, 1),
         "previous": (6, 1),
     }
     sizes |= {
         "dt": (1, 1),
         "away": (2 * rows, 1),
-        "value": (1, 1),
+        "total": (1, 1),
         "gradient": (n, 1),
         "locked": (n, 1),
         "final": (1, 1),

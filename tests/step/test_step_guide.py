@@ -19,9 +19,11 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import moved
-from ergoqp.step.guide import AFTER, BACK, DESCENT, THERE, TRIAL, pull_function
+from ergoqp.step.guide import pull_function
+from ergoqp.step.model import StepModel
 from ergoqp.step.place import Guide, read_guide
 from ergoqp.step.stepper import Step, Stepper
+from ergoqp.step.trial import AFTER, BACK, DESCENT, THERE, TRIAL
 
 STEPPERS: dict[str, Stepper] = {}
 
@@ -109,7 +111,10 @@ def test_a_journey_arrives_and_only_then_descends(name: str) -> None:
 
 
 def test_what_is_added_to_the_objective_is_convex_and_none_where_nobody_travels() -> None:
-    rng, pull = np.random.default_rng(2), pull_function(problem_of("screwing"))
+    rng, pull = (
+        np.random.default_rng(2),
+        pull_function(StepModel(problem_of("screwing"), guided=True)),
+    )
     for phase in range(BACK + 1):
         for _ in range(20):
             pose, goal = (moved(held_pose("screwing"), 0.3 * rng.normal(size=6)) for _ in range(2))

@@ -9,6 +9,7 @@ import pytest
 from step_samples import Held, bold_of, held_pose, near_comfort, problem_of
 
 from ergoqp.step.data import qp_data
+from ergoqp.step.model import StepModel
 from ergoqp.step.objective import gain_function
 from ergoqp.step.stepper import Stepper
 
@@ -79,7 +80,7 @@ def test_a_twist_of_less_than_a_millionth_of_full_speed_promises_nothing() -> No
     q, speed = near_comfort("screwing", np.random.default_rng(6), 20), problem.twist_limit.speed
     value = float(problem.cost(q)[0]) + 10.0
     S = np.array(problem.response.sensitivity()(q, np.zeros(32))[0])
-    gain = gain_function(problem)
+    gain = gain_function(StepModel(problem))
     for pace, promises in ((1e-6, False), (1.01e-6, True)):
         xi = np.array([pace * speed[0], 0, 0, 0, 0, 0])
         assert xi[0] / speed[0] == pace

@@ -229,7 +229,7 @@ def test_the_account_of_what_was_reported_is_that_of_the_law_in_plain_words() ->
     law = ca.Function(
         "law",
         list(given.values()),
-        list(reckoned(problem, given)),
+        list(reckoned(problem.robot, given)),
         list(given),
         ["moved", "next_account"],
     )

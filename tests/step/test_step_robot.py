@@ -17,7 +17,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.data import away_function
-from ergoqp.step.readings import readings_function
+from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.watch import _rotation
 
@@ -348,11 +348,13 @@ def test_what_the_noise_of_its_pose_may_have_moved_out_is_not_asked_back() -> No
         problem.row_names.index("workspace x"),
         comfort_of("screwing"),
     )
-    readings = readings_function(problem)(q)
+    readings = StepModel(problem).readings(q)
     for out, asks in ((0.9 * noise, False), (1.1 * noise + box.tolerance, True)):
         pose = held_pose("screwing").copy()
         pose[0, 3] = box.upper[0] + out
-        away = np.array(away_function(problem)(q, np.ones(32), readings, pose, 1)).ravel()
+        away = np.array(
+            away_function(StepModel(problem))(q, np.ones(32), readings, pose, 1)
+        ).ravel()
         assert away[row] == pytest.approx(out if asks else 0.0)
 
 

@@ -15,8 +15,9 @@ from ergoqp.limits import AxisCone, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import straight_margins
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
-from ergoqp.step.counted import split_way, way_of
-from ergoqp.step.history import history_sizes, initial_history
+from ergoqp.step.counted import landing
+from ergoqp.step.history import initial_history
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import count
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.way import next_history, under_way
@@ -38,16 +39,17 @@ class Believed:
     planned twist."""
 
     def __init__(self, problem: Problem) -> None:
+        model = StepModel(problem)
         history, dt, twist = (
-            ca.MX.sym("history", count(history_sizes(problem))),
+            ca.MX.sym("history", count(model.history.sizes)),
             ca.MX.sym("dt"),
             ca.MX.sym("twist", 6),
         )
         at, sent, still = ca.MX.sym("pose", 4, 4), ca.MX.sym("sent", 6), ca.MX.sym("still")
-        found = under_way(problem, history, dt)
-        landed, way = way_of(problem, found, at)
+        found = under_way(model, history, dt)
+        landed, way = landing(model, found, {"pose": at}).values()
         place = ca.SX.sym("landed", 4, 4), ca.SX.sym("way", *way.shape), ca.SX.sym("ways", 6, 3)
-        parts, cone = split_way(problem, place[1]), problem.limit_of(AxisCone)
+        parts, cone = model.under_way.split(place[1]), problem.limit_of(AxisCone)
         nobody = {
             name: ca.SX(*SIZES[name])
             for name in ("posture", "observed", "sensitivity", "swing", "change")
@@ -68,7 +70,7 @@ class Believed:
         )
         mean = found.begun + found.own * twist
         self.mean = ca.Function("mean", [history, twist, dt], [mean])
-        after = ca.vertcat(*next_history(problem, history, found, twist, sent, still))
+        after = ca.vertcat(*next_history(model, history, found, twist, sent, still))
         self.after = ca.Function("after", [history, twist, sent, still, dt], [after])
 
 
@@ -176,7 +178,10 @@ class Loop:
     def __init__(self, problem: Problem, believed: Believed, pose: np.ndarray) -> None:
         self.problem, self.believed, self.pose = problem, believed, pose
         self.history = np.concatenate(
-            [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+            [
+                part.ravel(order="F")
+                for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+            ]
         )
         self.least = np.inf
 

@@ -23,6 +23,7 @@ from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.explained import explained_function
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import split
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.story import STORY
@@ -369,7 +370,7 @@ def blur_of(executed: np.ndarray) -> np.ndarray:
     """What counts as noise (6, 2) [m, rad, squared] of twists (n, 6) that a robot reports which is
     sent to stand still."""
     problem = bold_of("screwing")
-    explained = explained_function(problem)
+    explained = explained_function(StepModel(problem))
     given = {name: np.zeros(explained.size_in(i)) for i, name in enumerate(explained.name_in())}
     given |= {"told": 1.0, "started": 1.0, "lasted": 0.01, "enable": 1.0}
     for twist in executed:

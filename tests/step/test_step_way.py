@@ -13,12 +13,13 @@ from step_samples import problem_of
 
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.step.counted import Way, split_way, way_of
-from ergoqp.step.history import FAR, history_sizes, initial_history
+from ergoqp.step.counted import landing
+from ergoqp.step.history import FAR, initial_history
+from ergoqp.step.model import StepModel
 from ergoqp.step.parts import count, split
-from ergoqp.step.state import state_sizes
 from ergoqp.step.stepper import Stepper
 from ergoqp.step.way import next_history, under_way
+from ergoqp.step.way_parts import Way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
 FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn")
@@ -26,7 +27,7 @@ FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn"
 
 def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
     """``(history, dt) -> FOUND`` and ``(history, planned, sent, still, dt) -> history``."""
-    size = count(history_sizes(problem))
+    size = count(StepModel(problem).history.sizes)
     history, dt, planned, sent, still = (
         ca.MX.sym("h", size),
         ca.MX.sym("dt"),
@@ -34,8 +35,8 @@ def functions(problem: Problem) -> tuple[ca.Function, ca.Function]:
         ca.MX.sym("s", 6),
         ca.MX.sym("z"),
     )
-    found = under_way(problem, history, dt)
-    after = ca.vertcat(*next_history(problem, history, found, planned, sent, still))
+    found = under_way(StepModel(problem), history, dt)
+    after = ca.vertcat(*next_history(StepModel(problem), history, found, planned, sent, still))
     seen = [getattr(found, name) for name in FOUND if getattr(found, name) is not None]
     return ca.Function("seen", [history, dt], seen), ca.Function(
         "after", [history, planned, sent, still, dt], [after]
@@ -77,7 +78,10 @@ def test_mean_and_what_is_under_way_are_those_of_a_finely_sampled_plan(seed: int
     W, rng, plan = problem.average, np.random.default_rng(seed), Plan()
     seen, after = functions(problem)
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+        ]
     )
     now, twist = 0.0, np.zeros(6)
     for _ in range(80):
@@ -109,7 +113,10 @@ def test_an_object_that_moved_for_ever_owes_its_whole_delay() -> None:
     problem = problem_of("screwing").replace(robot=ROBOT)
     twist = np.array([0.1, 0.0, -0.05, 0.0, 0.3, 0.0])
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, twist).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, twist).values()
+        ]
     )
     found = dict(
         zip(
@@ -121,7 +128,7 @@ def test_an_object_that_moved_for_ever_owes_its_whole_delay() -> None:
     np.testing.assert_allclose(found["owed"], twist * (ROBOT.dead_time + ROBOT.lag), rtol=1e-12)
     np.testing.assert_allclose(found["begun"] + found["own"] * twist, twist, rtol=1e-12)
     assert not found["parked"]
-    parts = split(history_sizes(problem), history)
+    parts = split(StepModel(problem).history.sizes, history)
     assert np.all(np.asarray(parts["ages"]) == FAR)
 
 
@@ -129,7 +136,10 @@ def test_periods_that_are_too_short_are_noticed() -> None:
     problem = problem_of("screwing")
     seen, after = functions(problem)
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+        ]
     )
     fits, twist, dt = [], np.full(6, 0.01), 0.002
     for _ in range(40):
@@ -155,13 +165,23 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     problem = problem_of("screwing").replace(robot=robot)
     W, plan, dt, axis = problem.average, Plan(), 0.01, np.eye(6)[0]
     _, after = functions(problem)
-    size, symbols = count(history_sizes(problem)), [ca.MX.sym("pose", 4, 4), ca.MX.sym("dt")]
+    size, symbols = (
+        count(StepModel(problem).history.sizes),
+        [ca.MX.sym("pose", 4, 4), ca.MX.sym("dt")],
+    )
     past = ca.MX.sym("history", size)
-    found = under_way(problem, past, symbols[1])
-    counted = ca.Function("counted", [*symbols, past], list(way_of(problem, found, symbols[0])))
+    found = under_way(StepModel(problem), past, symbols[1])
+    counted = ca.Function(
+        "counted",
+        [*symbols, past],
+        list(landing(StepModel(problem), found, {"pose": symbols[0]}).values()),
+    )
     planned = ca.Function("planned", [past, symbols[1]], [found.begun, found.own])
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+        ]
     )
     for number in range(1, 8):
         twist = 0.02 * number * axis
@@ -177,9 +197,11 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     left = np.trapezoid(speeds * (1 - ages / W), ages) + speeds[0] * dt / 2
     left += plan.remaining(now, robot)[0] if robot.lag else 0.0
     rise = 3 * problem.dt * np.trapezoid(np.maximum(speeds[0] - speeds, 0), ages) / W
-    lost = split_way(problem, np.array(counted(np.eye(4), dt, history)[1]).ravel()).lost[
-        "workspace x"
-    ]
+    lost = (
+        StepModel(problem)
+        .under_way.split(np.array(counted(np.eye(4), dt, history)[1]).ravel())
+        .lost["workspace x"]
+    )
     below, above = (float(end[0]) for end in lost)
     assert rise > 1e-3
     # At the upper end what is under way is where the object lands; beyond it there are the rise,
@@ -190,14 +212,21 @@ def test_what_an_end_cannot_count_on_is_that_of_a_finely_sampled_plan(robot: Dec
     assert below == pytest.approx(left + robot.pose_noise, abs=3e-5)
 
 
+def initial(problem: Problem) -> np.ndarray:
+    """The history of an object that stands still, as one vector."""
+    parts = initial_history(StepModel(problem).history, np.zeros(6))
+    return np.concatenate([part.ravel(order="F") for part in parts.values()])
+
+
 def lands(problem: Problem, history: np.ndarray, unsure: np.ndarray | None = None) -> Way:
     """What is under way, for limits, of an object at a pose of no consequence."""
     past, dt = ca.MX.sym("history", history.size), ca.MX.sym("dt")
-    behind = None if unsure is None else ca.MX(ca.DM(unsure))
-    counted = way_of(problem, under_way(problem, past, dt), ca.MX(ca.DM.eye(4)), behind)[1]
-    return split_way(
-        problem, np.array(ca.Function("lands", [past, dt], [counted])(history, 0.01)).ravel()
-    )
+    known, model = {"pose": ca.MX(ca.DM.eye(4))}, StepModel(problem)
+    if unsure is not None:
+        known["doubt"] = ca.MX(ca.DM(unsure))
+    counted = landing(model, under_way(model, past, dt), known)["way"]
+    found = ca.Function("lands", [past, dt], [counted])(history, 0.01)
+    return model.under_way.split(np.array(found).ravel())
 
 
 @pytest.mark.parametrize("gain_error", [0.0, 0.1])
@@ -210,7 +239,10 @@ def test_a_hold_on_to_what_left_the_history_fades_with_the_lag(gain_error: float
     problem = base.replace(robot=robot, control=replace(base.control, average=0.0))
     _, after = functions(problem)
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+        ]
     )
     for number in range(60):
         sent = twist * (number == 0)
@@ -236,7 +268,10 @@ def test_at_rest_a_cone_keeps_free_how_its_slope_may_be_mistaken_and_nothing_els
         robot=DeclaredRobot(pose_noise_deg=0.5), control=replace(base.control, average=0.2)
     )
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+        ]
     )
     way = lands(problem, history)
     assert float(way.turn[0]) == pytest.approx(np.sqrt(3) * np.radians(0.5))
@@ -251,7 +286,10 @@ def test_what_an_object_may_be_behind_is_kept_free_at_the_ends_that_it_is_nearer
     the upper one."""
     problem = problem_of("screwing").replace(robot=DeclaredRobot(delay=0.03))
     history = np.concatenate(
-        [part.ravel(order="F") for part in initial_history(problem, np.zeros(6)).values()]
+        [
+            part.ravel(order="F")
+            for part in initial_history(StepModel(problem).history, np.zeros(6)).values()
+        ]
     )
     unsure = np.zeros((6, 2))
     unsure[0], unsure[1], unsure[4] = (0.002, 0.001), (0.003, 0.0), (0.02, 0.03)
@@ -272,7 +310,7 @@ def test_what_is_taken_over_and_not_seen_may_be_behind_from_its_first_posture_on
     stepper.reset(twist=twist)
     for _ in range(3):
         state = split(
-            state_sizes(problem), stepper.step(problem.response.comfort).account("next_state")
+            StepModel(problem).state, stepper.step(problem.response.comfort).account("next_state")
         )
         unsure = np.array(state["unsure"]).T
         np.testing.assert_allclose(

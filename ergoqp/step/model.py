@@ -1,0 +1,222 @@
+"""What the functions of a control step share: sizes, patterns and situations, computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.limits import Limit, Situation
+from ergoqp.limits.limit import Expression
+from ergoqp.limits.stop import Braking
+from ergoqp.problem.problem import Problem
+from ergoqp.step.bounds import limit_values, movable_rows
+from ergoqp.step.history import History
+from ergoqp.step.parts import Sizes, count
+from ergoqp.step.rest import STATES
+from ergoqp.step.story import watch_blocks
+from ergoqp.step.trial import TRIAL
+from ergoqp.step.way_parts import WayLayout
+
+PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
+"""Where the object comes to rest, and what the present period begins with."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepModel:
+    """What is fixed about the control step of a problem.
+
+    Attributes:
+        problem: the task.
+        guided: whether the step can be drawn toward a given place.
+    """
+
+    problem: Problem
+    guided: bool = False
+
+    @cached_property
+    def history(self) -> History:
+        """How much of the past the step keeps."""
+        return History.of(self.problem)
+
+    @cached_property
+    def blocks(self) -> dict[str, Sizes]:
+        """The state's blocks that watch the robot, and their parts."""
+        return watch_blocks(self.problem)
+
+    @cached_property
+    def under_way(self) -> WayLayout:
+        """Which parts the vector ``way`` has."""
+        return WayLayout.of(self.problem)
+
+    @cached_property
+    def asks_back(self) -> bool:
+        """Whether some row of the person's posture may ask the object to come back."""
+        return any(not limit.hard and any(limit.returns) for limit in self.problem.row_limits)
+
+    @cached_property
+    def state(self) -> Sizes:
+        """Shape of every part of the state, in order."""
+        sizes = {"history": (count(self.history.sizes), 1), "stored": (4, 4), "started": (1, 1)}
+        sizes |= {"rest": (STATES, 1)}
+        sizes |= {name: (count(block), 1) for name, block in self.blocks.items()}
+        if self.problem.robot.owes:
+            # How far the object may be from where it is reckoned, along each axis and against it,
+            # since it was measured.
+            sizes["unsure"] = (6, 2)
+        if self.asks_back:
+            sizes["asked"] = (2, 1)
+        return sizes | ({"trial": (TRIAL, 1)} if self.guided else {})
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Shape of everything that the functions of the step exchange; else it is one number."""
+        n, rows = len(self.problem.coordinates), len(self.problem.row_names)
+        response = self.problem.response.sensitivity()
+        sizes: dict[str, tuple[int, int]] = {**self.state, "state": (count(self.state), 1)}
+        sizes |= dict.fromkeys(("posture", "observed", "gradient", "locked", "shift"), (n, 1))
+        sizes |= dict.fromkeys(("pose", "landed", "guide"), (4, 4))
+        sizes |= dict.fromkeys(("executed", "previous", "sent", "begun", "xi", "wanted"), (6, 1))
+        sizes |= dict.fromkeys(("brake", "share", "went", "changed"), (6, 1))
+        sizes |= {"next_rest": (STATES, 1)}
+        sizes |= dict.fromkeys(("up", "down", "slowest", "fastest"), (6, 1))
+        sizes |= dict.fromkeys(("now", "outside"), (rows, 1))
+        sizes |= {"unsure": (6, 2), "trial": (TRIAL, 1), "pull_H": (6, 6), "pull_g": (6, 1)}
+        sizes |= {"S": response.size_out(0), "E": response.size_out(1)}
+        sizes |= {"readings": (self.readings.numel_out(0), 1), "way": (self.under_way.size, 1)}
+        return sizes | {"away": (2 * rows, 1)}
+
+    def size(self, name: str) -> tuple[int, int]:
+        """Return the shape of something that the functions of the step exchange."""
+        if name in ("slack", "multipliers"):
+            return (len(self.movable), 1)
+        return self.sizes.get(name, (1, 1))
+
+    def symbols(self, names: Iterable[str], kind: type[Any] = ca.SX) -> dict[str, Any]:
+        """Return symbols of scalars (`casadi.SX`) or matrices (`casadi.MX`), by name."""
+        return {name: kind.sym(name, *self.size(name)) for name in names}
+
+    @cached_property
+    def stand_in(self) -> ca.DM:
+        """Posture (n,) for joints that are not seen, see `stand_in`."""
+        return ca.DM(stand_in(self.problem))
+
+    @cached_property
+    def pattern(self) -> ca.SX:
+        """S at a symbolic posture: which entries are zero whatever the posture."""
+        n = len(self.problem.coordinates)
+        return self.problem.response.sensitivity()(ca.SX.sym("q", n), ca.SX.sym("locked", n))[0]
+
+    @cached_property
+    def moved(self) -> list[int]:
+        """The rows of S that are not zero by structure."""
+        pattern = self.pattern
+        return [
+            row
+            for row in range(pattern.shape[0])
+            if not all(pattern[row, column].is_zero() for column in range(pattern.shape[1]))
+        ]
+
+    def sparse(self, S: ca.SX) -> ca.SX:
+        """Return S (n, 6) with the rows of joints that never move dropped."""
+        kept = ca.SX(*self.pattern.shape)
+        for row in self.moved:
+            kept[row, :] = S[row, :]
+        return kept
+
+    @cached_property
+    def movable(self) -> list[int]:
+        """Numbers of the rows that some twist can move, among all: those in the QP."""
+        sx, problem = self.symbols((*PLACE, "shift", "S")), self.problem
+        S, brake = self.sparse(sx["S"]), problem.stop.braking(sx["previous"], sx["dt"])
+        situation = self.situation(sx, S, brake)
+        return movable_rows(problem.twist_limit, problem.row_limits, situation)
+
+    def values(self, pick: str) -> np.ndarray:
+        """Return one number per row from the limits' attribute `pick`."""
+        return limit_values(self.problem.row_limits, pick)
+
+    @cached_property
+    def measures(self) -> list[tuple[Limit, ca.Function]]:
+        """The limits that measure something at the posture, and what measures it."""
+        found = [(limit, limit.measure()) for limit in self.problem.row_limits]
+        return [(limit, measure) for limit, measure in found if measure is not None]
+
+    @cached_property
+    def readings(self) -> ca.Function:
+        """``posture -> readings (r,)``: those of all limits, one below the other.
+
+        They are taken once per step, at the posture as it is.
+        """
+        posture = ca.MX.sym("posture", len(self.problem.coordinates))
+        measured = [measure(posture) for _, measure in self.measures]
+        readings = ca.densify(ca.vertcat(*measured)) if measured else ca.MX(0, 1)
+        return ca.Function("readings", [posture], [readings], ["posture"], ["readings"])
+
+    def situation(
+        self,
+        known: Mapping[str, Expression],
+        S: Expression,
+        brake: Braking | None = None,
+        held: bool = False,
+    ) -> Situation:
+        """Return where things are, from the symbols of a function of the step.
+
+        Args:
+            known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are
+                ``previous``, and either ``pose`` for where things are, or ``landed``, ``way`` and
+                ``shift`` for where they come to rest.
+            S: sensitivity, only with the entries that can differ from zero.
+            brake: of this period, for how far rows must look ahead; None: only the moment counts.
+            held: whether the robot holds on once with what is under way, if that is declared.
+        """
+        swing = change = ca.SX(6, 1)
+        if brake is not None:
+            swing, change = known["previous"] * brake.swing, brake.change
+        where = {
+            "posture": known["posture"],
+            "observed": known["observed"],
+            "sensitivity": S,
+            "swing": swing,
+            "change": change,
+            "readings": self._by_limit(known["readings"]),
+            "surface": self.problem.surface,
+        }
+        if "landed" not in known:
+            still, stays = type(S)(6, 1), type(S)(S.shape[0], 1)
+            pose = known.get("pose", ca.SX.eye(4))
+            return Situation(pose=pose, ahead=still, shift=stays, **where)
+        way = self.under_way.split(known["way"])
+        lost, turn = way.lost, way.turn_held if brake is not None else way.turn
+        if held:
+            lost, turn = way.lost_held, way.turn_held
+        return Situation(
+            pose=known["landed"],
+            ahead=way.ahead,
+            shift=known["shift"],
+            lost=lost,
+            turn=turn,
+            stray=way.stray,
+            raised=way.raised,
+            most=brake.stop.most(brake.dt) if brake is not None and self.problem.average else None,
+            **where,
+        )
+
+    def _by_limit(self, readings: Expression) -> dict[str, Expression]:
+        found, start = {}, 0
+        for limit, measure in self.measures:
+            size = measure.numel_out(0)
+            found[limit.names[0]] = readings[start : start + size]
+            start += size
+        return found
+
+
+def stand_in(problem: Problem) -> np.ndarray:
+    """Return a posture for joints that are not seen: the comfort posture, where there is one."""
+    return np.asarray(
+        getattr(problem.response, "comfort", np.zeros(len(problem.coordinates))), dtype=float
+    )

@@ -1,0 +1,119 @@
+"""The QP of a step, in locking passes.
+
+Solve, lock joints that would leave their range, solve again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.expressions.linear import Shape, by_name, is_set, written_out
+from ergoqp.solvers.solver import QpSolver
+from ergoqp.step.data import QP_DATA, pass_data
+from ergoqp.step.model import StepModel
+from ergoqp.step.qp import TOLERANCE, build_qp
+
+PASSES: Final = 3
+"""Locking passes at most."""
+
+_PULL: Final = ("pull_H", "pull_g")
+
+
+def solve_passes(
+    model: StepModel, solver: QpSolver, known: Mapping[str, ca.MX], shape: Shape
+) -> dict[str, ca.MX]:
+    """Return the QP's answer after as many passes as there are joints to lock.
+
+    Args:
+        model: of the step.
+        solver: of the QP.
+        known: the inputs of `ergoqp.step.data.pass_data` but the lock; guided ``pull_H`` and
+            ``pull_g``, which are added to the objective.
+        shape: how functions are written, see `ergoqp.expressions.linear`.
+
+    Returns:
+        ``xi`` (6,), ``S`` and ``E`` of that pass, ``slack`` and ``multipliers`` of the movable
+        rows, the QP's largest ``residual``, which joints are ``locked``, whether there are more to
+        lock, and ``shift``, see `ergoqp.limits.Situation`.
+    """
+    one_pass = _one_pass(model, solver, shape)
+    unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
+    first = by_name(one_pass, {**known, **unlocked}, written=True)
+    fixed = [known[name] for name in one_pass.name_in()[:-2]]
+    found = written_out(_further_passes(one_pass, 1), *fixed, *first.values())
+    result = dict(zip(first, found, strict=True))
+    return result | {"locked": result.pop("next_locked")}
+
+
+def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
+    """``(inputs of a pass, its result) -> result`` after the passes that joints to lock ask for.
+
+    Each is inside the branch of the one before, so that a step without such a joint only looks
+    once.
+    """
+    inputs = [ca.MX.sym("i", one_pass.sparsity_in(i)) for i in range(one_pass.n_in() - 2)]
+    result = [ca.MX.sym("r", one_pass.sparsity_out(i)) for i in range(one_pass.n_out())]
+    named = dict(zip(one_pass.name_out(), result, strict=True))
+    last = number == PASSES - 1
+    next_one = list(one_pass(*inputs, named["next_locked"], float(last)))
+    after = next_one if last else list(_further_passes(one_pass, number + 1)(*inputs, *next_one))
+    again = ca.Function("again", [*inputs, *result], after)
+    enough = ca.Function("enough", [*inputs, *result], result)
+    choose = ca.Function.if_else("next_pass", again, enough)
+    everything = list(choose(named["newly"], *inputs, *result))
+    return ca.Function("further_passes", [*inputs, *result], everything)
+
+
+def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
+    """One QP with a given lock set, of what `pass_data` takes, ``locked`` and ``final`` last."""
+    data = shape(pass_data(model))
+    names = [*data.name_in()[:-2], *(_PULL if model.guided else ()), "locked", "final"]
+    mx = model.symbols(names, ca.MX)
+    found = by_name(data, mx, written=True)
+    if model.guided:
+        found |= {"H": found["H"] + mx["pull_H"], "g": found["g"] + mx["pull_g"]}
+    exact = np.flatnonzero(model.values("hard")[model.movable])
+    qp = build_qp(solver, len(model.movable), shape, exact.tolist())
+    answer = dict(zip(_ANSWER, written_out(qp, *(found[name] for name in QP_DATA)), strict=True))
+    # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
+    xi = ca.fmin(ca.fmax(answer["xi"], found["low"]), found["high"])
+    lock = shape(_newly_locked(model))
+    newly = by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)["newly_locked"]
+    result = {
+        "xi": xi,
+        "S": found["S"],
+        "E": found["E"],
+        "slack": answer["slack"],
+        "multipliers": answer["multipliers"],
+        "residual": answer["residual"],
+        "next_locked": ca.fmax(mx["locked"], newly),
+        "newly": ca.mmax(newly),
+        "shift": found["shift"],
+    }
+    return ca.Function("one_pass", list(mx.values()), list(result.values()), list(mx), list(result))
+
+
+_ANSWER: Final = ("xi", "slack", "multipliers", "residual")
+
+
+def _newly_locked(model: StepModel) -> ca.Function:
+    """Joints that are at their end, not yet locked, and would move outward."""
+    mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
+    known = {name: mx[name] for name in ("posture", "observed", "readings")}
+    situation = model.situation(known, mx["S"])
+    outward = ca.MX(ca.DM.zeros(*model.size("locked")))
+    for limit in model.problem.row_limits:
+        if not limit.yield_zone:
+            continue
+        rows = limit.rows(situation)
+        rate = rows.matrix @ mx["xi"]
+        up = ca.logic_and(rows.above < limit.yield_zone, rate > 1e-6)
+        down = ca.logic_and(rows.below < limit.yield_zone, rate < -1e-6)
+        outward = ca.logic_or(outward, ca.logic_or(up, down))
+    free = ca.logic_and(outward, ca.logic_not(is_set(mx["locked"])))
+    newly = ca.densify(ca.logic_and(free, mx["residual"] < TOLERANCE))
+    return ca.Function("newly_locked", list(mx.values()), [newly], list(mx), ["newly_locked"])
