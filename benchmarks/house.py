@@ -10,9 +10,10 @@ for, is no room.
 - ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top
   of ``ergoqp/``.
 - ``long_lines``: lines of Python of more than 100 columns, in the whole project.
-- ``walk.stays``, ``walk.up``, ``walk.again``: ``step_function(problem)`` is run, and every call
-  that is handed the problem is followed from file to file: how many stays that makes, how many
-  calls go into a room on a higher floor, and how many stays are in a file that was left before.
+- ``walk.stays``, ``walk.up``, ``walk.again``: the calls of `build_step` that are handed the
+  problem, or the `StepModel` that holds it, are followed from file to file in the order of the
+  text, see `benchmarks.house_walk`: stays in a file, calls into a room on a higher floor than the
+  stay before, and stays in a file that was left before.
 - ``import_s``: processor time of ``import ergoqp`` beyond NumPy's, the median of five processes
   [s].
 """
@@ -26,9 +27,9 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
-from typing import Any, Final
+from typing import Final
 
+from benchmarks.house_walk import Walk
 from benchmarks.report import Report, run
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -141,66 +142,6 @@ def long_lines() -> int:
     return sum(len(line) > COLUMNS for text in texts for line in text.splitlines())
 
 
-class Walk:
-    """Follows one object through the calls that are handed it, from file to file."""
-
-    def __init__(self, followed: Any) -> None:
-        """Begin where nobody has been."""
-        self._followed, self._level = followed, floors()
-        self._frames: list[FrameType] = []
-        self._here = ""
-        self._files: set[str] = set()
-        self.stays = self.up = 0
-
-    @property
-    def again(self) -> int:
-        """How many stays are in a file that was left before."""
-        return self.stays - len(self._files)
-
-    def __call__(self, frame: FrameType, event: str, _: Any) -> None:
-        """Take one event of `sys.setprofile`."""
-        code = frame.f_code
-        if event == "return" and self._frames and self._frames[-1] is frame:
-            self._frames.pop()
-        if (
-            event != "call"
-            or not code.co_filename.startswith(f"{PACKAGE}/")
-            or code.co_name.startswith("<")
-        ):
-            return
-        names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        if not any(frame.f_locals.get(name) is self._followed for name in names):
-            return
-        if self._frames:
-            self._go(self._frames[-1].f_code.co_filename)
-        self.up += bool(self._here) and self._floor(code.co_filename) > self._floor(self._here)
-        self._go(code.co_filename)
-        self._frames.append(frame)
-
-    def _go(self, file: str) -> None:
-        self.stays += file != self._here
-        self._here = file
-        self._files.add(file)
-
-    def _floor(self, file: str) -> int:
-        return self._level[Path(file).relative_to(PACKAGE).parts[0].removesuffix(".py")]
-
-
-def walked() -> Walk:
-    """Return the way of a problem through `step_function`."""
-    from ergoqp.problem_files.load import load_problem
-    from ergoqp.step.function import step_function
-
-    problem = load_problem("screwing")
-    walk = Walk(problem)
-    sys.setprofile(walk)
-    try:
-        step_function(problem)
-    finally:
-        sys.setprofile(None)
-    return walk
-
-
 def import_seconds() -> float:
     """Return the processor time of ``import ergoqp`` beyond NumPy's."""
     text = (
@@ -235,9 +176,12 @@ def measure(report: Report) -> None:
     report.figure("longest_top_file", max(top))
     report.figure("longest_file", max(lengths.values()))
     report.figure("long_lines", long_lines(), f"of more than {COLUMNS} columns")
-    walk = walked()
+    level = floors()
+    levels = {name: level.get(room_of(name), 0) for name in files}
+    walk = Walk(files, levels)
+    walk.enter("ergoqp.step.function", "build_step", frozenset({"problem"}))
     report.figure(
-        "walk.stays", walk.stays, "of the problem on its way through a step's construction"
+        "walk.stays", len(walk.stays), "of the problem on its way through a step's construction"
     )
     report.figure("walk.up", walk.up)
     report.figure("walk.again", walk.again)

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 from ergoqp import errors as errors
 from ergoqp._version import __version__ as __version__
 from ergoqp.joints import JOINTS as JOINTS
-from ergoqp.sheets import reba as reba
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.problem_files.load import load_problem as load_problem
     from ergoqp.recordings.load import load_recording as load_recording
+    from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
     from ergoqp.step.answer import Step as Step
     from ergoqp.step.function import step_function as step_function
@@ -76,6 +76,8 @@ def __getattr__(name: str) -> Any:
     """Import what is used for the first time."""
     if name in _LATER:
         value = getattr(import_module(_LATER[name]), name)
+    elif name == "reba":
+        value = import_module("ergoqp.sheets.reba")
     elif name in _folders():
         value = import_module(f"ergoqp.{name}")
     else:

@@ -36,7 +36,7 @@ Examples:
   ergoqp run screwing --bias-deg right_knee_flexion=-4   with a knee that reads wrong
 """
 
-_ABOUT_OPTIMISE = """Look for the best place of the object, offline, for a person resting in comfort.
+_ABOUT_OPTIMISE = """Find the best place of the object, offline, for a person who rests in comfort.
 
 Prints a table, with what would be possible if the posture could be chosen too, and writes
 optimum.json. Finished starts are kept in the folder: a run that was killed goes on from them.
