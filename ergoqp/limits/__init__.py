@@ -2,6 +2,10 @@
 
 from ergoqp.limits.arm_length import ArmLength as ArmLength
 from ergoqp.limits.joints import JointLimit as JointLimit
+from ergoqp.limits.keep_out import Ball as Ball
+from ergoqp.limits.keep_out import Box as Box
+from ergoqp.limits.keep_out import HalfSpace as HalfSpace
+from ergoqp.limits.keep_out import KeepOut as KeepOut
 from ergoqp.limits.limit import Limit as Limit
 from ergoqp.limits.limit import Rows as Rows
 from ergoqp.limits.limit import Situation as Situation

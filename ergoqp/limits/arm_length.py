@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_number, check_text
+from ergoqp.coordinates import FOREARM
 from ergoqp.errors import InputError
 from ergoqp.limits.limit import RECOVERY_TIMES, Expression, Rows, Situation
 from ergoqp.limits.twist import TwistLimit
@@ -52,6 +53,10 @@ class ArmLength:
     proven = False
     returns = (True,)
     unit = "m"
+    equality = True
+    commanded = True
+    state = FOREARM
+    holds = "length"
 
     def __post_init__(self) -> None:
         """Check the numbers and the name."""

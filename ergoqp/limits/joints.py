@@ -51,6 +51,8 @@ class JointLimit:
     linear = True
     unit = "rad"
     names = JOINTS
+    state = JOINTS
+    holds = "joints"
 
     def __post_init__(self) -> None:
         """Check names and numbers."""

@@ -158,7 +158,7 @@ RECOVERY_TIMES: Final = (1e-3, 1e3)
 
 
 class Limit(Protocol):
-    """A kind of row, added by a file with this protocol and a line in `ergoqp.problem_files.load`.
+    """A kind of row, added by a file with this protocol and a line of registration.
 
     Attributes:
         names: name of each row, unique in a problem.
@@ -178,6 +178,14 @@ class Limit(Protocol):
         bend: by how much the rate of its rows can change per rad that the object turns, roughly;
             without the attribute they are straight. Coming back from outside is then not asked
             faster than the object can stop where it is nearest.
+        equality: whether the state stays on it exactly, by projection, as on `Surface`; without the
+            attribute it does not. A problem has one at most.
+        holds: what of the world it holds, in a word, where places, optimum and checker know how to
+            judge that: ``"workspace"``, ``"tool axis"``, ``"joints"``, ``"boundary"`` or
+            ``"length"``. Without the attribute they go by `rows` alone, see `ergoqp.limits.own`.
+        state: names of the coordinates that it is about; without the attribute any serve.
+        commanded: whether the twist must be the velocity of that state itself; without the
+            attribute it need not.
         proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then
             never asked for less than it promises, not even where braking has no better bound.
     """

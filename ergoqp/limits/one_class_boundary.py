@@ -48,6 +48,7 @@ class OneClassBoundary:
     yield_zone = 0.0
     proven = True
     unit = "log"
+    holds = "boundary"
 
     def __post_init__(self) -> None:
         """Check the numbers."""

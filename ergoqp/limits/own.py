@@ -13,19 +13,14 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ErgoqpError, ProblemError
-from ergoqp.limits.arm_length import ArmLength
-from ergoqp.limits.joints import JointLimit
 from ergoqp.limits.limit import Limit, Situation, Surface
-from ergoqp.limits.one_class_boundary import OneClassBoundary
-from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
-_KNOWN = (JointLimit, WorkspaceBox, AxisCone, OneClassBoundary, ArmLength)
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class OwnLimits:
-    """The limits of a problem that are not the first of a kind that comes with the package.
+    """The limits of a problem that are not the first to hold what they hold.
 
     They hold by their `rows` alone: distances to both ends where things are.
 
@@ -46,11 +41,15 @@ class OwnLimits:
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
         """The limits."""
-        known = [
-            next((limit for limit in self.every if isinstance(limit, kind)), None)
-            for kind in _KNOWN
-        ]
-        return tuple(limit for limit in self.every if not any(limit is each for each in known))
+        judged: set[str] = set()
+        own = []
+        for limit in self.every:
+            holds = getattr(limit, "holds", None)
+            if holds is None or holds in judged:
+                own.append(limit)
+            else:
+                judged.add(holds)
+        return tuple(own)
 
     @cached_property
     def hard(self) -> tuple[Limit, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 from ergoqp.arguments import check_number, read_array
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import turned
+from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
 
 _NARROWEST: Final = 1e-6
@@ -41,6 +42,8 @@ class WorkspaceBox:
     linear = True
     unit = "m"
     names = tuple(f"workspace {axis}" for axis in _AXIS_NAMES)
+    state = JOINTS
+    holds = "workspace"
     returns = (True, True, True)
 
     def __post_init__(self) -> None:
@@ -103,6 +106,8 @@ class AxisCone:
     bend = 3.0
     unit = "rad"
     names = ("tool axis",)
+    state = JOINTS
+    holds = "tool axis"
     returns = (True,)
 
     def __post_init__(self) -> None:

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.arguments import as_tuple
-from ergoqp.coordinates import FOREARM, Coordinates
+from ergoqp.coordinates import Coordinates
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
-from ergoqp.limits import ArmLength, AxisCone, JointLimit, Limit, TwistLimit, WorkspaceBox
+from ergoqp.limits import Limit, TwistLimit, WorkspaceBox
 from ergoqp.limits.own import OwnLimits
 from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
@@ -100,9 +100,9 @@ class Problem:
         return limit if self.surface is None else replace(limit, aside=self.surface.aside(limit))
 
     @cached_property
-    def surface(self) -> ArmLength | None:
-        """The limit that the state stays on exactly, if there is one."""
-        return self.limit_of(ArmLength)
+    def surface(self) -> Any:
+        """The limit that the state stays on exactly, see `ergoqp.limits.limit.Surface`, or None."""
+        return next((each for each in self.limits if getattr(each, "equality", False)), None)
 
     @cached_property
     def row_limits(self) -> tuple[Limit, ...]:
@@ -160,18 +160,13 @@ class Problem:
                         " moved"
                     )
         for limit in self.limits:
-            if isinstance(limit, JointLimit | WorkspaceBox | AxisCone) and state != JOINTS:
-                raise ProblemError(
-                    f"limits: got a {type(limit).__name__}, allowed only where the state is a"
-                    " person's posture"
-                )
-            if isinstance(limit, ArmLength) and (
-                state != FOREARM or not _is_identity(self.response)
-            ):
-                raise ProblemError(
-                    f"limits: got {limit.name!r}, allowed only where the state is"
-                    f" {', '.join(FOREARM)}"
-                )
+            needs = getattr(limit, "state", None)
+            commanded = not getattr(limit, "commanded", False) or _is_identity(self.response)
+            if needs is not None and (state != needs or not commanded):
+                named = getattr(limit, "name", None)
+                what = f"a {type(limit).__name__}" if named is None else repr(named)
+                known = "a person's posture" if needs == JOINTS else ", ".join(needs)
+                raise ProblemError(f"limits: got {what}, allowed only where the state is {known}")
         if isinstance(self.cost, SmoothReba) and state != JOINTS:
             raise ProblemError(
                 "cost: got the sheet, allowed a learned cost where the state is not a person's"

@@ -17,10 +17,15 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, ProblemError
 from ergoqp.files.text import read_toml
 from ergoqp.human import Body
+from ergoqp.joints import JOINTS
 from ergoqp.limits import (
     ArmLength,
     AxisCone,
+    Ball,
+    Box,
+    HalfSpace,
     JointLimit,
+    KeepOut,
     OneClassBoundary,
     TwistLimit,
     WorkspaceBox,
@@ -30,16 +35,18 @@ from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.mistakes import listed, mistakes, unusual
+from ergoqp.problem_files.own import build_own, file_table
 from ergoqp.problem_files.tables import (
     FileTable,
     JointsTable,
     PointSpeedTable,
     ResponseTable,
     SmoothRebaTable,
+    Table,
     TaskTable,
     TwistTable,
 )
-from ergoqp.responses import IkResponse, LinearResponse
+from ergoqp.responses import IkResponse, LinearResponse, Response
 from ergoqp.sheets.reba import Method
 from ergoqp.sheets.task import TaskOptions
 
@@ -49,12 +56,22 @@ def _point_speed(speed: float, acceleration: float) -> TwistLimit:
     return TwistLimit(speed, speed, acceleration, acceleration)
 
 
+_REGIONS: Final = {"half_space": HalfSpace, "ball": Ball, "box": Box}
+
+
+def _keep_out(name: str, tolerance: float, recovery_time: float, **regions: Any) -> KeepOut:
+    """A region that the contact point stays out of; of `_REGIONS` exactly one is given."""
+    kind, values = next((kind, values) for kind, values in regions.items() if values is not None)
+    return KeepOut(_REGIONS[kind](**values), tolerance, recovery_time, name)
+
+
 # Registration: one line per kind of term; the table's fields are the keyword arguments.
 _LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "twist": TwistLimit,
     "joints": JointLimit,
     "workspace": WorkspaceBox,
     "tool_axis": AxisCone,
+    "keep_out": _keep_out,
     "point_speed": _point_speed,
     "arm_length": ArmLength,
     "one_class_boundary": OneClassBoundary,
@@ -97,9 +114,13 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
         ProblemError: listing every mistake.
     """
     try:
-        file = FileTable.model_validate(raw)
+        table = file_table(raw)
+    except InputError as error:
+        raise ProblemError(f"{name}: {error}") from None
+    try:
+        file = table.model_validate(raw)
     except ValidationError as error:
-        raise ProblemError(listed(name, mistakes(FileTable, error))) from None
+        raise ProblemError(listed(name, mistakes(table, error))) from None
     if found := unusual(raw, file.unusual):
         raise ProblemError(listed(name, found))
     try:
@@ -115,10 +136,11 @@ def _build(file: FileTable, name: str, folder: Path) -> Problem:
     method = Method(**task.pop("method"))
     # Who sits is scored as one who sits: one key, not two.
     task["seated"] = file.response.ik is not None and file.response.ik.stance == "seated"
+    response = _response(file.response)
     return Problem(
         cost=_cost(file, method, task, folder),
-        response=_response(file.response),
-        limits=_limits(file, folder),
+        response=response,
+        limits=_limits(file, folder, tuple(response.coordinates) == JOINTS),
         dt=file.dt,
         control=Control(**file.control.model_dump()),
         robot=DeclaredRobot(**file.robot.model_dump()),
@@ -129,9 +151,11 @@ def _build(file: FileTable, name: str, folder: Path) -> Problem:
     )
 
 
-def _response(table: ResponseTable) -> IkResponse | LinearResponse:
-    if table.ik is None:
+def _response(table: ResponseTable) -> Response:
+    if table.points is not None:
         return LinearResponse()
+    if table.ik is None:
+        return _own("response", table)
     ik = table.ik.model_dump()
     return IkResponse(body=Body.of_stature(ik.pop("stature")), **ik)
 
@@ -146,14 +170,22 @@ def _cost(file: FileTable, method: Method, task: dict[str, Any], folder: Path) -
                 " them"
             )
         return load_cost(find_model(file.cost.learned.model, folder))
+    if file.cost.smooth_reba is None and file.cost.model_dump(exclude_none=True):
+        return _own("cost", file.cost)
     return SmoothReba(
         **(file.cost.smooth_reba or SmoothRebaTable()).model_dump(), method=method, **task
     )
 
 
-def _limits(file: FileTable, folder: Path) -> list[Any]:
+def _own(part: str, table: Table) -> Any:
+    """Make the one own term that a table names."""
+    name, values = next(iter(table.model_dump(exclude_none=True).items()))
+    return build_own(part, name, values)
+
+
+def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
     limits = file.limits.model_dump(exclude_none=True)
-    if file.response.ik is not None:
+    if of_person:
         # A person always has joints, and an object always a largest speed.
         limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
     elif "point_speed" not in limits:
@@ -163,7 +195,12 @@ def _limits(file: FileTable, folder: Path) -> list[Any]:
 
         boundary = limits["one_class_boundary"]
         boundary["model"] = load_one_class(find_model(boundary["model"], folder))
-    return [_LIMITS[kind](**values) for kind, values in limits.items()]
+    listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
+    return [_limit(kind, values) for kind, several in listed.items() for values in several]
+
+
+def _limit(kind: str, values: dict[str, Any]) -> Any:
+    return _LIMITS[kind](**values) if kind in _LIMITS else build_own("limits", kind, values)
 
 
 def find_model(name: str, folder: Path) -> Path:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
-from typing import Any, Final, Union, get_args, get_origin
+from typing import Any, Final, get_args
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -67,16 +66,17 @@ def _sentence(table: type[BaseModel], item: dict[str, Any]) -> str:
 def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
     """Return the keys of the table at a path."""
     for part in path:
-        annotation = table.model_fields[str(part)].annotation
-        union = (
-            get_args(annotation)
-            if get_origin(annotation) in (Union, types.UnionType)
-            else (annotation,)
-        )
-        table = next(
-            each for each in union if isinstance(each, type) and issubclass(each, BaseModel)
-        )
+        if isinstance(part, str):
+            table = next(_tables(table.model_fields[part].annotation))
     return list(table.model_fields)
+
+
+def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the tables that a type can be, or be a list of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for each in get_args(annotation):
+        yield from _tables(each)
 
 
 def nearest_first(got: str, allowed: Sequence[str]) -> list[str]:

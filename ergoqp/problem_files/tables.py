@@ -52,6 +52,16 @@ class PointsTable(Table):
     """Elbow and wrist of the right arm are the state, and the twist their velocities."""
 
 
+def _given(table: Table) -> list[str]:
+    """Return the keys of a table that a file names."""
+    return [key for key in type(table).model_fields if getattr(table, key) is not None]
+
+
+def _either(table: Table, word: str) -> str:
+    *most, last = type(table).model_fields
+    return f"{', '.join(most)} {word} {last}"
+
+
 class ResponseTable(Table):
     """One way in which the state follows the object."""
 
@@ -60,8 +70,8 @@ class ResponseTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if (self.ik is None) == (self.points is None):
-            raise ValueError("exactly one of ik and points is allowed")
+        if len(_given(self)) != 1:
+            raise ValueError(f"exactly one of {_either(self, 'and')} is allowed")
         return self
 
 
@@ -92,8 +102,8 @@ class CostTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if self.smooth_reba is not None and self.learned is not None:
-            raise ValueError("only one of smooth_reba and learned is allowed")
+        if len(_given(self)) > 1:
+            raise ValueError(f"only one of {_either(self, 'and')} is allowed")
         return self
 
 
@@ -179,6 +189,48 @@ class ArmLengthTable(Table):
     length: Positive
 
 
+class HalfSpaceTable(Table):
+    """See `ergoqp.limits.HalfSpace`."""
+
+    normal: Vector
+    offset: Number
+
+
+class BallTable(Table):
+    """See `ergoqp.limits.Ball`."""
+
+    centre: Vector
+    radius: Positive
+
+
+class BoxTable(Table):
+    """See `ergoqp.limits.Box`."""
+
+    lower: Vector
+    upper: Vector
+
+
+class KeepOutTable(Table):
+    """See `ergoqp.limits.KeepOut`; several are an array of tables, each with a name."""
+
+    name: str = "keep out"
+    half_space: HalfSpaceTable | None = None
+    ball: BallTable | None = None
+    box: BoxTable | None = None
+    tolerance: NotNegative = 1e-6
+    recovery_time: Positive = 2.0
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if sum(each is not None for each in (self.half_space, self.ball, self.box)) != 1:
+            raise ValueError("exactly one of half_space, ball and box is allowed")
+        return self
+
+
+def _as_list(value: Any) -> Any:
+    return [value] if isinstance(value, dict) else value
+
+
 class BoundaryTable(Table):
     """See `ergoqp.limits.OneClassBoundary`."""
 
@@ -189,13 +241,14 @@ class BoundaryTable(Table):
 
 
 class LimitsTable(Table):
-    """All limits, each at most once."""
+    """All limits, each at most once but for regions to keep out of."""
 
     twist: TwistTable | None = None
     joints: JointsTable | None = None
     workspace: WorkspaceTable | None = None
     tool_axis: ToolAxisTable | None = None
     point_speed: PointSpeedTable | None = None
+    keep_out: Annotated[list[KeepOutTable] | None, BeforeValidator(_as_list)] = None
     arm_length: ArmLengthTable | None = None
     one_class_boundary: BoundaryTable | None = None
 

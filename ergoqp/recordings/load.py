@@ -31,9 +31,10 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
+from ergoqp.registry import own_term, registered
 
 READERS: Final[dict[str, Callable[[Path], JointMotion]]] = {".bvh": read_bvh}
-"""File name ending -> reader. Another format is one more file and one more line here."""
+"""File name ending -> reader. An own one is an entry point, see `ergoqp.registry`."""
 
 _UPRIGHT: Final = math.radians(2)  # a neck that leans less at rest is not worth a sentence
 
@@ -121,16 +122,17 @@ def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
 
 
 def _reader(path: Path) -> Callable[[Path], JointMotion]:
-    try:
-        return READERS[path.suffix.lower()]
-    except KeyError:
-        if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
-            raise RecordingError(
-                f"{str(path)!r} is a folder, allowed the recording file itself"
-            ) from None
-        raise RecordingError(
-            f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join(READERS)}"
-        ) from None
+    ending = path.suffix.lower()
+    if ending in READERS:
+        return READERS[ending]
+    own = [f".{name}" for name in registered("reader")]
+    if ending in own:
+        return own_term("reader", ending[1:])
+    if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
+        raise RecordingError(f"{str(path)!r} is a folder, allowed the recording file itself")
+    raise RecordingError(
+        f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join([*READERS, *own])}"
+    )
 
 
 def _vertical(

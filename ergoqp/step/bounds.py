@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from ergoqp.limits import ArmLength, Limit, Rows, Situation, TwistLimit
+from ergoqp.limits import Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking, Stop
 from ergoqp.step.qp import ELBOW, FREE
@@ -154,9 +154,8 @@ def row_bounds(
     lower = ca.fmin(lower, upper)
     relaxes_up = ca.logic_and(cap[:m] > 0, at_braking >= lower)
     side, cap = 2 * relaxes_up - 1, ca.if_else(relaxes_up, cap[:m], cap[m:])
-    equal = ca.DM([float(isinstance(limit, ArmLength)) for limit in limits for _ in limit.names])[
-        kept
-    ]
+    equalities = [getattr(limit, "equality", False) for limit in limits for _ in limit.names]
+    equal = ca.DM(np.array(equalities, dtype=float)[kept])
     if equal.nnz() and ca.sum1(equal):
         # A surface is an equality, and braking keeps it (`on_surface`).
         upper, lower, cap = (

@@ -31,8 +31,9 @@ from ergoqp.simulation.robot import moved
 from ergoqp.step.asked import asked_update
 from ergoqp.step.bounds import STEADY_RETURN, limit_values
 from ergoqp.step.data import pass_data
-from ergoqp.step.function import _newly_locked, build_step
+from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
+from ergoqp.step.passes import _newly_locked
 from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Cause, Status, Stepper
 
@@ -368,7 +369,7 @@ def test_a_joint_is_locked_inside_the_zone_at_its_end_by_an_answer_that_leads_ou
     edge = (UPPER if end == "upper" else LOWER)[joint] - sign * 2.0**-5
     q, S = comfort_of("screwing"), np.zeros((32, 6))
     S[joint, 0] = sign
-    newly = _newly_locked(problem)
+    newly = _newly_locked(StepModel(problem))
     inside, out, solved = edge + sign * 1e-9, np.array([1.0, 0, 0, 0, 0, 0]), TOLERANCE / 2
     for angle, xi, residual, locked, expected in (
         (inside, out, solved, away, 1),

@@ -1,0 +1,191 @@
+"""Where the contact point may not be: beyond a plane, in a box, in a ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.arguments import check_number, check_text, read_array, shown
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
+from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
+
+_TINY: Final = 1e-30
+"""Keeps a root from having no slope [m^2]."""
+
+_SAME: Final = 1e-9
+"""Points that are nearer to each other are the same [m]."""
+
+_LARGEST: Final = 1e3
+"""Beyond this a length is a slip [m]."""
+
+
+class Region(Protocol):
+    """A convex part of the world."""
+
+    def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return the distance of a point (3,) [m] and the direction (3,) in which it grows.
+
+        The distance is that to the nearest point of the region, negative inside. The direction is a
+        unit vector; where several serve, it is one of them.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """All points p with normal . p <= offset.
+
+    Attributes:
+        normal: leads out of the region, any length but zero.
+        offset: where the plane is, along the unit normal [m].
+    """
+
+    normal: tuple[float, float, float]
+    offset: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers and make the normal a unit vector."""
+        normal = _three("keep_out normal", self.normal)
+        length = float(np.linalg.norm(normal))
+        if length < 1e-9:
+            raise InputError(f"keep_out normal: got {self.normal}, allowed any vector but zero")
+        object.__setattr__(self, "normal", tuple((normal / length).tolist()))
+        check_number("keep_out offset", self.offset, -_LARGEST, _LARGEST, "m")
+
+    def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return distance and direction: the normal everywhere."""
+        normal = ca.SX(ca.DM(self.normal))
+        return ca.dot(normal, point) - self.offset, normal
+
+
+@dataclass(frozen=True)
+class Ball:
+    """All points within a distance of a centre.
+
+    Attributes:
+        centre: x, y, z [m].
+        radius: [m].
+    """
+
+    centre: tuple[float, float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        centre = _three("keep_out centre", self.centre)
+        object.__setattr__(self, "centre", tuple(centre.tolist()))
+        check_number("keep_out radius", self.radius, 0.0, _LARGEST, "m")
+
+    def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return distance and direction: straight from the centre, and up in the centre itself."""
+        away = point - ca.DM(self.centre)
+        length = ca.sqrt(ca.sumsqr(away) + _TINY)
+        return length - self.radius, ca.if_else(length < _SAME, ca.DM([0, 0, 1]), away / length)
+
+
+@dataclass(frozen=True)
+class Box:
+    """All points between two corners, along the axes of the world.
+
+    Attributes:
+        lower: least x, y, z [m].
+        upper: greatest x, y, z [m].
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Check that the box has an inside."""
+        lower, upper = (_three(f"keep_out {end}", getattr(self, end)) for end in ("lower", "upper"))
+        if not np.all(lower < upper):
+            raise InputError(
+                f"keep_out: got lower {self.lower} not below upper {self.upper}, allowed"
+                " lower < upper"
+            )
+        object.__setattr__(self, "lower", tuple(lower.tolist()))
+        object.__setattr__(self, "upper", tuple(upper.tolist()))
+
+    def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return distance and direction: from the nearest point, and inside to the nearest face."""
+        beyond = ca.fmax(point - ca.DM(self.upper), 0) - ca.fmax(ca.DM(self.lower) - point, 0)
+        length = ca.sqrt(ca.sumsqr(beyond) + _TINY)
+        outside = length > _SAME
+        faces = ca.vertcat(point - ca.DM(self.upper), ca.DM(self.lower) - point)
+        depth, inward = ca.mmax(faces), ca.SX(3, 1)
+        for face in reversed(range(6)):
+            out = ca.DM(np.eye(3)[face % 3] * (1.0 if face < 3 else -1.0))
+            inward = ca.if_else(faces[face] >= depth, out, inward)
+        return ca.if_else(outside, length, depth), ca.if_else(outside, beyond / length, inward)
+
+
+@dataclass(frozen=True)
+class KeepOut:
+    """The contact point stays out of a region.
+
+    What is outside a convex region is not convex. It is held as one row: the half-space that
+    touches the region in the point nearest to where the object lands, fixed over the whole stop and
+    over all that is under way. That half-space is a part of what is allowed, so a stop that stays
+    in it stays out of the region; and a stop that was certified in an earlier one goes on in that,
+    which touches the region too. No accepted twist may leave the present half-space because braking
+    leaves it (`proven`): of the two half-spaces neither would hold then.
+
+    Attributes:
+        region: `HalfSpace`, `Box`, `Ball`, or anything else with a `Region.nearest`.
+        tolerance: this far inside still counts as at the edge [m].
+        recovery_time: coming out from inside is asked at distance / recovery_time [s].
+        name: of the row.
+    """
+
+    region: Region
+    tolerance: float = 1e-6
+    recovery_time: float = 2.0
+    name: str = "keep out"
+    hard = True
+    proven = True
+    yield_zone = 0.0
+    unit = "m"
+    returns = (True,)
+    state = JOINTS
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not callable(getattr(self.region, "nearest", None)) or isinstance(self.region, type):
+            raise InputError(
+                f"keep_out region: got {shown(self.region)}, allowed a HalfSpace, Box or Ball of"
+                " ergoqp.limits.keep_out"
+            )
+        check_text("keep_out name", self.name)
+        check_number("keep_out tolerance", self.tolerance, 0.0, 1.0)
+        check_number("keep_out recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The one row."""
+        return (self.name,)
+
+    def measure(self) -> None:
+        """Need nothing measured beforehand."""
+
+    def rows(self, situation: Situation) -> Rows:
+        """Return the one row, of the half-space at the nearest point of the region."""
+        distance, direction = self.region.nearest(situation.pose[:3, 3])
+        matrix = ca.SX(1, 6)
+        matrix[0, :3] = direction.T
+        free, straight = ca.SX([ca.inf]), ca.SX(1, 1)
+        return situation.counted(self.name, Rows(matrix, distance, free, free, straight))
+
+    def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
+        """Return the smallest distance to that half-space's edge on the way to a displacement."""
+        return straight_margins(self.rows(situation), displacement, situation)
+
+
+def _three(what: str, value: Any) -> np.ndarray:
+    numbers = read_array(what, value, (3,), "three finite numbers")
+    if np.abs(numbers).max() > _LARGEST:
+        raise InputError(f"{what}: got {shown(value)}, allowed numbers up to {_LARGEST:g}")
+    return numbers

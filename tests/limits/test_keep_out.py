@@ -1,0 +1,179 @@
+"""Regions to keep out of: distances against plain NumPy, and loops that lead through them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from step_samples import problem_of
+
+import ergoqp
+from ergoqp.errors import InputError, ProblemError
+from ergoqp.joints import LOWER, UPPER
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import load_problem, problem_from_dict
+from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.stepper import Stepper
+
+REGIONS = {
+    "half_space": HalfSpace((1, -2, 0.5), 0.1),
+    "ball": Ball((0.1, 0.2, -0.1), 0.3),
+    "box": Box((-0.2, -0.1, 0.0), (0.1, 0.3, 0.5)),
+}
+
+
+def distance(region: HalfSpace | Ball | Box, point: np.ndarray) -> float:
+    """How far a point (3,) is from a region, in plain NumPy; negative inside."""
+    if isinstance(region, HalfSpace):
+        return float(np.dot(region.normal, point) - region.offset)
+    if isinstance(region, Ball):
+        return float(np.linalg.norm(point - region.centre) - region.radius)
+    lower, upper = np.array(region.lower), np.array(region.upper)
+    nearest = np.clip(point, lower, upper)
+    if np.any(nearest != point):
+        return float(np.linalg.norm(point - nearest))
+    return -float(np.min(np.concatenate([point - lower, upper - point])))
+
+
+def found(region: HalfSpace | Ball | Box, point: np.ndarray) -> tuple[float, np.ndarray]:
+    p = ca.SX.sym("p", 3)
+    values = ca.Function("nearest", [p], list(region.nearest(p)))(point)
+    return float(values[0]), np.array(values[1]).ravel()
+
+
+@pytest.mark.parametrize("name", REGIONS)
+@settings(max_examples=60, deadline=None)
+@given(point=st.tuples(*[st.floats(-1, 1)] * 3))
+def test_the_distance_is_that_of_the_nearest_point(name: str, point: tuple) -> None:
+    region, at = REGIONS[name], np.array(point)
+    value, direction = found(region, at)
+    assert value == pytest.approx(distance(region, at), abs=1e-8)
+    assert np.linalg.norm(direction) == pytest.approx(1, abs=1e-6)
+    # The half-space at the nearest point holds nothing of the region: it is convex.
+    edge = at - value * direction
+    for other in np.random.default_rng(0).uniform(-1, 1, (200, 3)):
+        if distance(region, other) < 0:
+            assert direction @ (other - edge) < 1e-7
+
+
+def test_the_middle_of_a_ball_has_a_direction_too() -> None:
+    value, direction = found(Ball((0.1, 0.2, -0.1), 0.3), np.array([0.1, 0.2, -0.1]))
+    assert value == pytest.approx(-0.3)
+    assert direction.tolist() == [0, 0, 1]
+
+
+def walk(problem: Problem, kind: RobotKind, steps: int, seed: int) -> np.ndarray:
+    """Where the contact point (steps, 3) goes while postures wander and a robot obeys."""
+    rng, comfort = np.random.default_rng(seed), np.asarray(problem.response.comfort)  # type: ignore
+    pose = np.array(problem.response.contact()(comfort)[0])
+    stepper, robot, way = Stepper(problem), SimulatedRobot(kind, pose, rng), []
+    posture = comfort
+    for number in range(steps):
+        if number % 50 == 0:
+            posture = np.clip(comfort + 0.6 * rng.normal(size=32), LOWER, UPPER)
+        step = stepper.step(posture, robot.measured_pose())
+        for pose in robot.execute(step.twist, stepper.dt):
+            way.append(pose[:3, 3].copy())
+    return np.array(way)
+
+
+def bold(problem: Problem) -> Problem:
+    """The problem with an object that never rests by itself."""
+    return problem.replace(control=replace(problem.control, rest_below=0.0, stall_after=1e6))
+
+
+@pytest.mark.parametrize("shape", ["ball", "box", "half_space"])
+@pytest.mark.parametrize("late", [False, True])
+def test_no_loop_leads_into_a_region(shape: str, late: bool) -> None:
+    problem = bold(problem_of("screwing"))
+    kind = RobotKind(delay=0.03, lag=0.05) if late else RobotKind()
+    if late:
+        problem = problem.replace(robot=DeclaredRobot(delay=0.03, lag=0.05))
+    freely = walk(problem, kind, 600, 3)
+    begin, span = freely[0], np.ptp(freely, axis=0)
+    # Where it goes without the limit, some way from where it begins.
+    far = freely[np.argmax(np.linalg.norm(freely - begin, axis=1))]
+    away = (far - begin) / np.linalg.norm(far - begin)
+    size = 0.3 * float(np.linalg.norm(far - begin))
+    centre = begin + 0.6 * (far - begin)
+    region = {
+        "ball": Ball(tuple(centre), size),
+        "box": Box(tuple(centre - size / 2), tuple(centre + size / 2)),
+        "half_space": HalfSpace(tuple(-away), float(-away @ (begin + 0.5 * (far - begin)))),
+    }[shape]
+    assert span.max() > 0.05
+    assert min(distance(region, point) for point in freely) < -0.2 * size
+    limited = problem.replace(limits=[*problem.limits, KeepOut(region)])
+    for seed in (3, 4):
+        kept = [distance(region, point) for point in walk(limited, kind, 600, seed)]
+        assert min(kept) > -1e-6
+    # It comes close, so the limit is what keeps it out.
+    assert min(distance(region, point) for point in walk(limited, kind, 600, 3)) < 0.02
+
+
+def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
+    problem = bold(problem_of("screwing"))
+    comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    pose = np.array(problem.response.contact()(comfort)[0])
+    region = Ball(tuple(pose[:3, 3] + [0.02, 0, 0]), 0.05)
+    stepper = Stepper(problem.replace(limits=[*problem.limits, KeepOut(region)]))
+    depths = []
+    for _ in range(800):
+        step = stepper.step(comfort, pose)
+        pose = moved(pose, step.twist * stepper.dt)
+        depths.append(distance(region, pose[:3, 3]))
+    assert depths[0] < -0.02
+    assert depths[-1] > -1e-4
+    assert np.all(np.diff(depths) > -1e-9)
+
+
+def test_the_best_place_is_out_of_the_region() -> None:
+    problem = problem_of("screwing")
+    free = ergoqp.optimise(problem, starts=3, seed=0)
+    region = Ball(tuple(free.pose[:3, 3]), 0.08)
+    limited = problem.replace(limits=[*problem.limits, KeepOut(region)])
+    assert distance(region, free.pose[:3, 3]) < -0.07
+    assert distance(region, ergoqp.optimise(limited, starts=3, seed=0).pose[:3, 3]) > -1e-5
+    with pytest.raises(InputError, match="which is outside keep out"):
+        Stepper(limited, guide=free.pose)
+
+
+def test_problem_files_have_regions(tmp_path) -> None:
+    text = (
+        'title = "t"\n[response.ik]\n[[limits.keep_out]]\nname = "head"\n'
+        "ball = {centre = [0.1, 0, 1.6], radius = 0.2}\n[[limits.keep_out]]\n"
+        'name = "shelf"\nbox = {lower = [0.4, -1, 1.2], upper = [0.9, 1, 1.3]}\n'
+    )
+    (tmp_path / "own.toml").write_text(text)
+    problem = load_problem(tmp_path / "own.toml")
+    assert problem.row_names[-2:] == ("head", "shelf")
+    one = {"response": {"ik": {}}, "limits": {"keep_out": {"half_space": {"normal": [0, 0, 1.0]}}}}
+    with pytest.raises(ProblemError, match=r"limits\.keep_out\.0\.half_space\.offset: got nothing"):
+        problem_from_dict(one, "own")
+    one["limits"]["keep_out"] = {"cube": {}}
+    with pytest.raises(ProblemError, match=r"keep_out\.0\.cube: got a key that is not known"):
+        problem_from_dict(one, "own")
+    one["limits"]["keep_out"] = {}
+    with pytest.raises(ProblemError, match="exactly one of half_space, ball and box"):
+        problem_from_dict(one, "own")
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Ball((0, 0, 0), -1), "keep_out radius: got -1"),
+        (lambda: Ball((0, 0, np.nan), 1), "keep_out centre"),
+        (lambda: Box((0, 0, 0), (1, 1, 0)), "allowed lower < upper"),
+        (lambda: HalfSpace((0, 0, 0), 1), "allowed any vector but zero"),
+        (lambda: KeepOut(Ball), "allowed a HalfSpace, Box or Ball"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_no_region_is_said_in_one_sentence(make, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make()
