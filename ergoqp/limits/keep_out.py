@@ -128,11 +128,11 @@ class KeepOut:
     """The contact point stays out of a region.
 
     What is outside a convex region is not convex. It is held as one row: the half-space that
-    touches the region in the point nearest to where the object lands, fixed over the whole stop and
-    over all that is under way. That half-space is a part of what is allowed, so a stop that stays
-    in it stays out of the region; and a stop that was certified in an earlier one goes on in that,
-    which touches the region too. No accepted twist may leave the present half-space because braking
-    leaves it (`proven`): of the two half-spaces neither would hold then.
+    touches the region in the point nearest to where the object is, fixed over all that is under way
+    and over the whole stop. That half-space is a part of what is allowed, so a stop that stays in
+    it stays out of the region. And the distance from a convex region is a convex function: on a
+    straight way its tangents at later points lie above those at earlier ones from there on, so a
+    stop that was certified in one half-space is, further along, certified in the next.
 
     Attributes:
         region: `HalfSpace`, `Box`, `Ball`, or anything else with a `Region.nearest`.
@@ -146,7 +146,7 @@ class KeepOut:
     recovery_time: float = 2.0
     name: str = "keep out"
     hard = True
-    proven = True
+    proven = False
     yield_zone = 0.0
     unit = "m"
     returns = (True,)
@@ -172,8 +172,10 @@ class KeepOut:
         """Need nothing measured beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row, of the half-space at the nearest point of the region."""
-        distance, direction = self.region.nearest(situation.pose[:3, 3])
+        """Return the one row, of the half-space nearest to where the object is now."""
+        ahead = situation.ahead[:3]
+        distance, direction = self.region.nearest(situation.pose[:3, 3] - ahead)
+        distance += ca.dot(direction, ahead)
         matrix = ca.SX(1, 6)
         matrix[0, :3] = direction.T
         free, straight = ca.SX([ca.inf]), ca.SX(1, 1)

@@ -145,7 +145,14 @@ def _hard_rows(model: StepModel) -> ca.Function:
     posture, S = ca.SX.sym("posture", n), ca.SX.sym("S", n, 6)
     landed = shifted(pose, total)
     situation = Situation(
-        posture, ca.SX.ones(n), landed, S, ca.SX(6, 1), ca.SX(6, 1), surface=problem.surface
+        posture,
+        ca.SX.ones(n),
+        landed,
+        S,
+        ca.SX(6, 1),
+        ca.SX(6, 1),
+        surface=problem.surface,
+        ahead=total,
     )
     rows = ca.densify(
         ca.vertcat(*(limit.rows(situation).matrix for limit in model.under_way.limits))

@@ -1,0 +1,1 @@
+"""Terms of their own for ergoqp, one file each."""

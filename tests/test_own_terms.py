@@ -1,0 +1,133 @@
+"""Terms of a user's own: one example wheel with all five, installed and used."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ergoqp
+from ergoqp.errors import InputError, ProblemError, RecordingError
+from ergoqp.problem_files.load import load_problem, problem_from_dict
+from ergoqp.recordings.load import load_recording
+from ergoqp.registry import registered
+from ergoqp.simulation.demo_recording import demo_recording
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "own_terms"
+PROBLEM = """
+title = "with terms of our own"
+
+[response.stiff_trunk]
+stature = 1.8
+stiffness = 20.0
+
+[cost.low_arms]
+weight = 4.0
+
+[limits.ceiling]
+height = 1.25
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder in which the example's wheel is installed."""
+    pytest.importorskip("hatchling")
+    out = tmp_path_factory.mktemp("own")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out)]
+    subprocess.run(build, cwd=EXAMPLE, check=True, capture_output=True)
+    folder, wheel = out / "site", next(out.glob("*.whl"))
+    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    subprocess.run([*install, "--target", str(folder), str(wheel)], check=True)
+    return folder
+
+
+@pytest.fixture
+def own(site, monkeypatch):
+    """That folder on the path, for this test alone."""
+    monkeypatch.syspath_prepend(str(site))
+    importlib.invalidate_caches()
+    yield
+    for name in [name for name in sys.modules if name.split(".")[0] == "own_terms"]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def problem(own, tmp_path):
+    (tmp_path / "ours.toml").write_text(PROBLEM)
+    return load_problem(tmp_path / "ours.toml")
+
+
+def test_they_are_known_and_nothing_is_imported(own):
+    assert registered("limit") == ("ceiling",)
+    assert registered("solver") == ("qrqp_twice",)
+    load_problem("screwing")
+    assert "own_terms" not in sys.modules
+
+
+def test_a_problem_file_names_limit_cost_and_response(problem):
+    assert problem.cost.weight == 4.0
+    assert problem.limits[-1].height == 1.25
+    assert problem.row_names[-1] == "ceiling"
+    plain = load_problem("screwing").response
+    trunk = problem.coordinates.index("trunk_flexion")
+    assert problem.response.weight_vector[trunk] == 20 * plain.weight_vector[trunk]
+
+
+def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
+    q = (
+        np.asarray(problem.response.comfort)
+        + np.radians(20) * np.eye(32)[problem.coordinates.index("right_shoulder_flexion")]
+    )
+    twists = {}
+    for solver in ("daqp", "qrqp_twice"):
+        stepper = ergoqp.Stepper(problem, solver=solver)
+        pose = np.array(problem.response.contact()(q)[0])
+        pose[2, 3] = 1.2
+        steps = []
+        for _ in range(60):
+            steps.append(stepper.step(q, pose))
+            pose[:3, 3] += steps[-1].twist[:3] * stepper.dt
+        assert pose[2, 3] <= 1.25
+        assert {step.status for step in steps} <= {"optimal", "settled", "relaxed"}
+        twists[solver] = steps[-1].twist
+    np.testing.assert_allclose(twists["qrqp_twice"], twists["daqp"], atol=1e-5)
+
+
+def test_a_recording_is_read_by_the_own_reader(own, tmp_path):
+    demo_recording(tmp_path / "demo.bvh")
+    from ergoqp.recordings.bvh.read import read_bvh
+
+    motion = read_bvh(tmp_path / "demo.bvh")
+    head = " ".join(["time", *(f"{name}.{axis}" for name in motion.names for axis in "xyz")])
+    rows = np.column_stack([motion.time, motion.positions.reshape(len(motion.time), -1)])[:5]
+    lines = [" ".join(map(repr, row)) for row in rows.tolist()]
+    (tmp_path / "demo.centres").write_text("\n".join([head, *lines]))
+    recording = load_recording(tmp_path / "demo.centres")
+    assert recording.postures.shape == (5, 32)
+    (tmp_path / "bad.centres").write_text(head + "\n1 2 x\n")
+    with pytest.raises(RecordingError, match=r"bad\.centres: got could not convert"):
+        load_recording(tmp_path / "bad.centres")
+
+
+def test_mistakes_in_their_tables_are_sentences(own):
+    base = {"response": {"ik": {}}}
+    with pytest.raises(ProblemError, match=r"limits\.ceiling\.height: got nothing, required"):
+        problem_from_dict({**base, "limits": {"ceiling": {}}}, "p")
+    with pytest.raises(ProblemError, match=r"limits\.ceiling\.height: got 'high', allowed a valid"):
+        problem_from_dict({**base, "limits": {"ceiling": {"height": "high"}}}, "p")
+    with pytest.raises(ProblemError, match=r"limits\.cieling: got a key that is not known"):
+        problem_from_dict({**base, "limits": {"cieling": {"height": 1.0}}}, "p")
+    with pytest.raises(ProblemError, match="only one of"):
+        problem_from_dict({**base, "cost": {"low_arms": {}, "smooth_reba": {}}}, "p")
+
+
+def test_a_term_that_cannot_be_imported_is_a_sentence(own, site, monkeypatch):
+    monkeypatch.setitem(sys.modules, "own_terms.ceiling", None)
+    raw = {"response": {"ik": {}}, "limits": {"ceiling": {"height": 1.0}}}
+    with pytest.raises(ProblemError, match=r"limit ceiling: got ModuleNotFoundError .* from own_t"):
+        problem_from_dict(raw, "p")
+    with pytest.raises(InputError, match="solver: got 'nonsense', allowed .*qrqp_twice"):
+        ergoqp.Stepper(load_problem("screwing"), solver="nonsense")
