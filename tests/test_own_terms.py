@@ -14,6 +14,7 @@ from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.recordings.load import load_recording
 from ergoqp.registry import registered
 from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.simulation.robot import moved
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "own_terms"
 PROBLEM = """
@@ -69,11 +70,11 @@ def test_they_are_known_and_nothing_is_imported(own):
 
 def test_a_problem_file_names_limit_cost_and_response(problem):
     assert problem.cost.weight == 4.0
-    assert problem.limits[-1].height == 1.25
-    assert problem.row_names[-1] == "ceiling"
+    assert [limit.height for limit in problem.limits if hasattr(limit, "height")] == [1.25]
+    assert "ceiling" in problem.row_names
     plain = load_problem("screwing").response
     trunk = problem.coordinates.index("trunk_flexion")
-    assert problem.response.weight_vector[trunk] == 20 * plain.weight_vector[trunk]
+    assert problem.response.weight_vector[trunk] == 20.0 > plain.weight_vector[trunk]
 
 
 def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
@@ -89,7 +90,7 @@ def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
         steps = []
         for _ in range(60):
             steps.append(stepper.step(q, pose))
-            pose[:3, 3] += steps[-1].twist[:3] * stepper.dt
+            pose = moved(pose, steps[-1].twist * stepper.dt)
         assert pose[2, 3] <= 1.25
         assert {step.status for step in steps} <= {"optimal", "settled", "relaxed"}
         twists[solver] = steps[-1].twist
@@ -129,5 +130,5 @@ def test_a_term_that_cannot_be_imported_is_a_sentence(own, site, monkeypatch):
     raw = {"response": {"ik": {}}, "limits": {"ceiling": {"height": 1.0}}}
     with pytest.raises(ProblemError, match=r"limit ceiling: got ModuleNotFoundError .* from own_t"):
         problem_from_dict(raw, "p")
-    with pytest.raises(InputError, match="solver: got 'nonsense', allowed .*qrqp_twice"):
+    with pytest.raises(InputError, match=r"solver: got .nonsense., allowed .*qrqp_twice"):
         ergoqp.Stepper(load_problem("screwing"), solver="nonsense")

@@ -19,7 +19,9 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
+from ergoqp.step.place import Guide
 from ergoqp.step.stepper import Stepper
+from ergoqp.step.trial import THERE, TRIAL
 
 REGIONS = {
     "half_space": HalfSpace((1, -2, 0.5), 0.1),
@@ -115,6 +117,42 @@ def test_no_loop_leads_into_a_region(shape: str, late: bool) -> None:
         assert min(kept) > -1e-6
     # It comes close, so the limit is what keeps it out.
     assert min(distance(region, point) for point in walk(limited, kind, 600, 3)) < 0.02
+
+
+LATE = {"delay": 0.03, "lag": 0.05}
+NOISY = {"pose_noise": 0.001, "delay": 0.02}
+
+
+@pytest.mark.parametrize("radius", [0.015, 0.04, 0.1])
+@pytest.mark.parametrize(("given", "average"), [({}, None), ({}, 0.0), (LATE, None), (NOISY, None)])
+def test_a_journey_past_a_ball_slides_along_it(
+    radius: float, given: dict[str, float], average: float | None
+) -> None:
+    """Drawn straight through it, for hundreds of steps: no half-space serves for two of them."""
+    base = problem_of("screwing")
+    control = replace(base.control, average=average)
+    base = base.replace(control=control, robot=DeclaredRobot(**given))
+    comfort = np.asarray(base.response.comfort)  # type: ignore[attr-defined]
+    begin = np.array(base.response.contact()(comfort)[0])
+    goal = begin.copy()
+    goal[:3, 3] += 0.05, 0.25, 0.0
+    middle = (begin[:3, 3] + goal[:3, 3]) / 2 + radius * np.array([0.2, 0.1, -0.2])
+    ball = Ball(tuple(middle), radius)
+    for kept in (True, False):
+        limits = [*base.limits, *([KeepOut(ball)] if kept else [])]
+        stepper = Stepper(base.replace(limits=limits), guide=Guide(goal, -100.0))
+        # On the journey at once, see `ergoqp.step.trial.TRIAL`.
+        stepper._state_in[-TRIAL:][:5] = THERE, 0.0, 0.0, 5.0, 1e9
+        robot = SimulatedRobot(RobotKind(**given), begin, np.random.default_rng(0))
+        found = []
+        for _ in range(400):
+            step = stepper.step(comfort, robot.measured_pose())
+            found += [distance(ball, at[:3, 3]) for at in robot.execute(step.twist, stepper.dt)]
+        if kept:
+            assert min(found) > 0
+            assert np.mean(np.array(found) < 0.004) > 0.01
+        else:
+            assert min(found) < -0.5 * radius
 
 
 def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
