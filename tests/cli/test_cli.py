@@ -162,7 +162,7 @@ class TestRun:
         assert (
             "report.html was not written: the report page needs the package 'jinja2'" in outcome.err
         )
-        assert "pip install 'ergoqp[report]'" in outcome.err
+        assert "[report]'`" in outcome.err
         assert not page.exists()
         assert page.with_name("run.json").is_file()
         assert "had the object stayed" in outcome.out

@@ -108,7 +108,7 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
     with pytest.raises(
         MissingExtraError,
-        match=r"fitting a quadratic cost needs the package 'scipy': .*ergoqp\[learn\]",
+        match=r"fitting a quadratic cost needs the package 'scipy': .*\[learn\]'`",
     ):
         Quadratic.fit(made([3.0, 0.5, 0.0]))
 
