@@ -1,7 +1,7 @@
 # The whole project on a machine with Python 3.11 or newer and make:
 #   make demo    the main job, on a recording that the project makes itself; prints where report.html is
 #   make test    everything installed, all tests
-#   make check   style, formatting, types
+#   make check   style, formatting, types, which part imports which
 #   make bench   the benchmarks' quick samples
 #   make mutants whether the tests notice mistakes: about an hour
 PYTHON ?= python3
@@ -25,6 +25,7 @@ check: $(VENV)/.tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/python -m benchmarks.house --check
 
 bench: $(VENV)/.tests
 	@for file in benchmarks/*.py; do \
@@ -46,7 +47,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.runs: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[report,mocap]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[report]'
 	@touch $@
 
 $(VENV)/.tests: pyproject.toml | $(VENV)/bin/python

@@ -1,5 +1,9 @@
 """What can be wrong with user input: one sentence each, saying what, where, got and allowed."""
 
+import json
+import shlex
+from pathlib import Path
+
 
 class ErgoqpError(Exception):
     """Root of the package's own errors; its text is one sentence for the user.
@@ -43,7 +47,7 @@ class MissingExtraError(ErgoqpError, ImportError):
     def __init__(self, what: str, extra: str, module: str) -> None:
         """Compose the one sentence that names the extra."""
         super().__init__(
-            f"{what} needs the package {module!r}: install it with `pip install 'ergoqp[{extra}]'`"
+            f"{what} needs the package {module!r}: install it with `{install_command(extra)}`"
         )
 
 
@@ -52,3 +56,31 @@ class ModelError(ErgoqpError):
 
     Such a file is cut, changed or of another kind.
     """
+
+
+def install_command(extra: str) -> str:
+    """Return the command that adds an extra to this installation.
+
+    Args:
+        extra: its name in pyproject.toml.
+
+    Returns:
+        The command for the checkout that the package was installed from, where it is still there,
+        else for an index.
+    """
+    # Only who lacks something waits for these.
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    try:
+        origin = json.loads(distribution("ergoqp").read_text("direct_url.json") or "{}")
+    except PackageNotFoundError:
+        origin = {}
+    source, option = "ergoqp", ""
+    if "dir_info" in origin:
+        folder = url2pathname(urlsplit(origin["url"]).path)
+        # What others built and packed again, as conda does, names a folder of theirs.
+        if Path(folder).is_dir():
+            source, option = folder, "-e " if origin["dir_info"].get("editable") else ""
+    return f"pip install {option}{shlex.quote(f'{source}[{extra}]')}"

@@ -170,7 +170,7 @@ def test_public_names():
 
 
 def test_import_is_light():
-    heavy = ("casadi", "mujoco", "pydantic", "typer", "viser", "bvhio")
+    heavy = ("casadi", "mujoco", "pydantic", "typer", "viser")
     code = f"import sys, ergoqp; print([name for name in {heavy} if name in sys.modules])"
     assert call(sys.executable, "-W", "error", "-c", code, cwd=ROOT) == "[]\n"
 

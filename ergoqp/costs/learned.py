@@ -30,9 +30,6 @@ KINDS: Final[dict[str, str]] = {
 }
 """Where each kind of learned cost is; to add one, write the class and a line here."""
 
-CAUTION: Final = 0.1
-"""Softens the Gauss-Newton model near the lowest value [points]."""
-
 
 class LearnedCost(ABC):
     """V(q) learned from data.
@@ -130,11 +127,6 @@ class LearnedCost(ABC):
         gradient[self.coordinates.indices] = slope
         outputs = [value, ca.densify(gradient)]
         return ca.Function(f"{self.name}_gradient", [q], outputs, ["posture"], ["cost", "gradient"])
-
-    def hessian_model(self, q: ca.MX) -> ca.MX:
-        """Return a positive semidefinite model of the Hessian (N, N): Gauss-Newton on V - V_min."""
-        value, gradient = self.value_and_gradient(q)
-        return gradient @ gradient.T / (2 * (ca.fmax(value - self.minimum, 0) + CAUTION))
 
     def save(self, path: Path | str, notes: Mapping[str, Any] | None = None) -> None:
         """Write the cost to a file (npz with a JSON header and a checksum).

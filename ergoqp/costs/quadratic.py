@@ -99,12 +99,6 @@ class Quadratic(LearnedCost):
         """Return dV/dx (d,)."""
         return ca.DM(self.slopes) + ca.DM(2 * self.curvatures) * x
 
-    def hessian_model(self, q: ca.MX) -> ca.MX:
-        """Return the Hessian (N, N) itself: constant, and positive semidefinite."""
-        diagonal = np.zeros(q.shape[0])
-        diagonal[self.coordinates.indices] = 2 * self.curvatures
-        return ca.MX(ca.DM(np.diag(diagonal)))
-
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return settings and arrays."""
         return {"constant": self.constant}, {"slopes": self.slopes, "curvatures": self.curvatures}

@@ -5,7 +5,6 @@ Both are CasADi functions read off the loaded model.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Final, TypeVar, cast
 
 import casadi as ca
@@ -111,12 +110,6 @@ def base_jacobian(position: Expression) -> Expression:
     jacobian[1, 3] = position[0]
     jacobian[5, 3] = 1
     return cast("Expression", jacobian)
-
-
-@lru_cache(maxsize=32)
-def kinematics_of(stature: float) -> Kinematics:
-    """Return the kinematics of an average body of this stature [m], made once per stature."""
-    return Kinematics(Body.of_stature(stature))
 
 
 _Axis = tuple[int, ca.SX, ca.SX]

@@ -67,7 +67,6 @@ def load_recording(
         RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not
             known.
         InputError: another argument is not usable.
-        MissingExtraError: the format's reader is not installed.
     """
     path = path_of("recording", path)
     _check_arguments(unit_to_m, up)

@@ -152,7 +152,7 @@ def test_without_matplotlib_everything_else_is_written(
     (tmp_path / "compare.png").write_text("of another comparison")
     with pytest.raises(
         MissingExtraError,
-        match=r"picture of a comparison needs the package 'matplotlib'.*ergoqp\[solvers\]",
+        match=r"picture of a comparison needs the package 'matplotlib'.*\[solvers\]'`",
     ):
         small().save(tmp_path)
     assert (tmp_path / "compare.json").is_file()

@@ -250,7 +250,7 @@ def test_a_missing_package_is_named(data, monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.mixture", None)
     with pytest.raises(
         MissingExtraError,
-        match=r"fitting a Gaussian mixture needs the package 'sklearn'.*ergoqp\[learn\]",
+        match=r"fitting a Gaussian mixture needs the package 'sklearn'.*\[learn\]'`",
     ):
         Gmr.fit(data)
 

@@ -157,18 +157,6 @@ def test_the_gradient_is_that_of_the_value(stairs):
         )
 
 
-def test_the_hessian_model_is_positive_semidefinite(stairs):
-    _, cost = stairs
-    q = ca.MX.sym("q", 32)
-    model = ca.Function("model", [q], [cost.hessian_model(q)])(
-        cost.coordinates.spread([[0.29, 0.1, 0.0]])[0]
-    ).full()
-    np.testing.assert_allclose(model, model.T, atol=1e-12)
-    values = np.linalg.eigvalsh(model)
-    assert values.min() >= -1e-9 * values.max()
-    assert values.max() > 0
-
-
 def test_temperature_softens_and_stays_between_the_scores(stairs):
     _, cost = stairs
     warm = Neural(cost.network, cost.scores.tolist(), NAMES, 2.0, temperature=4.0)

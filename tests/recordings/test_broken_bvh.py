@@ -1,7 +1,7 @@
 """Files that are not what they claim: one clear sentence each, at once, whatever is broken."""
 
-import builtins
 import contextlib
+import re
 import time
 from pathlib import Path
 
@@ -10,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import ergoqp.recordings.bvh.read as bvh
-from ergoqp.errors import MissingExtraError, RecordingError
+from ergoqp.errors import RecordingError
 from ergoqp.recordings.bvh.read import read_bvh
 
 
@@ -111,16 +110,41 @@ BROKEN = {
         lambda t: t.replace("OFFSET 0 1 0", "OFFSET 0 1", 1),
         "line 8: OFFSET: got 2 numbers",
     ),
-    "lost brace": (lambda t: t.replace("{", "", 1), "line 6"),
+    "lost brace": (
+        lambda t: t.replace("{", "", 1),
+        "line 4: got 'OFFSET 0 0 0', allowed here is {",
+    ),
     "brace too few": (
         lambda t: t.replace("    }\n  }\n", "    }\n"),
-        "got MOTION with 1 braces open",
+        "line 15: got 'MOTION', allowed inside joint 'Hips'",
     ),
+    "brace too many": (lambda t: t.replace("{\n", "{\n{\n", 1), "line 4: got '{'"),
+    "brace not alone": (lambda t: t.replace("{\n", "{ ", 1), "allowed here is { alone"),
     "two roots": (
         lambda t: t.replace("JOINT Arm", "ROOT Arm"),
-        "line 6: ROOT 'Arm' is out of place",
+        "line 6: got 'ROOT Arm', allowed inside joint 'Hips'",
     ),
-    "parts out of order": (lambda t: t.replace("  OFFSET 0 0 0\n", "", 1), "OFFSET"),
+    "no root": (
+        lambda t: t.replace("ROOT Hips\n", ""),
+        "line 2: got '{', allowed here is a line ROOT",
+    ),
+    "no offset": (lambda t: t.replace("  OFFSET 0 0 0\n", "", 1), "allowed here is a line OFFSET"),
+    "offset twice": (
+        lambda t: t.replace("  OFFSET 0 0 0\n", "  OFFSET 0 0 0\n" * 2),
+        "line 5: got 'OFFSET 0 0 0', allowed here is a line CHANNELS",
+    ),
+    "end site of nothing": (
+        lambda t: t.replace("      OFFSET 0 1 0\n", ""),
+        "line 12: got '}', allowed here is a line OFFSET",
+    ),
+    "joint in an end site": (
+        lambda t: t.replace("      OFFSET 0 1 0\n", "      OFFSET 0 1 0\n      JOINT Tip\n"),
+        "line 13: got 'JOINT Tip', allowed here is } alone",
+    ),
+    "no channels": (
+        lambda t: re.sub("CHANNELS .*", "CHANNELS 0", t),
+        "got a skeleton without channels",
+    ),
     "not a BVH": (
         lambda t: "solid cube\n" + t,
         "line 1: a BVH file starts with the line HIERARCHY",
@@ -184,21 +208,6 @@ def test_harmless_variants_are_read(change, tmp_path: Path):
     path = tmp_path / "variant.bvh"
     path.write_bytes(change(small_file()).encode())
     assert read_bvh(path).positions.shape == (3, 2, 3)
-
-
-def test_the_missing_reader_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    imported = builtins.__import__
-
-    def without_bvhio(name: str, *rest, **kwargs):
-        if name == "bvhio":
-            raise ImportError(name)
-        return imported(name, *rest, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without_bvhio)
-    with pytest.raises(
-        MissingExtraError, match=r"reading BVH files needs the package 'bvhio'.*ergoqp\[mocap\]"
-    ):
-        bvh.read_bvh(tmp_path / "any.bvh")
 
 
 PIECES = st.sampled_from(

@@ -119,7 +119,7 @@ def test_scores_of_a_recording_that_cannot_be_scored(recording, tmp_path):
 def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(
-        MissingExtraError, match=rf"the report page needs the package '{module}'.*ergoqp\[report\]"
+        MissingExtraError, match=rf"the report page needs the package '{module}'.*\[report\]'`"
     ):
         write_run_page(make_run(0.2), tmp_path / "report.html")
     with pytest.raises(MissingExtraError, match=module):

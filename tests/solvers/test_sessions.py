@@ -170,7 +170,7 @@ def test_a_solver_that_is_not_installed_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(
         MissingExtraError,
-        match=rf"solver '{name}' needs the package '{package}': .*ergoqp\[solvers\]",
+        match=rf"solver '{name}' needs the package '{package}': .*\[solvers\]'`",
     ):
         open_session(name, 6, 3)
 

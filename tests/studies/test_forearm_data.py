@@ -98,7 +98,7 @@ def test_impossible_numbers_are_refused(options):
 
 def test_clustering_needs_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "sklearn.cluster", None)
-    with pytest.raises(MissingExtraError, match=r"ergoqp\[learn\]"):
+    with pytest.raises(MissingExtraError, match=r"\[learn\]'`"):
         forearm_data(10, cache=False)
 
 

@@ -145,7 +145,5 @@ def test_without_mink_the_extra_is_named():
     code = "import sys; sys.modules['mink'] = None; import ergoqp.whole_body"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
-    assert (
-        "the whole-body formulation needs the package 'mink': install it with `pip install"
-        " 'ergoqp[mink]'`" in done.stderr
-    )
+    assert "the whole-body formulation needs the package 'mink': install it with" in done.stderr
+    assert "[mink]'`" in done.stderr

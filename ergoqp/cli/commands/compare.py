@@ -9,7 +9,7 @@ from rich.text import Text
 
 from ergoqp.cli.commands.common import console, make_folder, working, writing
 from ergoqp.comparison.compare import Comparison, check, compare
-from ergoqp.errors import MissingExtraError
+from ergoqp.errors import MissingExtraError, install_command
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.judge import TOLERANCES, tidy
 from ergoqp.solvers.sessions import SESSIONS
@@ -50,7 +50,8 @@ def run_compare(
     screen.print(_exactness(found))
     screen.print(_times(found))
     for name in found.missing:
-        screen.print(Text(f"{name} is not installed: `pip install 'ergoqp[solvers]'`"))
+        command = install_command("solvers")
+        screen.print(Text(f"{name} is not installed: `{command}`"), soft_wrap=True)
     if note:
         screen.print(Text(note), soft_wrap=True)
     for name in ("compare.json", "compare.png", "sequences", "ergoqp_sequences.py"):

@@ -1,15 +1,14 @@
-"""The guard in front of the BVH reader: a file is checked line by line before any reader sees it.
+"""The text of a BVH file as skeleton and numbers, in one pass that trusts nothing.
 
-BVH readers trust the file: they wait for lines that never come, believe any frame count and let NaN
-through. Everything that could mislead them is found here, in one pass over the text, and told with
-its line.
+No frame count is believed, no line that may never come is waited for, no NaN let through; what is
+wrong is told with its line.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,6 +21,25 @@ CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zr
 
 _LARGEST = 1e8  # in any unit of length, and in degrees; no person is there
 _LONGEST_FRAME = 10.0  # seconds; a longer frame time is a frame rate written in its place
+_DEEPEST = 100  # joints, one inside the other; a person with all fingers has about ten
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint of a skeleton.
+
+    Attributes:
+        name: the file's name of it.
+        offset: its place in its parent at rest, shape (3,) [file unit].
+        channels: which of `CHANNELS` its columns of the rows are, in their order.
+        depth: how many joints it hangs below the root; its parent is the last one before it that
+            hangs one less.
+    """
+
+    name: str
+    offset: np.ndarray
+    channels: tuple[str, ...]
+    depth: int
 
 
 @dataclass(frozen=True)
@@ -29,12 +47,12 @@ class BvhText:
     """A checked BVH file.
 
     Attributes:
-        header: the lines from ``HIERARCHY`` to the closing brace of the root.
+        joints: the skeleton in the order of the file, which is that of the columns.
         rows: channel values, shape (n, channels); finite [file unit, deg].
         frame_time: period between two rows [s].
     """
 
-    header: tuple[str, ...]
+    joints: tuple[Joint, ...]
     rows: np.ndarray
     frame_time: float
 
@@ -60,6 +78,15 @@ class _Cursor:
             f"{self.path.name}: the file ends in line {self.line}, required is {wanted}"
         )
 
+    def part(self, keyword: str) -> list[str]:
+        """Return what the next line says behind the keyword that must begin it."""
+        words = self.next("the skeleton's last closing brace")
+        alone = keyword in "{}"
+        if words[0] != keyword or (alone and len(words) > 1):
+            allowed = f"{keyword} alone on its line" if alone else f"a line {keyword}"
+            self.fail(f"got {_short(' '.join(words))}, allowed here is {allowed}")
+        return words[1:]
+
     def fail(self, problem: str) -> NoReturn:
         raise RecordingError(f"{self.path.name}, line {self.line}: {problem}")
 
@@ -75,15 +102,6 @@ class _Cursor:
         return value
 
 
-@dataclass
-class _Header:
-    """What the pass over the hierarchy collects."""
-
-    channels: int = 0
-    names: dict[str, int] = field(default_factory=dict)
-    """Joint name -> line of its first use."""
-
-
 def read_text(path: Path) -> BvhText:
     """Read and check a BVH file without trusting any number it states.
 
@@ -91,22 +109,19 @@ def read_text(path: Path) -> BvhText:
         path: the file.
 
     Returns:
-        The header's lines, the rows as numbers and the frame time.
+        The skeleton, the rows as numbers and the frame time.
 
     Raises:
         RecordingError: the file is missing, a folder, not text, or not a complete and finite BVH
             file; says which line, what was found and what is allowed.
     """
     cursor = _Cursor(path, re.split(r"\r\n|\r|\n", _decoded(path)))
-    header = _Header()
     words = cursor.next("the line HIERARCHY")
     if words != ["HIERARCHY"]:
         cursor.fail(f"a BVH file starts with the line HIERARCHY, got {_short(' '.join(words))}")
-    first = cursor.line
-    _check_hierarchy(cursor, header)
-    last = cursor.line
-    rows, frame_time = _read_motion(cursor, header.channels)
-    return BvhText(tuple(cursor.lines[first - 1 : last]), rows, frame_time)
+    joints = _read_skeleton(cursor)
+    rows, frame_time = _read_motion(cursor, sum(len(joint.channels) for joint in joints))
+    return BvhText(joints, rows, frame_time)
 
 
 def _decoded(path: Path) -> str:
@@ -133,75 +148,74 @@ def _decoded(path: Path) -> str:
         ) from None
 
 
-def _check_hierarchy(cursor: _Cursor, header: _Header) -> None:
+def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
     """Walk over the skeleton until the root's brace closes."""
-    depth = 0
-    while True:
+    lines: dict[str, int] = {}
+    joints = [_read_joint(cursor, cursor.part("ROOT"), 0, lines)]
+    inside = [joints[0]]
+    while inside:
         words = cursor.next("the skeleton's last closing brace")
-        match words[0]:
-            case "{" | "}":
-                if len(words) != 1:
-                    cursor.fail(f"a brace stands alone on its line, got {_short(' '.join(words))}")
-                depth += 1 if words[0] == "{" else -1
-                if depth <= 0:
-                    break
-            case "ROOT" | "JOINT":
-                _check_name(cursor, header, words, inside=depth > 0)
-            case "OFFSET":
-                if len(words) != 4:
-                    cursor.fail(f"OFFSET: got {len(words) - 1} numbers, allowed 3")
-                for word in words[1:]:
-                    cursor.number(word, "OFFSET")
-            case "CHANNELS":
-                _check_channels(cursor, words[1:])
-                header.channels += len(words) - 2
-            case "End":
-                pass
-            case "MOTION":
-                cursor.fail(
-                    f"got MOTION with {depth} braces open, allowed after the skeleton is closed"
-                )
-            case other:
-                cursor.fail(
-                    f"got {_short(other)}, allowed in a skeleton are ROOT, JOINT, OFFSET, CHANNELS,"
-                    " End Site and braces"
-                )
-    if depth < 0 or not header.channels:
+        if words == ["}"]:
+            inside.pop()
+        elif words[0] == "JOINT":
+            joints.append(_read_joint(cursor, words[1:], len(inside), lines))
+            inside.append(joints[-1])
+        elif words[0] == "End":
+            cursor.part("{")
+            _read_offset(cursor)
+            cursor.part("}")
+        else:
+            cursor.fail(
+                f"got {_short(' '.join(words))}, allowed inside joint {_short(inside[-1].name)} are"
+                " JOINT, End Site and its closing brace alone on a line"
+            )
+    if not any(joint.channels for joint in joints):
         cursor.fail("got a skeleton without channels, allowed at least one joint with some")
+    return tuple(joints)
 
 
-def _check_name(cursor: _Cursor, header: _Header, words: list[str], *, inside: bool) -> None:
-    if len(words) != 2:
+def _read_joint(cursor: _Cursor, words: list[str], depth: int, lines: dict[str, int]) -> Joint:
+    """Read a joint down to its channels; `lines` tells where each name was used first."""
+    if len(words) != 1:
+        cursor.fail(f"a joint: got {_short(' '.join(words))}, allowed one name without spaces")
+    name = words[0]
+    if name in lines:
         cursor.fail(
-            f"{words[0]}: got {_short(' '.join(words[1:]))}, allowed one name without spaces"
+            f"joint {_short(name)} is already defined in line {lines[name]}; names must differ"
         )
-    if (words[0] == "JOINT") != inside:
+    if depth >= _DEEPEST:
         cursor.fail(
-            f"{words[0]} {_short(words[1])} is out of place; a skeleton is one ROOT with all JOINTs"
-            " inside it"
+            f"joint {_short(name)} is nested too deeply; allowed are {_DEEPEST} joints, one inside"
+            " the other"
         )
-    if words[1] in header.names:
-        cursor.fail(
-            f"joint {_short(words[1])} is already defined in line {header.names[words[1]]}; names"
-            " must differ"
-        )
-    header.names[words[1]] = cursor.line
+    lines[name] = cursor.line
+    cursor.part("{")
+    return Joint(name, _read_offset(cursor), _read_channels(cursor), depth)
 
 
-def _check_channels(cursor: _Cursor, words: list[str]) -> None:
-    if not words or words[0] != str(len(words) - 1):
-        stated = _short(words[0]) if words else "no count"
+def _read_offset(cursor: _Cursor) -> np.ndarray:
+    words = cursor.part("OFFSET")
+    if len(words) != 3:
+        cursor.fail(f"OFFSET: got {len(words)} numbers, allowed 3")
+    # Single precision is finer than any skeleton is measured, and postures that were fitted before
+    # stay the same to the last bit.
+    return np.array([cursor.number(word, "OFFSET") for word in words], np.float32).astype(float)
+
+
+def _read_channels(cursor: _Cursor) -> tuple[str, ...]:
+    count, *names = cursor.part("CHANNELS") or ["no count"]
+    if count != str(len(names)):
         cursor.fail(
-            f"CHANNELS: got {max(len(words) - 1, 0)} channels, allowed as many as it states,"
-            f" {stated}"
+            f"CHANNELS: got {len(names)} channels, allowed as many as it states, {_short(count)}"
         )
-    for name in words[1:]:
+    for name in names:
         if name not in CHANNELS:
             cursor.fail(
                 f"channel {_short(name)} is not supported; allowed are {', '.join(CHANNELS)}"
             )
-    if len(set(words[1:])) != len(words) - 1:
+    if len(set(names)) != len(names):
         cursor.fail("got a channel twice in one joint, allowed once")
+    return tuple(names)
 
 
 def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
