@@ -84,7 +84,11 @@ def measure(report: Report) -> None:
         report.figure(f"us_{count}", float(np.median(times)), f"step with {count} support vectors")
         report.figure(f"p99_us_{count}", float(np.percentile(times, 99)))
         states = cost.coordinates.spread(posture_data(20, seed=4).points)
-        report.figure(f"cost_us_{count}", evaluation_time(cost, states), "value and gradient")
+        report.figure(
+            f"cost_us_{count}",
+            evaluation_time(cost.value_and_gradient, states),
+            "value and gradient",
+        )
         row = ((cost.coordinates.read(states[0]) - cost.model.mean) / cost.model.scale).reshape(
             1, -1
         )

@@ -21,6 +21,7 @@ import mink
 import mujoco
 import numpy as np
 
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.step.data import qp_data
 from ergoqp.step.stepper import Stepper
@@ -33,7 +34,6 @@ from ergoqp.whole_body.scene import Load, Scene, carry, default_tool_frame
 from ergoqp.whole_body.stopping import joint_bounds
 from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
 from ergoqp.whole_body.terms import (
-    Evaluator,
     own_objective,
     pelvis_function,
     person_of,

@@ -18,6 +18,7 @@ from pink.limits import Limit
 from pink.tasks import Task
 
 from benchmarks.mink_peer import ArmColumns, Call, PeerTimes, resting, timed
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.paths import data_folder
 from ergoqp.problem.problem import Problem
 from ergoqp.step.data import qp_data
@@ -25,7 +26,6 @@ from ergoqp.whole_body.formulation import SETTINGS, SOLVER
 from ergoqp.whole_body.limits import ArmBounds, StepRows, TwistBounds
 from ergoqp.whole_body.scene import default_tool_frame
 from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
-from ergoqp.whole_body.terms import Evaluator
 
 
 class _Objective(Task):

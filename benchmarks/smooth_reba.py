@@ -5,14 +5,12 @@ Run ``python -m benchmarks.smooth_reba``.
 
 from __future__ import annotations
 
-import time
-
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Report, run
 from ergoqp import reba
+from ergoqp.costs.quality import evaluation_time
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.joints import JOINTS
@@ -99,22 +97,6 @@ def flat_share(cost: SmoothReba, postures: Array, scores: NDArray[np.int64]) -> 
     return float((norms < 1e-6).mean()), float(norms.min())
 
 
-def step_time(function: ca.Function, postures: Array) -> float:
-    """Return the median time of value and gradient through the function's buffers [us]."""
-    posture, value, gradient = np.zeros(len(JOINTS)), np.zeros(1), np.zeros(len(JOINTS))
-    buffer, evaluate = function.buffer()
-    buffer.set_arg(0, posture.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
-    buffer.set_res(0, value.data)  # pyright: ignore[reportCallIssue]
-    buffer.set_res(1, gradient.data)  # pyright: ignore[reportCallIssue]
-    times = []
-    for row in postures:
-        posture[:] = row
-        start = time.perf_counter()
-        evaluate()
-        times.append(time.perf_counter() - start)
-    return float(np.median(times)) * 1e6
-
-
 def measure(report: Report) -> None:
     """Measure the smooth score."""
     rng = np.random.default_rng(2024)
@@ -135,10 +117,10 @@ def measure(report: Report) -> None:
     )
     report.figure(
         "step_us",
-        step_time(mixture.value_and_gradient, postures),
+        evaluation_time(mixture.value_and_gradient, postures, len(postures)),
         "median, value and gradient of the mixture",
     )
-    one = step_time(SmoothReba((1.5,), (1.0,)).value_and_gradient, postures)
+    one = evaluation_time(SmoothReba((1.5,), (1.0,)).value_and_gradient, postures, len(postures))
     report.say(f"value and gradient of one width: {one:.3g} us")
 
 

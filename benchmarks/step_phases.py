@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import solver_named
 from ergoqp.step.data import QP_DATA, qp_data
@@ -59,23 +60,16 @@ class _Timer:
     """Calls a CasADi function through its buffers and remembers how long each call took."""
 
     def __init__(self, function: ca.Function) -> None:
-        self._buffer, self._call = function.buffer()
-        self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(self._inputs):
-            # The stub asks for a length.
-            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
-        for i, array in enumerate(self._outputs):
-            self._buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
+        self._evaluator = Evaluator(function)
         self._times: list[float] = []
 
     def __call__(self, *values: Any) -> list[np.ndarray]:
-        for array, value in zip(self._inputs, values, strict=True):
+        for array, value in zip(self._evaluator.inputs.values(), values, strict=True):
             array[:] = np.ravel(value, order="F")
         start = time.perf_counter()
-        self._call()
+        self._evaluator.evaluate()
         self._times.append(time.perf_counter() - start)
-        return [array.copy() for array in self._outputs]
+        return [array.copy() for array in self._evaluator.outputs.values()]
 
     @property
     def median_us(self) -> float:

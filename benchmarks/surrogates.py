@@ -92,7 +92,9 @@ def judge(report: Report, name: str, cost: Any, data: DataSet) -> NDArray[np.flo
     states = Coordinates(data.coordinates).spread(data.points)
     values = cost(states)
     report_quality(report, name, values, data)
-    report.figure(f"{name}.us", evaluation_time(cost, states, 300), "value and gradient")
+    report.figure(
+        f"{name}.us", evaluation_time(cost.value_and_gradient, states, 300), "value and gradient"
+    )
     if isinstance(cost, LearnedCost):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.npz"

@@ -2,7 +2,7 @@
 
 Run ``python docs/workplace_picture.py REPORT.html``.
 
-REPORT.html is what ``ergoqp optimise overhead --group 1.55,1.65,1.75,1.85,1.95 --objective mean``
+REPORT.html is what ``ergoqp group overhead --people 1.55,1.65,1.75,1.85,1.95 --objective mean``
 writes.
 """
 

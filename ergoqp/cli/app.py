@@ -8,8 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ergoqp.errors import InputError
-
 
 class Up(StrEnum):
     """Vertical axes that a recording can have."""
@@ -102,16 +100,6 @@ def folder_of(text: str) -> Path:
     if not text:
         raise typer.BadParameter("got an empty text, allowed a folder")
     return Path(text)
-
-
-def refuse_with(option: str, others: dict[str, object]) -> None:
-    """Raise if other options were given beside one that they have no meaning with.
-
-    Raises:
-        InputError: naming them.
-    """
-    if given := [name for name, value in others.items() if value is not None]:
-        raise InputError(f"{', '.join(given)}: not allowed with {option}")
 
 
 def pair(side: Side | None) -> tuple[bool, bool]:

@@ -13,7 +13,7 @@ import typer
 
 # Imported for what they register.
 from ergoqp._version import __version__
-from ergoqp.cli import person, tools  # noqa: F401
+from ergoqp.cli import person, places, tools  # noqa: F401
 from ergoqp.cli.app import app
 from ergoqp.errors import ErgoqpError
 
@@ -28,6 +28,7 @@ Examples:
   ergoqp run screwing
   ergoqp run screwing --from recording.bvh
   ergoqp optimise screwing
+  ergoqp group desk --people 1.55,1.70,1.85
   ergoqp score recording.bvh --load-kg 4
   ergoqp fit svr
   ergoqp compare screwing

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +14,7 @@ from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import InputError
+from ergoqp.expressions.evaluator import Evaluator
 
 
 @dataclass(frozen=True)
@@ -105,27 +107,22 @@ def cross_validate(
     return values, found
 
 
-def evaluation_time(cost: LearnedCost, states: NDArray[np.float64], calls: int = 500) -> float:
-    """Return the median time of value and gradient through the function's buffers [us].
+def evaluation_time(function: ca.Function, states: NDArray[np.float64], calls: int = 500) -> float:
+    """Return the median time of one call of a function of the state through its buffers [us].
 
-    A control loop calls the function in the same way.
+    A control loop calls it in the same way.
 
     Args:
-        cost: whose function is called.
+        function: such as a cost's `value_and_gradient`.
         states: states (n, N) to call it with, in turn.
         calls: how often.
     """
-    function = cost.value_and_gradient
-    state = np.zeros(function.numel_in(0))
-    outputs = [np.zeros(function.numel_out(i)) for i in range(2)]
-    buffer, evaluate = function.buffer()
-    buffer.set_arg(0, state.data)  # pyright: ignore[reportCallIssue] (the stub asks for a length)
-    for i, output in enumerate(outputs):
-        buffer.set_res(i, output.data)  # pyright: ignore[reportCallIssue]
+    evaluator = Evaluator(function)
+    (state,) = evaluator.inputs.values()
     times = []
     for call in range(calls):
         state[:] = states[call % len(states)]
         start = time.perf_counter()
-        evaluate()
+        evaluator.evaluate()
         times.append(time.perf_counter() - start)
     return float(np.median(times)) * 1e6

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.arguments import shown
 from ergoqp.costs import distributions as d
 from ergoqp.errors import InputError
+from ergoqp.expressions.evaluator import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.description import Segment, Sheet
 from ergoqp.sheets.method import Method, read_method, sheet_of
@@ -149,13 +150,7 @@ class SmoothReba:
         if not len(rows):
             return np.empty(0)
         # A map over buffers reads the rows where they are: half the time of a call with a matrix.
-        values = np.empty(len(rows))
-        buffer, evaluate = self.function.map(len(rows)).buffer()
-        # The stub asks for a length.
-        buffer.set_arg(0, rows.data)  # pyright: ignore[reportCallIssue]
-        buffer.set_res(0, values.data)  # pyright: ignore[reportCallIssue]
-        evaluate()
-        return values
+        return evaluated_once(self.function.map(len(rows)), rows)
 
 
 @dataclass(frozen=True, eq=False)

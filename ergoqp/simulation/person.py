@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.responses.contact import TOOL_AXES
 from ergoqp.responses.ik import IkResponse
@@ -79,6 +80,8 @@ class Follower:
             "person",
             [q, locked, targets, soles, gain, relax],
             ca.cse([ca.densify(part) for part in outputs]),
+            ["q", "locked", "targets", "soles", "gain", "relax"],
+            ["step", "distance", "angle"],
         )
 
     def _tool_axis(self, grip: ca.SX) -> ca.SX:
@@ -187,24 +190,16 @@ class Follower:
         return posture, bool(distance < REACHED and angle < REACHED_ANGLE)
 
     @cached_property
-    def _buffers(self) -> tuple:
-        function = self._step
-        buffer, call = function.buffer()
-        inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(inputs):
-            # The stub asks for a length.
-            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
-        for i, array in enumerate(outputs):
-            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
-        return buffer, call, inputs, outputs
+    def _evaluator(self) -> Evaluator:
+        return Evaluator(self._step)
 
     def _call(self, *values: np.ndarray | float) -> tuple[np.ndarray, float, float]:
-        _, call, inputs, outputs = self._buffers
-        for array, value in zip(inputs, values, strict=True):
+        evaluator = self._evaluator
+        for array, value in zip(evaluator.inputs.values(), values, strict=True):
             array[:] = np.ravel(value, order="F")
-        call()
-        return outputs[0].copy(), float(outputs[1][0]), float(outputs[2][0])
+        evaluator.evaluate()
+        step, distance, angle = evaluator.outputs.values()
+        return step.copy(), float(distance[0]), float(angle[0])
 
 
 def _pose_error(have: ca.SX, want: ca.SX) -> ca.SX:

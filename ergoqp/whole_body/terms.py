@@ -13,6 +13,7 @@ import numpy as np
 
 from ergoqp.arguments import check_kind
 from ergoqp.errors import ProblemError
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -101,45 +102,6 @@ def pelvis_function(person: IkResponse) -> ca.Function:
     pose = person.contact()(q)[1]
     place = ca.densify(ca.vertcat(pose[:3, 3], ca.atan2(pose[1, 0], pose[0, 0])))
     return ca.Function("pelvis", [q], [place, ca.densify(ca.jacobian(place, q))])
-
-
-class Evaluator:
-    """A CasADi function called through its buffers, with its results as NumPy arrays.
-
-    It makes no copies of copies.
-    """
-
-    def __init__(self, function: ca.Function) -> None:
-        """Lay the buffers out once."""
-        self._buffer, self._call = function.buffer()
-        self._into = {
-            function.name_in(i): np.zeros(function.numel_in(i)) for i in range(function.n_in())
-        }
-        self._out = {
-            function.name_out(i): np.zeros(function.numel_out(i)) for i in range(function.n_out())
-        }
-        self._shapes = {function.name_out(i): function.size_out(i) for i in range(function.n_out())}
-        for i, array in enumerate(self._into.values()):
-            # The stub asks for a length.
-            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
-        for i, array in enumerate(self._out.values()):
-            self._buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
-
-    def __call__(self, values: Mapping[str, np.ndarray | float]) -> dict[str, np.ndarray]:
-        """Return the results by name, matrices in their shape, columns flat.
-
-        They are the caller's own.
-        """
-        for name, array in self._into.items():
-            array[:] = np.ravel(values[name], order="F")
-        self._call()
-        results = {}
-        for name, array in self._out.items():
-            rows, columns = self._shapes[name]
-            results[name] = (
-                array.copy() if columns == 1 else array.reshape((rows, columns), order="F").copy()
-            )
-        return results
 
 
 class StepTerms:

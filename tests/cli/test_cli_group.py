@@ -12,9 +12,9 @@ def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "optimum.json").touch()
     done = ergoqp(
-        "optimise",
+        "group",
         "desk",
-        "--group",
+        "--people",
         "1.6,1.9",
         "--starts",
         "1",
@@ -39,7 +39,7 @@ def test_one_place_for_a_group(ergoqp, tmp_path, monkeypatch):
 
 def test_a_population_has_a_row_each(ergoqp, tmp_path):
     done = ergoqp(
-        "optimise", "desk", "--population", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out"
+        "population", "desk", "--statures", "1.6,1.9", "--starts", "1", "--out", tmp_path / "out"
     )
     assert done.status == 0, done.err
     assert "2 people, 1 start each" in done.err
@@ -53,40 +53,43 @@ def test_a_population_has_a_row_each(ergoqp, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ((), "--people"),
         (
-            ("--group", "tall,small"),
+            ("--people", "tall,small"),
             (
-                "--group: got 'tall,small', allowed statures in metres with commas between, or how"
+                "--people: got 'tall,small', allowed statures in metres with commas between, or how"
                 " many"
             ),
         ),
-        (("--group", "1.6,9"), "stature: got 9.0 m"),
-        (("--group", "0"), "got 0 people"),
+        (("--people", "1.6,9"), "stature: got 9.0 m"),
+        (("--people", "0"), "got 0 people"),
         (
-            ("--group", "1.7", "--objective", "best"),
+            ("--people", "1.7", "--objective", "best"),
             "--objective: got 'best', allowed minimax, mean",
         ),
-        (("--group", "1.7", "--load-kg", "1,2"), "--load-kg: got 2 numbers, allowed one"),
-        (("--group", "1.7", "--hands", "three"), "hands: got 'three', allowed right, left, both"),
-        (("--group", "1.7", "--population", "1.7"), "--population: not allowed with --group"),
-        (("--population", "1.7,x"), "--population: got '1.7,x'"),
-        (("--population", "1.7", "--person", "1.8"), "--person: not allowed with --population"),
-        (
-            ("--population", "1.7", "--unit-to-m", "1", "--up", "z"),
-            "--unit-to-m, --up: not allowed with --population",
-        ),
-        (("--group", "1.7", "--mapping", "a.toml"), "--mapping: not allowed with --group"),
-        (
-            ("--group", "1.7", "--mode", "stackelberg", "--solver", "ipopt"),
-            "--mode, --solver: not allowed with --group",
-        ),
-        (
-            ("--population", "1.7", "--objective", "mean"),
-            "--objective: got 'mean', allowed with --group",
-        ),
-        (("--objective", "minimax"), "--objective: got 'minimax', allowed with --group"),
-        (("--hands", "both"), "allowed with --group or --population"),
+        (("--people", "1.7", "--load-kg", "1,2"), "--load-kg: got '1,2', allowed"),
+        (("--people", "1.7", "--load-kg", "nan"), "load_kg: got nan"),
+        (("--people", "1.7", "--hands", "three"), "hands: got 'three', allowed right, left, both"),
+        (("--people", "1.7", "--starts", "0"), "starts: got 0, allowed"),
+        (("--people", "1.7", "--person", "1.8"), "--person"),
     ],
 )
 def test_mistakes_of_groups(ergoqp, arguments, words):
-    assert words in mistake(ergoqp("optimise", "desk", *arguments))
+    assert words in mistake(ergoqp("group", "desk", *arguments))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "--statures"),
+        (("--statures", "1.7,x"), "--statures: got '1.7,x', allowed statures in metres"),
+        (("--statures", "9"), "stature: got 9.0 m"),
+        (("--statures", "1.7", "--loads-kg", "1;2"), "--loads-kg: got '1;2', allowed kilograms"),
+        (("--statures", "1.7", "--hands", "both,three"), "hands: got 'three', allowed right"),
+        (("--statures", "1.7", "--mode", "selfish"), "mode: got 'selfish', allowed stackelberg"),
+        (("--statures", "1.7", "--jobs", "0"), "jobs: got 0, allowed"),
+        (("--statures", "1.7", "--objective", "mean"), "--objective"),
+    ],
+)
+def test_mistakes_of_populations(ergoqp, arguments, words):
+    assert words in mistake(ergoqp("population", "desk", *arguments))

@@ -65,7 +65,7 @@ def test_from_a_recording(ergoqp, demo, tmp_path):
                 " the path of a .toml"
             ),
         ),
-        (("desk", "--start"), "see `ergoqp optimise --help`"),
+        (("desk", "--group", "1.7"), "see `ergoqp optimise --help`"),
     ],
 )
 def test_mistakes(ergoqp, arguments, words):

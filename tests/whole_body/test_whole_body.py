@@ -11,12 +11,13 @@ pytest.importorskip("mink")
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body
-from ergoqp.whole_body.terms import Evaluator, own_objective, terms_function
+from ergoqp.whole_body.terms import own_objective, terms_function
 
 
 def without_limits():

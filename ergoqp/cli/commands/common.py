@@ -11,8 +11,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
+from ergoqp.arguments import check_whole
 from ergoqp.errors import InputError, MissingExtraError, ProblemError
 from ergoqp.joints import JOINTS
+from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem, problem_names
 from ergoqp.recordings import Recording, load_recording
@@ -69,6 +71,41 @@ class RecordingOptions:
                 raise InputError(
                     f"{option}: got {str(value)!r}, but there is no recording; name one with --from"
                 )
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How `ergoqp.placing.find.optimise` is to look for a place, as on the command line.
+
+    Attributes:
+        starts: how many.
+        jobs: processes to use.
+        seed: of the starts.
+        mode: who chooses the posture.
+        solver: the nonlinear solver's name.
+        scheduler: address of a Dask scheduler, None for this machine.
+    """
+
+    starts: int
+    jobs: int
+    seed: int
+    mode: str
+    solver: str
+    scheduler: str | None
+
+    def check(self) -> None:
+        """Raise for what cannot be used, before anything is read or written.
+
+        Raises:
+            InputError: naming the option.
+        """
+        check_names(self.mode, self.solver)
+        for name, value, least in (
+            ("starts", self.starts, 1),
+            ("seed", self.seed, 0),
+            ("jobs", self.jobs, 1),
+        ):
+            check_whole(name, value, least)
 
 
 def counted(count: int, one: str, many: str) -> str:

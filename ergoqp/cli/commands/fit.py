@@ -99,7 +99,7 @@ def fit(
             kind, quality_of(cost.predict(data.points), data.labels), unseen, found, _constant(data)
         )
     )
-    time = evaluation_time(cost, cost.coordinates.spread(data.points[:200]))
+    time = evaluation_time(cost.value_and_gradient, cost.coordinates.spread(data.points[:200]))
     screen.print(
         Text(f"value and gradient {time:.0f} µs, model {model.stat().st_size / 1e3:.0f} kB")
     )

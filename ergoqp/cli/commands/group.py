@@ -1,4 +1,4 @@
-"""``ergoqp optimise --group``: the best fixed place for several people, and what each pays."""
+"""``ergoqp group``: the best fixed place for several people, and what each pays."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.commands.population import numbers_of, one_of
+from ergoqp.cli.commands.population import numbers_of
 from ergoqp.errors import InputError
-from ergoqp.placing.group.optimise import STARTS, best_for_group
+from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.optimum import GroupOptimum
 from ergoqp.placing.group.people import Person, drawn_people, read_people
 from ergoqp.placing.group.search import Objective
@@ -41,11 +41,11 @@ def group(
     objective: str,
     out: Path | None,
     *,
-    hands: str | None = None,
-    load_kg: str | None = None,
-    starts: int | None = None,
-    seed: int = 0,
-    jobs: int = 1,
+    hands: str | None,
+    load_kg: float | None,
+    starts: int,
+    seed: int,
+    jobs: int,
 ) -> None:
     """Look for the place, print the tables; write ``group.json``, ``group.npz``, ``report.html``.
 
@@ -57,8 +57,7 @@ def group(
         out: folder of the results.
         hands: right, left or both; None: as the problem has it.
         load_kg: mass of the tool [kg]; None: as the problem has it.
-        starts: places of the grid from which the search goes on; None:
-            `ergoqp.placing.group.optimise.STARTS`.
+        starts: places of the grid from which the search goes on.
         seed: of the people who are drawn.
         jobs: number of processes.
 
@@ -69,12 +68,7 @@ def group(
         raise InputError(
             f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
         )
-    load = (
-        None
-        if load_kg is None
-        else one_of("--load-kg", numbers_of("--load-kg", load_kg, "kilograms"))
-    )
-    problem = variant(load_person_problem(problem_name), hands=hands, load_kg=load)
+    problem = variant(load_person_problem(problem_name), hands=hands, load_kg=load_kg)
     crew = _people(problem, people, seed)
     folder = make_folder(out, f"group-{problem.name}")
     with working(f"one place for {counted(len(crew), 'person', 'people')}") as done:
@@ -82,7 +76,7 @@ def group(
             problem,
             crew,
             cast(Objective, objective),
-            starts=STARTS if starts is None else starts,
+            starts=starts,
             jobs=jobs,
             progress=done,
         )
@@ -136,7 +130,7 @@ def _people(problem: Problem, people: str, seed: int) -> tuple[Person, ...]:
     if people.strip().isdecimal():
         return drawn_people(problem, int(people), seed)
     return read_people(
-        problem, numbers_of("--group", people, "statures in metres", "or how many people to draw")
+        problem, numbers_of("--people", people, "statures in metres", "or how many people to draw")
     )
 
 

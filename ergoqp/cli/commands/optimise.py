@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.arguments import check_whole
 from ergoqp.cli.commands.common import (
     RecordingOptions,
+    SearchOptions,
     console,
     counted,
     load_person_problem,
@@ -25,7 +25,6 @@ from ergoqp.cli.commands.run import frame_of_recording
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.placing.find import optimise
-from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.recordings.fitting.person import given_person
@@ -42,7 +41,7 @@ def optimise_command(
     at: float | None,
     out: Path | None,
     options: RecordingOptions,
-    settings: dict[str, Any],
+    search: SearchOptions,
 ) -> None:
     """Look for the best place, print the table, and write ``optimum.json`` and the page.
 
@@ -53,23 +52,34 @@ def optimise_command(
         out: folder of the results; finished starts are kept there, and a run that was killed goes
             on from them.
         options: how to read the recording.
-        settings: starts, seed, jobs, mode, solver and scheduler of `ergoqp.placing.find.optimise`.
+        search: how to look for the place.
 
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
     problem = load_person_problem(problem_name)
-    check_names(settings["mode"], settings["solver"])
-    for name, least in (("starts", 1), ("seed", 0), ("jobs", 1)):
-        check_whole(name, settings[name], least)
+    search.check()
     posture, person, notes = _who(problem, recording_path, at, options)
     folder = make_folder(out, f"optimise-{problem.name}")
-    settings = settings | {"person": person, "assumptions": notes, "out": folder}
+
+    def found_by(search: SearchOptions) -> Optimum:
+        effort = f"{counted(search.starts, 'start', 'starts')}, {NAMES[search.mode]}"
+        with working(effort) as done:
+            return optimise(
+                problem,
+                posture,
+                person=person,
+                out=folder,
+                assumptions=notes,
+                progress=done,
+                **asdict(search),
+            )
+
     screen = console()
     with writing(folder):
-        found = [_found(problem, posture, settings)]
-        if settings["mode"] == "stackelberg":
-            found.append(_found(problem, posture, settings | {"mode": "cooperative"}))
+        found = [found_by(search)]
+        if search.mode == "stackelberg":
+            found.append(found_by(replace(search, mode="cooperative")))
         found[0].save(folder)
     print_assumptions(screen, list(found[0].assumptions))
     screen.print(optimum_table(problem, found))
@@ -79,7 +89,7 @@ def optimise_command(
         folder,
         ("optimum.json",),
         lambda path: write_optimum_page(
-            found[0], problem, path, cooperative=bound, jobs=settings["jobs"]
+            found[0], problem, path, cooperative=bound, jobs=search.jobs
         ),
     )
 
@@ -107,13 +117,6 @@ def _who(
         " the body is the one in it."
     )
     return recording.postures[frame], recording.person, [*recording.assumptions, note]
-
-
-def _found(problem: Problem, posture: np.ndarray | None, settings: dict[str, Any]) -> Optimum:
-    with working(
-        f"{counted(settings['starts'], 'start', 'starts')}, {NAMES[settings['mode']]}"
-    ) as done:
-        return optimise(problem, posture, progress=done, **settings)
 
 
 def optimum_table(problem: Problem, found: list[Optimum]) -> Table:

@@ -1,16 +1,17 @@
-"""``ergoqp optimise --population``: each one's own best place over statures, hands and loads."""
+"""``ergoqp population``: each one's own best place over statures, hands and loads."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
 from ergoqp.cli.commands.common import (
+    SearchOptions,
     console,
     counted,
     load_person_problem,
@@ -21,7 +22,6 @@ from ergoqp.cli.commands.common import (
 )
 from ergoqp.errors import InputError
 from ergoqp.files.whole import whole
-from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.placing.population import Found, best_of_population, population
 
 COLUMNS = (
@@ -46,7 +46,7 @@ def population_study(
     *,
     hands: str | None = None,
     loads_kg: str | None = None,
-    settings: dict[str, Any],
+    search: SearchOptions,
 ) -> None:
     """Look for everybody's best place, print the table and write ``population.csv``.
 
@@ -57,27 +57,25 @@ def population_study(
             on from them.
         hands: right, left, both, with commas between; None: as the problem has it.
         loads_kg: masses of the tool [kg], with commas between; None: as the problem has it.
-        settings: starts, seed, jobs, mode, solver and scheduler of `ergoqp.placing.find.optimise`.
+        search: how to look for the places.
 
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
     problem = load_person_problem(problem_name)
-    check_names(settings["mode"], settings["solver"])
-    loads = None if loads_kg is None else numbers_of("--load-kg", loads_kg, "kilograms")
+    search.check()
+    loads = None if loads_kg is None else numbers_of("--loads-kg", loads_kg, "kilograms")
     sides = None if hands is None else [side.strip() for side in hands.split(",")]
     people = list(
-        population(
-            problem, numbers_of("--population", statures, "statures in metres"), sides, loads
-        )
+        population(problem, numbers_of("--statures", statures, "statures in metres"), sides, loads)
     )
     folder = make_folder(out, f"population-{problem.name}")
     effort = (
         f"{counted(len(people), 'person', 'people')},"
-        f" {counted(settings['starts'], 'start', 'starts')} each"
+        f" {counted(search.starts, 'start', 'starts')} each"
     )
     with writing(folder), working(effort) as done:
-        found = best_of_population(people, out=folder, progress=done, **settings)
+        found = best_of_population(people, out=folder, progress=done, **asdict(search))
         _write(found, folder / "population.csv")
     screen = console()
     print_assumptions(
@@ -126,19 +124,6 @@ def numbers_of(option: str, text: str, what: str, other: str = "") -> list[float
         raise InputError(
             f"{option}: got {text!r}, allowed {what} with commas between{also}"
         ) from None
-
-
-def one_of(option: str, numbers: Sequence[float]) -> float:
-    """Return the only number.
-
-    Raises:
-        InputError: if there are more.
-    """
-    if len(numbers) != 1:
-        raise InputError(
-            f"{option}: got {len(numbers)} numbers, allowed one for a group, which does one task"
-        )
-    return numbers[0]
 
 
 def _write(found: Sequence[Found], path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, LOWER, UPPER
 
@@ -42,16 +43,12 @@ class CentreModel:
             positions.append(z[:3] + yaw @ position)
             jacobians.append(ca.horzcat(ca.SX.eye(3), across @ position, yaw @ jacobian[:3, :]))
         outputs = ca.cse([ca.vertcat(*positions), ca.densify(ca.vertcat(*jacobians))])
-        function = ca.Function("centres", [z], [ca.densify(outputs[0]), outputs[1]])
-        rows = 3 * len(self.centres)
-        self._z = np.zeros(UNKNOWNS)
-        self._positions = np.zeros(rows)
-        self._jacobian = np.zeros((rows, UNKNOWNS), order="F")  # CasADi writes column by column
-        self._buffer, self._evaluate = function.buffer()
-        # CasADi's stubs ask for a size that the call does not take.
-        self._buffer.set_arg(0, self._z.data)  # pyright: ignore[reportCallIssue]
-        self._buffer.set_res(0, self._positions.data)  # pyright: ignore[reportCallIssue]
-        self._buffer.set_res(1, self._jacobian.T.data)  # pyright: ignore[reportCallIssue]
+        outputs = [ca.densify(outputs[0]), outputs[1]]
+        function = ca.Function("centres", [z], outputs, ["z"], ["positions", "jacobian"])
+        self._evaluator = Evaluator(function)
+        self._z = self._evaluator.inputs["z"]
+        self._positions = self._evaluator.outputs["positions"].reshape(-1, 3)
+        self._jacobian = self._evaluator.outputs["jacobian"].reshape((-1, UNKNOWNS), order="F")
 
     def __call__(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the centres and their Jacobian.
@@ -64,8 +61,8 @@ class CentreModel:
             by the next call.
         """
         self._z[:] = z
-        self._evaluate()
-        return self._positions.reshape(-1, 3), self._jacobian
+        self._evaluator.evaluate()
+        return self._positions, self._jacobian
 
 
 LOWEST: Final = np.concatenate([np.full(BASE, -np.inf), LOWER])

@@ -5,15 +5,16 @@ from __future__ import annotations
 import abc
 import contextlib
 import io
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import casadi as ca
-import numpy as np
 
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, no_answer
 
 _INPUTS: Final = ("h", "g", "a", "lba", "uba", "lbx", "ubx")
+_OUTPUTS: Final = ("x", "lam_a", "lam_x")
 _FLAGS: Final = {"SOLVER_RET_SUCCESS": "solved", "SOLVER_RET_LIMITED": "stopped"}
 _QUIET: Final = {"print_iter": False, "print_header": False, "print_info": False}
 
@@ -43,12 +44,9 @@ class PluginBackend(abc.ABC):
         shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
         options = {"error_on_fail": False, **self.options(n, m, accuracy)}
         with _quiet():
-            self._function = ca.conic("qp", self.plugin, shapes, options)
-        names = [self._function.name_in(i) for i in range(self._function.n_in())]
-        self._in = {name: np.zeros(self._function.numel_in(name)) for name in names}
-        self._out = {"x": np.zeros(n), "lam_a": np.zeros(m), "lam_x": np.zeros(n)}
-        self._buffer: Any = None
-        self._solved = False
+            self._evaluator = Evaluator(ca.conic("qp", self.plugin, shapes, options))
+        # Whether the plugin's memory may serve for another QP.
+        self._usable, self._solved = True, False
 
     @abc.abstractmethod
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
@@ -57,33 +55,25 @@ class PluginBackend(abc.ABC):
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from the last answer, where the plugin can."""
         warm = warm and self._solved
-        if self._buffer is None or self.forgets or (self.remembers and not warm):
-            self._renew()
+        if not self._usable or self.forgets or (self.remembers and not warm):
+            with _quiet():
+                self._evaluator.forget()
         for name, part in zip(
             _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
         ):
-            self._in[name][:] = part.ravel(order="F")
-        self._call()
-        stats = cast("Any", self._buffer).stats()
+            self._evaluator.inputs[name][:] = part.ravel(order="F")
+        self._evaluator.evaluate()
+        stats = self._evaluator.stats()
         flag, count = _flag(stats), self.iterations(stats)
-        self._solved = flag == "solved"
+        self._usable = self._solved = flag == "solved"
         if not self._solved:
-            self._buffer = None
             return no_answer(self._n, self._m, flag, count)
-        x, rows, box = (part.copy() for part in self._out.values())
+        x, rows, box = (self._evaluator.outputs[name].copy() for name in _OUTPUTS)
         return QpAnswer(x, rows, box, flag, count)
 
     def iterations(self, stats: dict[str, Any]) -> int | None:
         """Return the solver's count of iterations."""
         return stats["iter_count"]
-
-    def _renew(self) -> None:
-        with _quiet():
-            self._buffer, self._call = self._function.buffer()
-        for name, array in self._in.items():
-            self._buffer.set_arg(self._function.index_in(name), array.data)
-        for name, array in self._out.items():
-            self._buffer.set_res(self._function.index_out(name), array.data)
 
 
 def _flag(stats: dict[str, Any]) -> str:
