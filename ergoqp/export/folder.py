@@ -87,7 +87,7 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
         "example/main.c": c_text("main.c"),
         "example/replay.c": c_text("replay.c"),
         "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory),
-        "CMakeLists.txt": c_text("CMakeLists.txt"),
+        "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory),
         "README.md": _filled("README.md", problem, memory),
         "daqp/LICENSE": daqp_licence(),
     }

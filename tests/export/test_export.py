@@ -315,6 +315,53 @@ def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
     )
 
 
+def configured(folder, *options):
+    """Whether CMake can build an export with these options, and what it says if not."""
+    done = subprocess.run(
+        ["cmake", "-S", str(folder), *options], capture_output=True, text=True, check=False
+    )
+    return done.returncode == 0, " ".join(done.stderr.split())
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake")
+@pytest.mark.parametrize("exported", ["forearm"], indirect=True)
+def test_a_library_for_another_machine_is_told_with_the_way_out(exported, tmp_path):
+    _, folder, _ = exported
+    library = bytearray((folder / "daqp/lib/libdaqpstat.a").read_bytes())
+    for part in re.finditer(b"\x7fELF", bytes(library)):
+        library[part.start() + 18] = 243  # the field of the machine: RISC-V
+    (tmp_path / "other.a").write_bytes(library)
+    well, said = configured(
+        folder, "-B", str(tmp_path / "build"), f"-DDAQP_LIBRARY={tmp_path / 'other.a'}"
+    )
+    assert not well
+    assert "other.a', which cannot be linked for Linux" in said
+    assert "-DDAQP_SOURCE=/path/to/daqp" in said
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake")
+@pytest.mark.parametrize("exported", ["forearm"], indirect=True)
+def test_daqp_is_built_from_the_sources_that_are_named(exported, tmp_path):
+    _, folder, _ = exported
+    # No package brings the sources; its headers and one file stand in for them.
+    source, build = tmp_path / "daqp/csrc", tmp_path / "build"
+    shutil.copytree(folder / "daqp/include/daqp", source / "include")
+    (source / "src").mkdir()
+    (source / "src/daqp.c").write_text(
+        '#include "types.h"\nint stand_in(void) { return (int)sizeof(DAQPSettings); }\n'
+    )
+    options = "-B", str(build), f"-DDAQP_SOURCE={tmp_path / 'daqp'}"
+    assert configured(folder, *options) == (True, "")
+    command = ["cmake", "--build", str(build), "--target", "daqpstat"]
+    subprocess.run(command, check=True, capture_output=True)
+    assert b"stand_in" in (build / "libdaqpstat.a").read_bytes()
+
+    (source / "include/types.h").write_text("of another version")
+    well, said = configured(folder, *options)
+    assert not well
+    assert "without the include/types.h of DAQP 0.5, allowed the folder of its sources" in said
+
+
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("keep")
     with pytest.raises(InputError, match="holds something else"):
