@@ -14,8 +14,9 @@ from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, solver_named
+from ergoqp.step.accounting import account_function
 from ergoqp.step.asked import asked_update, still_asks
-from ergoqp.step.certification import account_function, judge_function, shortened
+from ergoqp.step.certification import judge_function, shortened
 from ergoqp.step.counted import landing
 from ergoqp.step.data import away_function
 from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function

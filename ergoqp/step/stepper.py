@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import check_called, check_kind, check_number, flag, read_array
 from ergoqp.errors import InputError
+from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer import Step
@@ -87,38 +89,24 @@ class Stepper:
         self._planned_at, self._sent_at = slice(0, 6), slice(sent_at, sent_at + 6)
         parts = self._model.state
         self._rest_at = count({name: parts[name] for name in ("history", "stored", "started")})
-        self._function = step_function(self.problem, solver, compiled, guided=self._guided)
-        self._buffer, self._call = self._function.buffer()
-        names_in, names_out = self._function.name_in(), self._function.name_out()
-        self._inputs = {
-            name: np.zeros(self._function.numel_in(i)) for i, name in enumerate(names_in)
-        }
-        # One array for all outputs: a step is one copy of it, and everything in the step a view of
-        # that copy.
-        sizes = [self._function.numel_out(i) for i in range(len(names_out))]
-        ends = np.cumsum(sizes).tolist()
-        self._slices = {
-            name: slice(end - size, end)
-            for name, size, end in zip(names_out, sizes, ends, strict=True)
-        }
-        self._out = np.zeros(ends[-1])
-        for i, name in enumerate(names_in):
-            # The stub asks for a length.
-            self._buffer.set_arg(i, self._inputs[name].data)  # pyright: ignore[reportCallIssue]
-        for i, name in enumerate(names_out):
-            self._buffer.set_res(i, self._out[self._slices[name]].data)  # pyright: ignore
-        # What one step leaves to the next.
-        self._state_in, self._state_out = (
-            self._inputs["state"],
-            self._out[self._slices["next_state"]],
-        )
-        self._status_at = self._slices["status"].start
-        # CasADi's matrices are column by column.
-        self._pose_in = self._inputs["pose"].reshape(4, 4).T
+        self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
         self._notes: dict[str, str] = {}
         if place is not None:
             self._lead(place)
         self.reset()
+
+    def _bind(self, function: ca.Function) -> None:
+        """Take the function of the step, with arrays of its own."""
+        evaluator = Evaluator(function)
+        self._call, self._inputs = evaluator.evaluate, evaluator.inputs
+        # One array for all outputs: a step is one copy of it, and everything in the step a view of
+        # that copy.
+        self._out, self._slices = evaluator.results, evaluator.slices
+        # What one step leaves to the next.
+        self._state_in, self._state_out = self._inputs["state"], evaluator.outputs["next_state"]
+        self._status_at = self._slices["status"].start
+        # CasADi's matrices are column by column.
+        self._pose_in = self._inputs["pose"].reshape(4, 4).T
 
     def reset(self, twist: Any = None) -> None:
         """Forget the loop: the last twists, the last pose, the rest state.

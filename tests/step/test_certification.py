@@ -14,7 +14,8 @@ from step_samples import bold_stepper, held_pose, near_comfort, problem_of
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
-from ergoqp.step.certification import GIVES_WAY, HELD, _floor, _rate_excess
+from ergoqp.step.accounting import _rate_excess
+from ergoqp.step.certification import GIVES_WAY, HELD, _floor
 from ergoqp.step.model import StepModel
 from ergoqp.step.qp import FREE
 

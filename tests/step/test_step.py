@@ -468,12 +468,7 @@ class Liar:
 def test_an_answer_that_does_not_solve_the_qp_is_not_sent() -> None:
     problem, twist = plain_of("screwing"), np.array([0.06, 0, 0, 0, 0, 0])
     stepper = Stepper(problem)
-    stepper._function = build_step(problem, Liar())
-    stepper._buffer, stepper._call = stepper._function.buffer()
-    for i, name in enumerate(stepper._function.name_in()):
-        stepper._buffer.set_arg(i, stepper._inputs[name].data)  # pyright: ignore[reportCallIssue]
-    for i, name in enumerate(stepper._function.name_out()):
-        stepper._buffer.set_res(i, stepper._out[stepper._slices[name]].data)  # pyright: ignore
+    stepper._bind(build_step(problem, Liar()))
     stepper.reset(twist=twist)
     step = stepper.step(comfort_of("screwing"), held_pose("screwing"))
     assert (step.status, step.reason[:26]) == ("braking", "the QP was not solved: res")

@@ -1,0 +1,154 @@
+"""What is sent in the end, and the account of it: status, causes, rates, slack, residuals."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import casadi as ca
+
+from ergoqp.expressions.linear import by_name, dense, is_set, largest
+from ergoqp.limits import Situation
+from ergoqp.step.causes import Cause, Status
+from ergoqp.step.margins import Margins
+from ergoqp.step.model import StepModel
+from ergoqp.step.qp import FREE, TOLERANCE
+
+_ACCOUNTED: Final = (
+    "posture",
+    "observed",
+    "readings",
+    "pose",
+    "dt",
+    "S",
+    "residual",
+    "usable",
+    "E",
+    "slack",
+    "multipliers",
+    "causes",
+    "wanted",
+    "brake",
+    "now",
+    "solved",
+    "outside",
+    "next_rest",
+    "share",
+    "begun",
+    "own",
+    "sent",
+)
+
+
+def account_function(model: StepModel) -> ca.Function:
+    """Return the twist that is sent, and the account of it.
+
+    Returns:
+        Function ``(...) -> (planned, twist, still, posture_rate, status, all_causes, all_slack,
+        all_multipliers, residuals)``; the slack and multipliers are those of all rows (r,).
+    """
+    problem, movable = model.problem, model.movable
+    known, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
+    limits, now = problem.row_limits, known["now"]
+    margins = Margins(model, known)
+    tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
+    # Slack of a row on the object side only says that the QP asked for more than needed: the
+    # certificate is exact there.
+    held = now[movable] >= -tolerance[movable] if movable else now
+    used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
+    given = known | {"used": used, "any_outside": largest(known["outside"])}
+    found = by_name(_close_function(model), given)
+    twist = found["twist"]
+    rate = _model_rate(limits, model.situation(known, known["S"]), known["S"] @ twist, known["dt"])
+    slack, multipliers = (_spread(known[name], movable, count) for name in ("slack", "multipliers"))
+    # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way
+    # as well, and is named.
+    slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
+    found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
+    outputs = [ca.densify(part) for part in found.values()]
+    return ca.Function("account", list(known.values()), outputs, list(known), list(found))
+
+
+_CLOSED: Final = (
+    "posture",
+    "dt",
+    "residual",
+    "usable",
+    "E",
+    "causes",
+    "wanted",
+    "brake",
+    "solved",
+    "next_rest",
+    "share",
+    "begun",
+    "own",
+    "sent",
+    "used",
+    "any_outside",
+)
+
+
+def _close_function(model: StepModel) -> ca.Function:
+    """The twist that is planned, the one that is sent with it, and what to call the step."""
+    problem, sx = model.problem, model.symbols(_CLOSED)
+    share = largest(sx["share"])
+    accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
+    planned = sx["brake"] + ca.if_else(accepted, sx["share"], 0) * (sx["wanted"] - sx["brake"])
+    if problem.surface is not None:
+        mending = ca.DM(problem.twist_limit.acceleration) * sx["usable"]
+        planned = problem.surface.retract(sx["posture"], planned, sx["dt"], mending)
+    sent = planned
+    if problem.average:
+        # A mean keeps the acceleration by itself, as long as the history holds all of its seconds.
+        change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
+        sent = ca.fmin(
+            ca.fmax(sx["begun"] + sx["own"] * planned, sx["sent"] - change), sx["sent"] + change
+        )
+    failed = ca.if_else(
+        sx["solved"], 2.0**Cause.not_certified * (share <= 0), 2.0**Cause.not_solved
+    )
+    causes = sx["causes"] + ca.if_else(sx["usable"], failed, 0)
+    status = ca.if_else(is_set(sx["next_rest"][0]), int(Status.settled), int(Status.optimal))
+    status = ca.if_else(sx["used"], int(Status.relaxed), status)
+    status = ca.if_else(sx["any_outside"], int(Status.recovering), status)
+    status = ca.if_else(accepted, status, int(Status.braking))
+    wrong = ca.fmod(causes, 2.0 ** (Cause.age + 1)) > 0.5
+    status = ca.if_else(wrong, int(Status.invalid), status)
+    contact = ca.sqrt(ca.sumsqr(sx["E"] @ sent))
+    residuals = ca.vertcat(sx["residual"], contact, ca.if_else(accepted, share, 0))
+    still = ca.sumsqr(planned) + ca.sumsqr(sent) <= 0
+    found = {
+        "planned": planned,
+        "twist": sent,
+        "still": still,
+        "status": status,
+        "all_causes": causes,
+        "residuals": residuals,
+    }
+    outputs = ca.cse(dense(list(found.values())))
+    return ca.Function("close", list(sx.values()), outputs, list(sx), list(found))
+
+
+def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
+    """Values of the movable rows in their places among all rows; zero elsewhere."""
+    places = [movable.index(row) if row in movable else len(movable) for row in range(count)]
+    return ca.vertcat(values, 0)[places] if count else ca.MX(0, 1)
+
+
+def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:
+    """By how much each row is faster at a twist than its rate allows, beyond the QP's accuracy."""
+    speeds = ca.vertcat(*(ca.fabs(matrix @ twist) for matrix in margins.matrices))
+    beyond = ca.fmax(speeds - ca.fmin(ca.vertcat(*margins.rates), FREE), 0)
+    return ca.if_else(beyond > 1e-7, beyond, 0)
+
+
+def _model_rate(limits: tuple, situation: Situation, rate: ca.MX, dt: ca.MX) -> ca.MX:
+    """The model person's joint rates: joints at their end go no further, the object or not."""
+    for limit in limits:
+        if not limit.yield_zone:
+            continue
+        rows = limit.rows(situation)
+        up = ca.if_else(rows.above < limit.yield_zone, 0.0, ca.fmax(rows.above, 0) / dt)
+        down = ca.if_else(rows.below < limit.yield_zone, 0.0, ca.fmax(rows.below, 0) / dt)
+        rate = ca.fmax(ca.fmin(rate, up), -down)
+    return rate
