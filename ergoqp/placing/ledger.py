@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from dataclasses import asdict
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ergoqp.files.cache import digest_of
 from ergoqp.files.text import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary, TwistLimit
@@ -93,7 +93,7 @@ def key_of(task: Task) -> str:
         "begin": [part.tolist() for part in (begin.posture, begin.pose, begin.grasp, begin.soles)],
         "options": [task.mode, task.solver, task.seed, task.tau_deg],
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+    return digest_of(content)
 
 
 def _content(problem: Problem, limit: Any, postures: np.ndarray) -> list[Any]:
