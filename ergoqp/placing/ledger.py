@@ -15,7 +15,7 @@ from ergoqp.files.text import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary, TwistLimit
 from ergoqp.placing.optimum import Trial
-from ergoqp.placing.start import Task
+from ergoqp.placing.start import PlaceTask
 from ergoqp.placing.who import response_as_dict
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
@@ -76,7 +76,7 @@ class Ledger:
         self._before = ""
 
 
-def key_of(task: Task) -> str:
+def key_of(task: PlaceTask) -> str:
     """Return what a trial depends on besides its number, as a short text.
 
     Cost and learned boundary are known by what they say of a few postures, whatever they are made

@@ -58,7 +58,7 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
     return frame
 
 
-class Columns(Protocol):
+class ModelColumns(Protocol):
     """What tasks and limits need of a model: whose velocities are in which columns, see `Scene`."""
 
     model: mujoco.MjModel
