@@ -175,7 +175,7 @@ def ledgers(folder: Path) -> Kind:
     """Ledgers of finished starts."""
 
     def made(rng: Rng) -> bytes:
-        from ergoqp.placing.poses import pose_as_dict
+        from ergoqp.expressions.quaternions import pose_as_dict
 
         trials = [_trial(rng) for _ in range(4)]
         del pose_as_dict

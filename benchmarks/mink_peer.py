@@ -26,7 +26,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.data import qp_data
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body.formulation import SETTINGS, SOLVER, Formulation
-from ergoqp.whole_body.limits import ArmBounds, StepRows, TwistBounds
+from ergoqp.whole_body.limits import ArmBounds, ProblemRows, TwistBounds
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.placing import default_base
 from ergoqp.whole_body.robot import Robot, load_robot
@@ -144,7 +144,7 @@ class _ArmSolver:
         self._dt, self._terms, self._scene = problem.dt, Evaluator(qp_data(problem)), ArmColumns()
         self._configuration = mink.Configuration(self._scene.model)
         self._tasks = [ObjectTask(self._scene), NullSpaceTask(self._scene)]
-        self._limits = [TwistBounds(self._scene), StepRows(self._scene), ArmBounds(self._scene)]
+        self._limits = [TwistBounds(self._scene), ProblemRows(self._scene), ArmBounds(self._scene)]
         # Axes that cannot move are equalities; where all move there is no constraint to build.
         self._constraints = [Held(self._scene)] if (problem.twist_limit.speed == 0).any() else []
         self._site = self._scene.model.site("contact").id

@@ -23,7 +23,7 @@ from ergoqp.paths import data_folder
 from ergoqp.problem.problem import Problem
 from ergoqp.step.data import qp_data
 from ergoqp.whole_body.formulation import SETTINGS, SOLVER
-from ergoqp.whole_body.limits import ArmBounds, StepRows, TwistBounds
+from ergoqp.whole_body.limits import ArmBounds, ProblemRows, TwistBounds
 from ergoqp.whole_body.scene import default_tool_frame
 from ergoqp.whole_body.tasks import Held, NullSpaceTask, ObjectTask, at_moment
 
@@ -78,7 +78,7 @@ class _PinkSolver:
         self._configuration = pink.Configuration(self._model, self._model.createData(), rest)
         tasks, limits = (
             [ObjectTask(self._columns), NullSpaceTask(self._columns)],
-            [TwistBounds, StepRows, ArmBounds],
+            [TwistBounds, ProblemRows, ArmBounds],
         )
         rows = [limit(self._columns) for limit in limits]
         held = [Held(self._columns)] if (problem.twist_limit.speed == 0).any() else []

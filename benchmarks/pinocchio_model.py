@@ -11,6 +11,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ergoqp.expressions.quaternions import matrix_of
+
 
 def pinocchio_model(model: mujoco.MjModel) -> Any:
     """Return the `pin.Model` of a MuJoCo model; sites become frames.
@@ -29,7 +31,7 @@ def pinocchio_model(model: mujoco.MjModel) -> Any:
     }  # per body: its joint, and its pose in that joint's frame
     for body in range(1, model.nbody):
         parent, offset = carrier[int(model.body_parentid[body])]
-        here = offset * pin.SE3(_rotation(model.body_quat[body]), np.array(model.body_pos[body]))
+        here = offset * pin.SE3(matrix_of(model.body_quat[body]), np.array(model.body_pos[body]))
         if model.body_jntnum[body] > 1:
             raise ValueError(
                 f"body {model.body(body).name}: got {model.body_jntnum[body]} joints, allowed at"
@@ -47,7 +49,7 @@ def pinocchio_model(model: mujoco.MjModel) -> Any:
             made.appendBodyToJoint(carrier[body][0], _inertia(pin, model, body), carrier[body][1])
     for site in range(model.nsite):
         joint, offset = carrier[int(model.site_bodyid[site])]
-        placed = offset * pin.SE3(_rotation(model.site_quat[site]), np.array(model.site_pos[site]))
+        placed = offset * pin.SE3(matrix_of(model.site_quat[site]), np.array(model.site_pos[site]))
         made.addFrame(pin.Frame(model.site(site).name, joint, 0, placed, pin.FrameType.OP_FRAME))
     return made
 
@@ -62,12 +64,6 @@ def _kind(pin: Any, model: mujoco.MjModel, number: int) -> Any:
 
 
 def _inertia(pin: Any, model: mujoco.MjModel, body: int) -> Any:
-    turn = _rotation(model.body_iquat[body])
+    turn = matrix_of(model.body_iquat[body])
     moment = turn @ np.diag(model.body_inertia[body]) @ turn.T
     return pin.Inertia(float(model.body_mass[body]), np.array(model.body_ipos[body]), moment)
-
-
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    flat = np.zeros(9)
-    mujoco.mju_quat2Mat(flat, np.asarray(quaternion, dtype=float))
-    return flat.reshape(3, 3)

@@ -52,8 +52,8 @@ import numpy as np
 from benchmarks.report import Report, run
 from ergoqp.comparison.compare import relatives
 from ergoqp.comparison.figures import figures_of
-from ergoqp.comparison.record import Recording, record
-from ergoqp.comparison.trial import Trial, try_solver
+from ergoqp.comparison.record import RecordedQps, record
+from ergoqp.comparison.trial import SolverTrial, try_solver
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
@@ -145,7 +145,7 @@ def contradicted_steps(problem: Problem, steps: int) -> tuple[int, int]:
 def measure(report: Report) -> None:
     """Record, derive, try every solver, and judge the step."""
     steps, derive, stretch, slack = report.pick((150, 5, 45, 12), (1000, 20, 200, 30))
-    recordings: list[Recording] = []
+    recordings: list[RecordedQps] = []
     for name in PROBLEMS:
         recordings += record(load_problem(name), steps)
     plain = [
@@ -165,7 +165,7 @@ def measure(report: Report) -> None:
 
 
 def _step_itself(
-    report: Report, recordings: Sequence[Recording], made: Sequence[QpSequence]
+    report: Report, recordings: Sequence[RecordedQps], made: Sequence[QpSequence]
 ) -> None:
     worst = [
         judge(qp, answer).relative(qp)
@@ -241,12 +241,12 @@ def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> N
             report.say(f"{name} (extra 'solvers') is absent")
 
 
-def _distance(trial: Trial, certified: Mapping[str, Array]) -> float:
+def _distance(trial: SolverTrial, certified: Mapping[str, Array]) -> float:
     apart = np.abs(trial.points - certified[trial.sequence.name]).max(axis=1)
     return float(np.max(apart[trial.success(ACCURACY) & np.isfinite(apart)], initial=0.0))
 
 
-def _trials(name: str, sequences: Sequence[QpSequence]) -> list[Trial]:
+def _trials(name: str, sequences: Sequence[QpSequence]) -> list[SolverTrial]:
     trials = []
     for one in sequences:
         trials.append(try_solver(name, one, False, ACCURACY, PASSES))

@@ -12,9 +12,9 @@ from ergoqp._version import __version__
 from ergoqp.comparison.derive import derived
 from ergoqp.comparison.figures import figures_of
 from ergoqp.comparison.picture import comparison_picture
-from ergoqp.comparison.record import Recording, record
+from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.comparison.sequence_files import save_sequences
-from ergoqp.comparison.trial import Trial, try_solver
+from ergoqp.comparison.trial import SolverTrial, try_solver
 from ergoqp.errors import InputError
 from ergoqp.files.whole import write_whole
 from ergoqp.problem.problem import Problem
@@ -53,7 +53,7 @@ class Comparison:
     seed: int
     accuracy: float
     sequences: tuple[QpSequence, ...]
-    trials: tuple[Trial, ...]
+    trials: tuple[SolverTrial, ...]
     figures: dict[str, dict[str, float]]
     missing: tuple[str, ...]
 
@@ -149,7 +149,7 @@ def compare(
     sequences = [recording.sequence for recording in recordings]
     for recording in recordings:
         sequences += relatives(recording, derive, seed)
-    trials: list[Trial] = []
+    trials: list[SolverTrial] = []
     for i, name in enumerate(names):
         for sequence in sequences:
             for warm in (False, True) if sequence.follows and SESSIONS[name].warm else (False,):
@@ -167,7 +167,7 @@ def compare(
     )
 
 
-def relatives(recording: Recording, count: int, seed: int) -> list[QpSequence]:
+def relatives(recording: RecordedQps, count: int, seed: int) -> list[QpSequence]:
     """Return what is derived from a recorded sequence.
 
     Nothing is derived from the larger QPs, which always have an answer.

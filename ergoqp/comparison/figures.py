@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ergoqp.comparison.trial import Trial
+from ergoqp.comparison.trial import SolverTrial
 from ergoqp.solvers.judge import TOLERANCES, shifted_geometric_mean, tidy
 
 Mask = NDArray[np.bool_]
@@ -17,7 +17,7 @@ DEADLINE: Final = 0.01
 """What an unsolved QP counts in the mean time, at least [s]: the control period that it cost."""
 
 
-def figures_of(trials: Sequence[Trial], accuracy: float) -> dict[str, float]:
+def figures_of(trials: Sequence[SolverTrial], accuracy: float) -> dict[str, float]:
     """Return the figures of one solver.
 
     ``success_1e-3``, ``success_1e-6``, ``success_1e-9``: share of the feasible QPs, cold and warm,
@@ -64,7 +64,7 @@ def figures_of(trials: Sequence[Trial], accuracy: float) -> dict[str, float]:
     return figures | _warm(good)
 
 
-def _warm(trials: Sequence[Trial]) -> dict[str, float]:
+def _warm(trials: Sequence[SolverTrial]) -> dict[str, float]:
     warm = [trial for trial in trials if trial.warm]
     names = {trial.sequence.name for trial in warm}
     cold = [trial for trial in trials if not trial.warm and trial.sequence.name in names]
@@ -81,7 +81,7 @@ def _warm(trials: Sequence[Trial]) -> dict[str, float]:
     return figures
 
 
-def _iterations(name: str, trials: Sequence[Trial]) -> dict[str, float]:
+def _iterations(name: str, trials: Sequence[SolverTrial]) -> dict[str, float]:
     counts = np.concatenate([trial.iterations for trial in trials])
     return {} if np.isnan(counts).any() else {name: float(counts.mean())}
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.comparison.trial import Trial
+from ergoqp.comparison.trial import SolverTrial
 from ergoqp.errors import MissingExtraError
 from ergoqp.files.whole import whole
 from ergoqp.solvers.judge import TOLERANCES
@@ -19,7 +19,7 @@ _LEAST = 1e-16
 
 
 def comparison_picture(
-    title: str, names: Sequence[str], trials: Sequence[Trial], accuracy: float, path: Path
+    title: str, names: Sequence[str], trials: Sequence[SolverTrial], accuracy: float, path: Path
 ) -> None:
     """Draw the picture of a comparison, and write it (PNG or SVG).
 
@@ -57,7 +57,9 @@ def comparison_picture(
         figure.savefig(scratch)
 
 
-def _draw_times(axes: Any, names: Sequence[str], trials: Sequence[Trial], accuracy: float) -> None:
+def _draw_times(
+    axes: Any, names: Sequence[str], trials: Sequence[SolverTrial], accuracy: float
+) -> None:
     rng = np.random.default_rng(0)
     for place, name in enumerate(names):
         kinds = (
@@ -116,7 +118,7 @@ def _draw_times(axes: Any, names: Sequence[str], trials: Sequence[Trial], accura
     )
 
 
-def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[Trial]) -> None:
+def _draw_residuals(axes: Any, names: Sequence[str], trials: Sequence[SolverTrial]) -> None:
     from matplotlib import colormaps
 
     colour: Callable[[int], Any] = colormaps["tab10"]

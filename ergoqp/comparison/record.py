@@ -43,7 +43,7 @@ _PLACES: Final = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class RecordedQps:
     """What the control steps of some closed loops solved, and what they made of the answers.
 
     Attributes:
@@ -122,7 +122,7 @@ def record(
     steps: int,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
-) -> list[Recording]:
+) -> list[RecordedQps]:
     """Return the QPs that the first `steps` control steps of closed loops solve.
 
     Loops with one simulated person after the other, each from an awkward place, until there are
@@ -171,7 +171,7 @@ def record(
     return recordings
 
 
-def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[Recording]:
+def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[RecordedQps]:
     """The QPs of one loop by size, small ones first."""
     found = []
     for unknowns in sorted({qp.size[0] for qp, _, _ in every}):
@@ -179,7 +179,7 @@ def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[Recording
             *(one for one in every if one[0].size[0] == unknowns), strict=True
         )
         ending = "" if unknowns == TWIST else ".relaxed"
-        found.append(Recording(QpSequence(name + ending, qps), answers, np.array(accepted)))
+        found.append(RecordedQps(QpSequence(name + ending, qps), answers, np.array(accepted)))
     return found
 
 

@@ -20,7 +20,7 @@ Then the milliseconds of other programs do not count.
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class SolverTrial:
     """What one solver made of one sequence.
 
     Attributes:
@@ -66,7 +66,7 @@ class Trial:
 
 def try_solver(
     solver: str, sequence: QpSequence, warm: bool, accuracy: float, passes: int = 1
-) -> Trial:
+) -> SolverTrial:
     """Solve a sequence in order by one solver that stays in memory, and judge every answer.
 
     With more than one pass each QP's time is its least: a solver takes the same way every time,
@@ -98,7 +98,7 @@ def try_solver(
             min(least, session.solve_qp(qp, warm).seconds)
             for least, qp in zip(seconds, sequence, strict=True)
         ]
-    return Trial(
+    return SolverTrial(
         solver,
         sequence,
         warm,

@@ -17,7 +17,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.sheets.description import Step
+from ergoqp.sheets.description import StepFunction
 
 _WIDEST: Final = 9.0
 """Up to this angle the exponential form has a gradient [rad].
@@ -47,7 +47,7 @@ def past(x: ca.SX, edge: float, tau: float | ca.SX) -> ca.SX:
     return scale / (scale + ca.exp(x * (-2 / tau)))
 
 
-def of_step(step: Step, x: ca.SX, tau: float | ca.SX) -> Distribution:
+def of_step(step: StepFunction, x: ca.SX, tau: float | ca.SX) -> Distribution:
     """Return the distribution of a step's score when its joint has noise of scale tau.
 
     Args:

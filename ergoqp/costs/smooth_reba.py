@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeVar, cast
+from typing import TypeVar, Unpack, cast
 
 import casadi as ca
 import numpy as np
@@ -28,7 +28,7 @@ from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.description import Segment, Sheet
 from ergoqp.sheets.method import Method, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
-from ergoqp.sheets.task import Task, TaskOptions, read_task
+from ergoqp.sheets.task import DEFAULTS, Task, TaskOptions, read_task
 
 Expression = TypeVar("Expression", ca.SX, ca.MX)
 
@@ -55,15 +55,7 @@ class SmoothReba:
         taus_deg: Sequence[float] = (1.5, 12.0),
         weights: Sequence[float] = (0.8, 0.2),
         method: Method | None = None,
-        *,
-        load_kg: float = 0.0,
-        shock: bool = False,
-        coupling: int = 0,
-        activity: int = 0,
-        seated: bool = False,
-        one_leg: bool = False,
-        arm_supported: tuple[bool, bool] = (False, False),
-        shoulder_raised: tuple[bool, bool] = (False, False),
+        **task: Unpack[TaskOptions],
     ) -> None:
         """Build the expression.
 
@@ -71,14 +63,7 @@ class SmoothReba:
             taus_deg: scales of the noise, above 0 [deg].
             weights: one per scale, not negative, adding up to 1.
             method: how the sheet is read; the default follows the publication.
-            load_kg: mass handled [kg].
-            shock: shock or a rapid build-up of force.
-            coupling: 0 good to 3 unacceptable.
-            activity: 0 to 3.
-            seated: knees are not counted.
-            one_leg: weight on one leg or an unstable stance.
-            arm_supported: (right, left).
-            shoulder_raised: (right, left).
+            **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
 
         Raises:
             InputError: for a value outside its range.
@@ -86,18 +71,9 @@ class SmoothReba:
         self.taus_deg, self.weights = _mixture(taus_deg, weights)
         self.method = read_method(method)
         sheet = sheet_of(self.method)
-        self.task = TaskOptions(
-            load_kg=load_kg,
-            shock=shock,
-            coupling=coupling,
-            activity=activity,
-            seated=seated,
-            one_leg=one_leg,
-            arm_supported=arm_supported,
-            shoulder_raised=shoulder_raised,
-        )
+        self.task: TaskOptions = {**DEFAULTS, **task}
         q = ca.SX.sym("q", len(JOINTS))
-        self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, **self.task))
+        self._reading = reading = _Reading(sheet, self.method, read_task(sheet, None, self.task))
         values = [reading.expected(q, np.radians(tau)) for tau in self.taus_deg]
         self._q, self._value = (
             q,

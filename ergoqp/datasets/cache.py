@@ -3,49 +3,40 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ErgoqpError
-from ergoqp.files.npz import read_npz
-from ergoqp.files.whole import whole
-from ergoqp.paths import cache_folder
+from ergoqp.files.cache import CacheEntry, digest_of
 
 
 def cached_data(kind: str, asked: Mapping[str, Any], make: Callable[[], DataSet]) -> DataSet:
     """Return a data set from the user's cache, or make it and keep it there.
 
-    A file that cannot be read is ignored and written anew; a folder that cannot be written to only
-    means no cache.
+    A file that cannot be read is ignored and written anew.
 
     Args:
-        kind: of data, names the folder below :func:`ergoqp.paths.cache_folder`.
-        asked: all that the data depend on, a version of the code that makes them included; what
-            JSON and numpy can hold.
+        kind: of data, see `CacheEntry`.
+        asked: all that the data depend on, a version of the code that makes them included; see
+            `digest_of`.
         make: makes them.
     """
-    text = json.dumps(asked, sort_keys=True, default=lambda value: np.asarray(value).tolist())
-    path = cache_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
-    try:
-        kept = read_npz(path, ("points", "labels", "coordinates", "source"))
-        return DataSet(
-            kept["points"], kept["labels"], tuple(kept["coordinates"].tolist()), str(kept["source"])
-        )
-    except (ErgoqpError, ValueError, TypeError):
-        data = make()
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path) as scratch:
-            np.savez(
-                scratch,
-                points=data.points,
-                labels=data.labels,
-                coordinates=data.coordinates,
-                source=data.source,
+    entry = CacheEntry(kind, digest_of(asked))
+    kept = entry.read(("points", "labels", "coordinates", "source"))
+    if kept is not None:
+        with contextlib.suppress(ErgoqpError, ValueError, TypeError):
+            return DataSet(
+                kept["points"],
+                kept["labels"],
+                tuple(kept["coordinates"].tolist()),
+                str(kept["source"]),
             )
+    data = make()
+    entry.write(
+        points=data.points,
+        labels=data.labels,
+        coordinates=data.coordinates,
+        source=data.source,
+    )
     return data

@@ -70,7 +70,7 @@ def sheet_sampler(
     """
     method = read_method(method)
     sheet = sheet_of(method)
-    task = read_task(sheet, None, **options)
+    task = read_task(sheet, None, options)
     return BalancedSampler(sheet, task, method.arms, method.final_max, LOWER, UPPER, joints)
 
 
@@ -81,7 +81,7 @@ def interval_sampler(joints: Sequence[str] | None = None) -> BalancedSampler:
     """
     sheet = interval_sheet()
     return BalancedSampler(
-        sheet, read_task(sheet, None), "segments", FINAL_MAX, *interval_ranges(), joints
+        sheet, read_task(sheet, None, {}), "segments", FINAL_MAX, *interval_ranges(), joints
     )
 
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import errno
 import itertools
+import json
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 _COUNT = itertools.count()
 
@@ -92,6 +94,16 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 def _own_name() -> str:
     """Return a name that nobody else writes to, in this process or another."""
     return f".ergoqp-{os.getpid()}-{next(_COUNT)}"
+
+
+def write_json(path: Path, values: Any, indent: int = 2) -> None:
+    """Write numbers, texts, lists and dicts as JSON, see `whole`.
+
+    Raises:
+        OSError: if it cannot be written.
+        ValueError: for a number that is not finite.
+    """
+    write_whole(path, json.dumps(values, indent=indent, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def write_whole(path: Path, text: str) -> None:

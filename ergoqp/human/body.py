@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -100,6 +100,14 @@ class Body:
         mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
         check_number("mass", mass, 20, 300, "kg")
         object.__setattr__(self, "mass", mass)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the body as plain numbers, for files."""
+        return {
+            "stature_m": float(self.stature),
+            "mass_kg": float(self.mass),
+            "lengths_m": {name: float(length) for name, length in self.lengths.items()},
+        }
 
     @classmethod
     def of_stature(cls, stature: float, mass: float = 0.0) -> Body:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.expressions.quaternions import matrix_of
 from ergoqp.human.body import Body
 from ergoqp.joints import INDEX, JOINTS
 
@@ -146,9 +147,8 @@ def _clean(expression: ca.SX) -> ca.SX:
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    flat = np.zeros(9)
-    mujoco.mju_quat2Mat(flat, np.asarray(quaternion, dtype=float))
+    matrix = matrix_of(quaternion)
     # Quarter turns come out as 2e-16 instead of 0; left in, they would fill the expressions with
     # nothing.
-    flat[np.abs(flat) < 1e-14] = 0.0
-    return flat.reshape(3, 3)
+    matrix[np.abs(matrix) < 1e-14] = 0.0
+    return matrix

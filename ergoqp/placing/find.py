@@ -19,7 +19,7 @@ from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.placing.place import Place
 from ergoqp.placing.program import smooth_cost
-from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, Task, begin_from
+from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, PlaceTask, begin_from
 from ergoqp.placing.workers import trials_of
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -105,7 +105,7 @@ def optimise(
     else:
         given, notes = read_posture(posture)
     begin = begin_from(follower, given, pose)
-    task = Task(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
+    task = PlaceTask(problem, follower, begin, mode, solver, int(seed), float(tau_deg))
     Place.of(problem).anchor(problem, begin.pose)
     trials = _solve(task, int(starts), int(jobs), scheduler, out, progress)
     best = _best(problem, trials)
@@ -145,7 +145,7 @@ def _follower(problem: Problem, person: Follower | Body | None) -> Follower:
 
 
 def _solve(
-    task: Task,
+    task: PlaceTask,
     starts: int,
     jobs: int,
     scheduler: str | None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from dataclasses import asdict
@@ -11,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ergoqp.files.cache import digest_of
 from ergoqp.files.text import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary, TwistLimit
 from ergoqp.placing.optimum import Trial
-from ergoqp.placing.start import Task
+from ergoqp.placing.start import PlaceTask
 from ergoqp.placing.who import response_as_dict
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
@@ -76,7 +76,7 @@ class Ledger:
         self._before = ""
 
 
-def key_of(task: Task) -> str:
+def key_of(task: PlaceTask) -> str:
     """Return what a trial depends on besides its number, as a short text.
 
     Cost and learned boundary are known by what they say of a few postures, whatever they are made
@@ -93,7 +93,7 @@ def key_of(task: Task) -> str:
         "begin": [part.tolist() for part in (begin.posture, begin.pose, begin.grasp, begin.soles)],
         "options": [task.mode, task.solver, task.seed, task.tau_deg],
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+    return digest_of(content)
 
 
 def _content(problem: Problem, limit: Any, postures: np.ndarray) -> list[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.expressions.quaternions import pose_as_dict, pose_from_dict
 from ergoqp.files.text import read_json
-from ergoqp.files.whole import write_whole
+from ergoqp.files.whole import write_json
 from ergoqp.joints import JOINTS
-from ergoqp.placing.poses import pose_as_dict, pose_from_dict
-from ergoqp.placing.who import response_as_dict, response_from_dict
+from ergoqp.placing.who import plain, response_as_dict, response_from_dict
 from ergoqp.responses.ik import IkResponse
 
 FILE = "optimum.json"
@@ -58,7 +57,7 @@ class Trial:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain numbers, texts and lists."""
-        return {name: _plain(value) for name, value in vars(self).items()}
+        return {name: plain(value) for name, value in vars(self).items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Trial:
@@ -141,8 +140,7 @@ class Optimum:
         if path.suffix != ".json":
             path.mkdir(parents=True, exist_ok=True)
             path = path / FILE
-        text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        write_whole(path, text + "\n")
+        write_json(path, self.as_dict(), indent=1)
         return path
 
     def as_dict(self) -> dict[str, Any]:
@@ -152,7 +150,7 @@ class Optimum:
         """
         from ergoqp._version import __version__
 
-        values = {name: _plain(value) for name, value in vars(self).items()}
+        values = {name: plain(value) for name, value in vars(self).items()}
         values |= {
             "response": response_as_dict(self.response),
             "pose": pose_as_dict(self.pose),
@@ -194,14 +192,6 @@ class Optimum:
             raise InputError(
                 f"optimum: {str(path)!r} is no optimum, allowed a file that `Optimum.save` wrote"
             ) from None
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return list(value)
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _with_arrays(values: dict[str, Any]) -> dict[str, Any]:

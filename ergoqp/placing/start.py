@@ -52,7 +52,7 @@ _SLACK = 1e-3  # of a learned boundary, beyond its own tolerance
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class PlaceTask:
     """Everything that a start needs, and that can go to another process.
 
     Attributes:
@@ -74,10 +74,10 @@ class Task:
     tau_deg: float
 
 
-class Solver:
+class StartSolver:
     """Solves starts of one task; the program is written down once."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: PlaceTask) -> None:
         """Write down the program.
 
         Raises:

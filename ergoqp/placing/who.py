@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.responses.ik import IkResponse
@@ -23,14 +25,11 @@ _TERMS = (
 
 def response_as_dict(response: IkResponse) -> dict[str, Any]:
     """Return a response as plain numbers, texts, lists; `response_from_dict` makes an equal one."""
-    body = response.body
     return {
-        "stature_m": float(body.stature),
-        "mass_kg": float(body.mass),
-        "lengths_m": {name: float(length) for name, length in body.lengths.items()},
+        **response.body.as_dict(),
         "weights": dict(zip(JOINTS, response.weight_vector.tolist(), strict=True)),
         "comfort_deg": {name: float(degrees) for name, degrees in response.comfort_deg.items()},
-        **{name: _plain(getattr(response, name)) for name in _TERMS},
+        **{name: plain(getattr(response, name)) for name in _TERMS},
     }
 
 
@@ -47,5 +46,10 @@ def response_from_dict(values: Mapping[str, Any]) -> IkResponse:
     )
 
 
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+def plain(value: Any) -> Any:
+    """Return an array or a tuple as a list, a number of NumPy's as Python's, the rest as it is."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return list(value)
+    return value.item() if isinstance(value, np.generic) else value

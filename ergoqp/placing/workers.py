@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from ergoqp.errors import InputError, MissingExtraError, WorkersError
 from ergoqp.placing.optimum import Trial
-from ergoqp.placing.start import Solver, Task
+from ergoqp.placing.start import PlaceTask, StartSolver
 
 TIMEOUT: Final = 5.0
 """How long a cluster may take to answer [s]."""
@@ -29,7 +29,7 @@ _KEPT_STARTS: Final = (
 )
 
 _KEPT: Final = 4
-_solvers: OrderedDict[str, Solver] = OrderedDict()
+_solvers: OrderedDict[str, StartSolver] = OrderedDict()
 
 
 def solve_start(key: str, sent: bytes, number: int) -> Trial:
@@ -43,7 +43,7 @@ def solve_start(key: str, sent: bytes, number: int) -> Trial:
         number: of the start.
     """
     if key not in _solvers:
-        _solvers[key] = Solver(pickle.loads(sent))
+        _solvers[key] = StartSolver(pickle.loads(sent))
         while len(_solvers) > _KEPT:
             _solvers.popitem(last=False)
     _solvers.move_to_end(key)
@@ -51,7 +51,7 @@ def solve_start(key: str, sent: bytes, number: int) -> Trial:
 
 
 def trials_of(
-    key: str, task: Task, numbers: Sequence[int], jobs: int, scheduler: str | None
+    key: str, task: PlaceTask, numbers: Sequence[int], jobs: int, scheduler: str | None
 ) -> Iterator[Trial]:
     """Yield the trials of starts as they are finished.
 
@@ -73,12 +73,12 @@ def trials_of(
     elif jobs > 1 and len(numbers) > 1:
         yield from _in_processes(key, task, numbers, jobs)
     else:
-        solver = Solver(task)
+        solver = StartSolver(task)
         for number in numbers:
             yield solver.start(number)
 
 
-def _in_processes(key: str, task: Task, numbers: Sequence[int], jobs: int) -> Iterator[Trial]:
+def _in_processes(key: str, task: PlaceTask, numbers: Sequence[int], jobs: int) -> Iterator[Trial]:
     sent = _packed(task)
     try:
         from joblib import Parallel, delayed
@@ -97,7 +97,7 @@ def _in_processes(key: str, task: Task, numbers: Sequence[int], jobs: int) -> It
         ) from None
 
 
-def _on_cluster(key: str, task: Task, numbers: Sequence[int], address: str) -> Iterator[Trial]:
+def _on_cluster(key: str, task: PlaceTask, numbers: Sequence[int], address: str) -> Iterator[Trial]:
     sent = _packed(task)
     try:
         from distributed import Client
@@ -188,7 +188,7 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
     raise failed
 
 
-def _packed(task: Task) -> bytes:
+def _packed(task: PlaceTask) -> bytes:
     """Return the task as it is sent.
 
     Raises:

@@ -25,7 +25,7 @@ from ergoqp.report.optimum_page import (
     task_options,
     tilt_words,
 )
-from ergoqp.report.page import Page, Picture, Section, Table, write_page
+from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
 """What the objectives look for, in words."""
@@ -89,7 +89,7 @@ def write_group_page(
             _adjustable(found),
             *_maps(found, problem, people, jobs),
             Section("Reasons", tables=[_reasons(found)]),
-            Section("Options", tables=[Table(("what", "value"), _options(found, problem))]),
+            Section("Options", tables=[PageTable(("what", "value"), _options(found, problem))]),
             Section("Assumptions", sentences=found.assumptions),
         ],
     )
@@ -138,7 +138,7 @@ def _people(found: GroupOptimum) -> Section:
         "People",
         "Alone: the score at the best place that was found for this person only. Pays: the points"
         " that the shared place costs. Reaches: the share of the grid's places.",
-        tables=[Table(head, rows, marked=paying, numeric=(1, 3, 4, 5))],
+        tables=[PageTable(head, rows, marked=paying, numeric=(1, 3, 4, 5))],
     )
 
 
@@ -151,7 +151,7 @@ def _adjustable(found: GroupOptimum) -> Section:
         "The scores if everybody could set one thing for themselves and the rest stayed fixed: the"
         " better of moving from the group's place and of the grid of"
         f" {100 * found.spacing:.0f} cm.",
-        tables=[Table(("to be set", "highest", "mean"), rows, numeric=(1, 2))],
+        tables=[PageTable(("to be set", "highest", "mean"), rows, numeric=(1, 2))],
     )
 
 
@@ -204,7 +204,7 @@ def _missing(slice_: Slice, members: tuple[Member, ...]) -> Callable[[int, int],
     return who
 
 
-def _reasons(found: GroupOptimum) -> Table:
+def _reasons(found: GroupOptimum) -> PageTable:
     """Return which segments of everybody have more than one point, and for what.
 
     The first sentences are the segments'.
@@ -220,7 +220,7 @@ def _reasons(found: GroupOptimum) -> Table:
         )
         for member in found.members
     ]
-    return Table(
+    return PageTable(
         ("person", "segments with more than one point"),
         [(label, words or "none") for label, words in rows],
     )

@@ -20,7 +20,7 @@ from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
 from ergoqp.report.charts.score_map import AXES, COLOURS, Spot, score_map
 from ergoqp.report.charts.strips import segments_chart
-from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
+from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.person import Follower
 
@@ -90,7 +90,7 @@ def write_optimum_page(
             _why(optimum, problem, before, after),
             *([] if cooperative is None else [_bound(optimum, cooperative)]),
             _starts(optimum),
-            Section("Options", tables=[Table(("what", "value"), _options(optimum, problem))]),
+            Section("Options", tables=[PageTable(("what", "value"), _options(optimum, problem))]),
             Section("Assumptions", sentences=optimum.assumptions or ["None."]),
         ],
     )
@@ -220,7 +220,9 @@ def _why(
     return Section(
         "Segments and reasons",
         pictures=[Picture(segments_chart(before, after))],
-        tables=[Table(head, list(zip_longest(*reasons, fillvalue="")), marked=changed, even=True)],
+        tables=[
+            PageTable(head, list(zip_longest(*reasons, fillvalue="")), marked=changed, even=True)
+        ],
     )
 
 
@@ -241,7 +243,7 @@ def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
         " they also chose their posture for the score: an optimistic bound, which no person has to"
         " follow.",
         tables=[
-            Table(("", "REBA", "smooth cost", "KKT residual", "place"), rows, numeric=(1, 2, 3))
+            PageTable(("", "REBA", "smooth cost", "KKT residual", "place"), rows, numeric=(1, 2, 3))
         ],
     )
 
@@ -273,7 +275,7 @@ def _starts(optimum: Optimum) -> Section:
         "Starts",
         "Every start ends with the exact score of the posture at which the person comes to rest;"
         " apart is how far that is from the posture that the program reckoned with.",
-        tables=[Table(head, rows, marked=best, numeric=(0, 1, 2, 3, 4, 5))] if rows else [],
+        tables=[PageTable(head, rows, marked=best, numeric=(0, 1, 2, 3, 4, 5))] if rows else [],
     )
 
 

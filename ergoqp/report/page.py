@@ -42,7 +42,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table: words only.
 
     Attributes:
@@ -77,7 +77,7 @@ class Section:
     title: str
     intro: str = ""
     pictures: Sequence[Picture] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[PageTable] = ()
     sentences: Sequence[str] = ()
     columns: bool = False
     chips: Sequence[tuple[str, str]] = ()

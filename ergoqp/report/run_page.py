@@ -15,7 +15,7 @@ from ergoqp.report.body.replay import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, timing_chart
 from ergoqp.report.charts.strips import Strip, segments_chart, segments_strips, strips_chart
-from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
+from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
 from ergoqp.report.run_facts import (
     RunFacts,
     facts_of,
@@ -88,7 +88,7 @@ def write_run_page(run: Run, path: Path) -> None:
             Section(
                 "Options",
                 tables=[
-                    Table(
+                    PageTable(
                         ("what", "value"),
                         [*run.options, ("control period", f"{1e3 * run.dt:.3g} ms")],
                     )
@@ -187,7 +187,7 @@ def _segments(run: Run, facts: RunFacts) -> Section:
         "Segments and reasons",
         pictures=[Picture(segments_chart(facts.segments_before, facts.segments_after))],
         tables=[
-            Table(
+            PageTable(
                 (f"before: REBA {facts.before}", f"after: REBA {facts.after}"),
                 rows,
                 marked=changed,
@@ -240,7 +240,9 @@ def _limits(run: Run) -> Section:
     )
     broken = [(spoken(name), *rest) for name, *rest in violation_rows(run)]
     tables = (
-        [Table(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))] if broken else []
+        [PageTable(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))]
+        if broken
+        else []
     )
     if broken:
         intro += " The steps that broke one were counted by an independent checker."
@@ -270,7 +272,11 @@ def _steps(run: Run, facts: RunFacts) -> Section:
             Picture(timing_chart(run.step_time, run.dt), f"Duration of a step: {facts.timing}."),
         ],
         tables=(
-            [Table(("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3))]
+            [
+                PageTable(
+                    ("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3)
+                )
+            ]
             if (rows := reasons_of(run))
             else []
         ),

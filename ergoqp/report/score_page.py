@@ -19,7 +19,7 @@ from ergoqp.report.body.replay import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
 from ergoqp.report.charts.over_time import lines_chart, score_chart, shares_chart
 from ergoqp.report.charts.strips import segments_strips
-from ergoqp.report.page import Headline, Page, Picture, Section, Table, write_page
+from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
 from ergoqp.report.scores import summary_of, worst_frame
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
@@ -73,7 +73,7 @@ def write_score_page(
             _fit(recording, summary),
             Section(
                 "Options",
-                tables=[Table(("what", "value"), options)] if options else [],
+                tables=[PageTable(("what", "value"), options)] if options else [],
                 intro="" if options else "None.",
             ),
             Section("Assumptions", sentences=recording.assumptions or ("None.",)),
@@ -192,8 +192,8 @@ def _worst(assessment: Assessment, summary: dict[str, Any]) -> Section:
         "Worst moment and segments",
         intro,
         tables=[
-            Table(("reasons",), [(sentence,) for sentence in worst["reasons"]]),
-            Table(head, segments, numeric=(1, 2, 3, 4)),
+            PageTable(("reasons",), [(sentence,) for sentence in worst["reasons"]]),
+            PageTable(head, segments, numeric=(1, 2, 3, 4)),
         ],
     )
 
@@ -212,6 +212,8 @@ def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
         " the centres).",
         pictures=[Picture(lines_chart("Fit error", recording.time, error, "mm", from_zero=True))],
         tables=(
-            [Table(("joint beyond its range", "frames"), outside, numeric=(1,))] if outside else []
+            [PageTable(("joint beyond its range", "frames"), outside, numeric=(1,))]
+            if outside
+            else []
         ),
     )

@@ -18,14 +18,13 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.files.whole import whole, write_whole
+from ergoqp.files.whole import whole, write_json
 from ergoqp.joints import JOINTS
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
@@ -69,9 +68,7 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
                     " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
                 ]
             )
-    write_whole(
-        summary, json.dumps(summary_of(recording, assessment), indent=2, ensure_ascii=False) + "\n"
-    )
+    write_json(summary, summary_of(recording, assessment))
     return rows, summary
 
 

@@ -28,7 +28,7 @@ TIE: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Step:
+class StepFunction:
     """A piecewise constant function of one number: a joint's bands, or the load.
 
     Attributes:
@@ -68,7 +68,7 @@ class Step:
 class Modifier:
     """Points for conditions of several joints: at most one in all, or one each when `additive`."""
 
-    conditions: tuple[Step, ...]
+    conditions: tuple[StepFunction, ...]
     additive: bool
 
 
@@ -103,7 +103,7 @@ class Segment:
     worse_side: bool
     start: int
     highest: int
-    base: Step
+    base: StepFunction
     skipped_by: str | None
     modifiers: tuple[Modifier, ...]
     options: tuple[OptionPoints, ...]
@@ -114,11 +114,11 @@ class Segment:
         return SIDES if self.sided else ("",)
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[StepFunction, ...]:
         """Base and conditions: every step of the segment."""
         return (self.base, *(step for modifier in self.modifiers for step in modifier.conditions))
 
-    def joint(self, step: Step, side: str) -> int:
+    def joint(self, step: StepFunction, side: str) -> int:
         """Return the index in a posture of a step's joint on one side.
 
         The side is ignored where there is only one.
@@ -132,7 +132,7 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class ScoreTable:
     """A table of scores 1, 2, ...: `cells` [score - 1, ...] of the named axes.
 
     `plus` is added to what it gives.
@@ -165,9 +165,9 @@ class Sheet:
 
     name: str
     segments: dict[str, Segment]
-    tables: dict[str, Table]
+    tables: dict[str, ScoreTable]
     points: dict[str, int]
-    load: Step
+    load: StepFunction
     shock: int
     levels: tuple[str, ...]
     level_starts: tuple[int, ...]
@@ -204,7 +204,9 @@ def read_sheet(
         load_ties: the same for the load; ``"inner"``: both ends belong to the band between them.
     """
     tables = {
-        name: Table(tuple(table["axes"]), table["plus"], np.array(table["cells"], dtype=np.int8))
+        name: ScoreTable(
+            tuple(table["axes"]), table["plus"], np.array(table["cells"], dtype=np.int8)
+        )
         for name, table in description["tables"].items()
     }
     highest = {
@@ -267,7 +269,7 @@ def _applies(entry: Mapping[str, Any], values: Mapping[str, Any]) -> bool:
 
 def _read_step(
     entry: Mapping[str, Any], values: Mapping[str, Any], ties: Ties, unit: float = np.pi / 180
-) -> Step:
+) -> StepFunction:
     edges = [_number(edge, values) * unit for edge in entry["edges"]]
     scores = entry["scores"]
     thresholds = []
@@ -280,7 +282,7 @@ def _read_step(
     # Two edges may coincide (a tolerance of 0); the band between them is then empty, never
     # negative.
     thresholds = np.maximum.accumulate(thresholds).tolist()
-    return Step(
+    return StepFunction(
         entry["joint"], tuple(edges), tuple(scores), tuple(thresholds), tuple(entry["words"])
     )
 

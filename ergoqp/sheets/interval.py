@@ -70,7 +70,7 @@ def score_interval(postures: ArrayLike) -> NDArray[np.int64]:
     valid = check_angles(angles, 0)
     if not valid.all():
         raise InputError(f"postures: row {np.argmin(valid)} holds NaN, allowed: finite angles")
-    task = read_task(sheet, None)
+    task = read_task(sheet, None, {})
     segments = score_segments(sheet, angles, task)
     table_a = look_up(sheet, "A", *(segments[segment.label("")] for segment in sheet.of_table("A")))
     final = score_final(

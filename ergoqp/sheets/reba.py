@@ -161,16 +161,14 @@ def assess(
     """
     rows = read_postures(postures)
     method = read_method(method)
-    task = read_task(
-        sheet_of(method),
-        len(rows),
-        load_kg=load_kg,
-        shock=shock,
-        coupling=coupling,
-        activity=activity,
-        seated=seated,
-        one_leg=one_leg,
-        arm_supported=arm_supported,
-        shoulder_raised=shoulder_raised,
-    )
-    return assess_rows(rows, method, task)
+    options = {
+        "load_kg": load_kg,
+        "shock": shock,
+        "coupling": coupling,
+        "activity": activity,
+        "seated": seated,
+        "one_leg": one_leg,
+        "arm_supported": arm_supported,
+        "shoulder_raised": shoulder_raised,
+    }
+    return assess_rows(rows, method, read_task(sheet_of(method), len(rows), options))

@@ -5,8 +5,9 @@ These are explicit inputs, checked, never guessed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +23,7 @@ Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 class TaskOptions(TypedDict, total=False):
     """The options as keywords, one value for all postures.
 
-    Meanings and defaults are as in :func:`ergoqp.sheets.reba.assess`.
+    Meanings are as in :func:`ergoqp.sheets.reba.assess`.
     """
 
     load_kg: float
@@ -33,6 +34,19 @@ class TaskOptions(TypedDict, total=False):
     one_leg: bool
     arm_supported: tuple[bool, bool]
     shoulder_raised: tuple[bool, bool]
+
+
+DEFAULTS: Final = TaskOptions(
+    load_kg=0.0,
+    shock=False,
+    coupling=0,
+    activity=0,
+    seated=False,
+    one_leg=False,
+    arm_supported=(False, False),
+    shoulder_raised=(False, False),
+)
+"""What holds where an option is not given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,52 +87,36 @@ class Task:
         )
 
 
-def read_task(
-    sheet: Sheet,
-    count: int | None,
-    *,
-    load_kg: ArrayLike = 0.0,
-    shock: ArrayLike = False,
-    coupling: ArrayLike = 0,
-    activity: ArrayLike = 0,
-    seated: ArrayLike = False,
-    one_leg: ArrayLike = False,
-    arm_supported: tuple[ArrayLike, ArrayLike] = (False, False),
-    shoulder_raised: tuple[ArrayLike, ArrayLike] = (False, False),
-) -> Task:
+def read_task(sheet: Sheet, count: int | None, options: Mapping[str, Any]) -> Task:
     """Check a task's options.
 
     Args:
         sheet: gives the allowed points and the load bands.
         count: number of postures n; None where only single values make sense.
-        load_kg: mass handled [kg], finite and not negative.
-        shock: shock or a rapid build-up of force.
-        coupling: 0 good, 1 fair, 2 poor, 3 unacceptable.
-        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute,
-            rapid large changes.
-        seated: knees are not counted.
-        one_leg: weight on one leg or an unstable stance.
-        arm_supported: (right, left).
-        shoulder_raised: (right, left).
+        options: those of `TaskOptions` that are given, each one value or one per posture.
 
     Raises:
+        TypeError: for an option that there is not.
         InputError: naming the option, what it got and what is allowed.
     """
-    load = _numbers("load_kg", load_kg, count)
+    if unknown := [name for name in options if name not in DEFAULTS]:
+        raise TypeError(f"task: got {shown(unknown[0])}, allowed {', '.join(DEFAULTS)}")
+    given = {**DEFAULTS, **options}
+    load = _numbers("load_kg", given["load_kg"], count)
     if not (np.isfinite(load) & (load >= 0)).all():
         bad = load[~(np.isfinite(load) & (load >= 0))].flat[0]
         raise InputError(f"load_kg: got {bad:g}, allowed: a finite mass of 0 kg or more")
-    shocks = _flags("shock", shock, count)
+    shocks = _flags("shock", given["shock"], count)
     points = {
         "load": (sheet.load.score(load) + sheet.shock * shocks).astype(np.int8),
-        "coupling": whole_numbers("coupling", coupling, 0, sheet.points["coupling"], count),
-        "activity": whole_numbers("activity", activity, 0, sheet.points["activity"], count),
     }
+    for name in ("coupling", "activity"):
+        points[name] = whole_numbers(name, given[name], 0, sheet.points[name], count)
     flags: dict[str, NDArray[np.bool_] | Pair] = {
-        "seated": _flags("seated", seated, count),
-        "one_leg": _flags("one_leg", one_leg, count),
-        "arm_supported": _pair("arm_supported", arm_supported, count),
-        "shoulder_raised": _pair("shoulder_raised", shoulder_raised, count),
+        name: _flags(name, given[name], count) for name in ("seated", "one_leg")
+    }
+    flags |= {
+        name: _pair(name, given[name], count) for name in ("arm_supported", "shoulder_raised")
     }
     return Task(points, flags, load, shocks)
 

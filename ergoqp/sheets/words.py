@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.joints import SIDES
-from ergoqp.sheets.description import Segment, Step
+from ergoqp.sheets.description import Segment, StepFunction
 from ergoqp.sheets.task import Task
 
 
@@ -69,15 +69,15 @@ def _worse_side(segment: Segment, posture: NDArray[np.float64]) -> str:
     return max(SIDES, key=score)
 
 
-def _amount(step: Step, angle: float) -> str:
+def _amount(step: StepFunction, angle: float) -> str:
     return f"{_magnitude(step, angle)} deg {_word(step, angle)}"
 
 
-def _word(step: Step, angle: float) -> str:
+def _word(step: StepFunction, angle: float) -> str:
     return step.words[angle >= 0]
 
 
-def _magnitude(step: Step, angle: float) -> str:
+def _magnitude(step: StepFunction, angle: float) -> str:
     """Return the angle's size with as few decimals as keep it in its band.
 
     So nobody reads "20, over 20".
@@ -90,7 +90,7 @@ def _magnitude(step: Step, angle: float) -> str:
     return f"{abs(degrees):.9f}"
 
 
-def _band(step: Step, angle: float) -> str:
+def _band(step: StepFunction, angle: float) -> str:
     """Name the band of an angle by its ends, in the direction that the angle points to."""
     band = step.band(angle)
     ends = [-np.inf, *np.degrees(step.edges), np.inf]

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from ergoqp.errors import ErgoqpError
-from ergoqp.files.npz import read_npz
-from ergoqp.files.whole import whole
+from ergoqp.files.cache import CacheEntry, digest_of
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
-from ergoqp.paths import cache_folder
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.loop import Start, start_at
 from ergoqp.simulation.person import Follower
@@ -53,23 +49,15 @@ def workspace_map(
     Every pose is settled from the rest posture of the nearest pose settled before it, outward from
     the comfort posture.
     """
-    key = _key(problem, person, spacing)
-    path = cache_folder() / "maps" / f"{key}.npz"
-    if cache:
-        try:
-            kept = read_npz(path, ("poses", "postures", "scores"))
+    entry = CacheEntry("maps", _key(problem, person, spacing))
+    kept = entry.read(("poses", "postures", "scores")) if cache else None
+    if kept is not None:
+        # What was kept but is no map is made anew.
+        with contextlib.suppress(ErgoqpError, ValueError):
             return _allowed(problem, Map(kept["poses"], kept["postures"], kept["scores"]))
-        except (ErgoqpError, ValueError):  # it is not there, or was cut: it is made anew
-            pass
     result = _compute(problem, person, spacing)
     if cache:
-        # A folder that cannot be written to only means no cache.
-        with contextlib.suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with whole(path) as scratch:
-                np.savez_compressed(
-                    scratch, poses=result.poses, postures=result.postures, scores=result.scores
-                )
+        entry.write(poses=result.poses, postures=result.postures, scores=result.scores)
     return _allowed(problem, result)
 
 
@@ -243,7 +231,7 @@ def _key(problem: Problem, person: Follower, spacing: float) -> str:
         ],
         "numbers": [response.balance, response.relaxation_time, response.damping],
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+    return digest_of(content)
 
 
 def _features(pose: np.ndarray) -> np.ndarray:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.files.whole import whole, write_whole
+from ergoqp.expressions.quaternions import pose_as_dict
+from ergoqp.files.whole import whole, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.sheets.reba import Assessment
@@ -110,8 +109,7 @@ class Run:
         with whole(folder / "run.npz") as scratch:
             np.savez_compressed(scratch, allow_pickle=False, **arrays_of(self))
         path = folder / "run.json"
-        text = json.dumps(summary_of_run(self), indent=2, ensure_ascii=False, allow_nan=False)
-        write_whole(path, text + "\n")
+        write_json(path, summary_of_run(self))
         return path
 
 
@@ -154,11 +152,7 @@ def summary_of_run(run: Run) -> dict[str, Any]:
         "max_violation": {name: _finite(value) for name, value in run.max_violation.items()},
         "units": dict(run.units),
         "person_outside": dict(run.person_outside),
-        "person": {
-            "stature_m": float(run.body.stature),
-            "mass_kg": float(run.body.mass),
-            "lengths_m": {name: float(length) for name, length in run.body.lengths.items()},
-        },
+        "person": run.body.as_dict(),
         "unobserved": list(run.unobserved),
         "options": dict(run.options),
         "assumptions": list(run.assumptions),
@@ -191,15 +185,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
 
 
 def _place(guide: Guide | None) -> dict[str, Any] | None:
-    if guide is None:
-        return None
-    wxyz = np.zeros(4)
-    mujoco.mju_mat2Quat(wxyz, guide.pose[:3, :3].ravel())
-    return {
-        "position_m": guide.pose[:3, 3].tolist(),
-        "quaternion_xyzw": np.roll(wxyz, -1).tolist(),
-        "promise": guide.promise,
-    }
+    return None if guide is None else pose_as_dict(guide.pose) | {"promise": guide.promise}
 
 
 def _seconds(value: float | None) -> float | None:

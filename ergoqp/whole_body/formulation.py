@@ -8,7 +8,7 @@ import mink
 import numpy as np
 import qpsolvers
 
-from ergoqp.whole_body.limits import ArmBounds, Distance, StepRows, TwistBounds
+from ergoqp.whole_body.limits import ArmBounds, Distance, ProblemRows, TwistBounds
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.tasks import ErgonomicTask, Held, NullSpaceTask, ObjectTask, Tie, at_moment
@@ -35,7 +35,7 @@ class Formulation:
         """Make every task and limit once."""
         self.scene = scene
         self.configuration = mink.Configuration(scene.model)
-        self.rows = StepRows(scene)
+        self.rows = ProblemRows(scene)
         self._tie, self._held = Tie(scene), Held(scene)
         self._ergonomic, self._object, self._null = (
             ErgonomicTask(scene),

@@ -10,13 +10,13 @@ import numpy as np
 
 from ergoqp.step.qp import FREE
 from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.scene import Columns
+from ergoqp.whole_body.scene import ModelColumns
 
 
 class _MomentLimit(mink.Limit):
     """A limit that reads the present moment."""
 
-    def __init__(self, scene: Columns) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         """Keep where its columns are."""
         self.scene = scene
         self.moment: Moment | None = None
@@ -50,14 +50,14 @@ class TwistBounds(_MomentLimit):
         )
 
 
-class StepRows(_MomentLimit):
+class ProblemRows(_MomentLimit):
     """The control step's rows (person's joints, workspace, tool axis ...), lower <= A xi <= upper.
 
     Where the step relaxes a row, because braking itself would pass it, the row is widened by the
     slack that the step needs.
     """
 
-    def __init__(self, scene: Columns) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         """Start without slack."""
         super().__init__(scene)
         self.slack: np.ndarray | float = 0.0

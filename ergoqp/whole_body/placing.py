@@ -7,6 +7,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from ergoqp.expressions.quaternions import quaternion_of
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.whole_body.scene import Scene
@@ -116,7 +117,6 @@ def pose_error(position: np.ndarray, rotation: np.ndarray, pose: np.ndarray) -> 
 
     It is world-aligned.
     """
-    turn, vector = np.zeros(4), np.zeros(3)
-    mujoco.mju_mat2Quat(turn, np.ascontiguousarray(pose[:3, :3] @ rotation.T).ravel())
-    mujoco.mju_quat2Vel(vector, turn, 1.0)
+    vector = np.zeros(3)
+    mujoco.mju_quat2Vel(vector, quaternion_of(pose[:3, :3] @ rotation.T), 1.0)
     return np.concatenate([pose[:3, 3] - position, vector])

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import check_kind, shown
 from ergoqp.errors import InputError
+from ergoqp.expressions.quaternions import matrix_of
 from ergoqp.paths import data_folder
 
 DEFAULT_FRAME: Final = "flange"
@@ -157,9 +158,7 @@ def _frame_of(model: mujoco.MjModel, frame: str, path: Path) -> tuple[int, np.nd
     pose = np.eye(4)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, frame)
     if site >= 0:
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, model.site_quat[site])
-        pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), model.site_pos[site]
+        pose[:3, :3], pose[:3, 3] = matrix_of(model.site_quat[site]), model.site_pos[site]
         return int(model.site_bodyid[site]), pose
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, frame)
     if body > 0:

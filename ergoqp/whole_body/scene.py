@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.errors import InputError
+from ergoqp.expressions.quaternions import quaternion_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.whole_body.robot import Robot
@@ -57,7 +58,7 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
     return frame
 
 
-class Columns(Protocol):
+class ModelColumns(Protocol):
     """What tasks and limits need of a model: whose velocities are in which columns, see `Scene`."""
 
     model: mujoco.MjModel
@@ -200,7 +201,9 @@ def _compiled(body: Body, robot: Robot, base: np.ndarray, load: Load) -> mujoco.
     arm = robot.spec.copy()
     carry(arm, robot, load)
     root.attach(
-        arm, prefix="robot/", frame=world.add_frame(pos=base[:3, 3], quat=_quaternion(base[:3, :3]))
+        arm,
+        prefix="robot/",
+        frame=world.add_frame(pos=base[:3, 3], quat=quaternion_of(base[:3, :3])),
     )
     if base[2, 3] > 0.10:
         low, high = [*base[:2, 3], 0.05], [*base[:2, 3], base[2, 3] - 0.05]
@@ -224,7 +227,7 @@ def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
     """
     pose = robot.frame_pose
     carrier = arm.body(robot.frame_body).add_body(
-        name="load", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3])
+        name="load", pos=pose[:3, 3], quat=quaternion_of(pose[:3, :3])
     )
     x, y, z = load.size
     solid = {"contype": 0, "conaffinity": 1, "mass": 0.2}
@@ -243,10 +246,4 @@ def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
         )
     rod = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0, 0, z, *end], "size": [0.008, 0, 0]}
     carrier.add_geom(name="tool", rgba=[0.2, 0.2, 0.22, 1], **rod, **solid)
-    carrier.add_site(name="contact", pos=end, quat=_quaternion(load.tool_frame[:3, :3]))
-
-
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    found = np.zeros(4)
-    mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation, dtype=float).ravel())
-    return found
+    carrier.add_site(name="contact", pos=end, quat=quaternion_of(load.tool_frame[:3, :3]))

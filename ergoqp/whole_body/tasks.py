@@ -12,7 +12,7 @@ import numpy as np
 from mink.tasks import BaseTask
 
 from ergoqp.whole_body.moment import Moment
-from ergoqp.whole_body.scene import Columns
+from ergoqp.whole_body.scene import ModelColumns
 
 TIE_WEIGHT = 1.0
 """Weight of the tie as a term beside the constraint [1/s^2].
@@ -28,7 +28,7 @@ NULL_WEIGHT = 1e-3
 class _MomentTask(BaseTask):
     """A task that reads the present moment."""
 
-    def __init__(self, scene: Columns) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         self.scene = scene
         self.moment: Moment | None = None
 
@@ -95,7 +95,7 @@ class NullSpaceTask(_MomentTask):
 class _Rows(mink.Task):
     """Linear rows that hold exactly when given to mink as constraints."""
 
-    def __init__(self, scene: Columns, count: int) -> None:
+    def __init__(self, scene: ModelColumns, count: int) -> None:
         super().__init__(cost=np.full(count, np.sqrt(TIE_WEIGHT)))
         self.scene = scene
         self.moment: Moment | None = None
@@ -115,7 +115,7 @@ class Tie(_Rows):
     tied to rest.
     """
 
-    def __init__(self, scene: Columns) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         """Make 36 rows, and one per idle joint."""
         super().__init__(scene, len(scene.person) + len(scene.idle))
 
@@ -146,7 +146,7 @@ class Tie(_Rows):
 class Held(_Rows):
     """Axes of the object that have no choice: those that cannot move."""
 
-    def __init__(self, scene: Columns) -> None:
+    def __init__(self, scene: ModelColumns) -> None:
         """Start without rows; how many there are, the moment tells."""
         super().__init__(scene, 0)
 

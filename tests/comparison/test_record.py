@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from ergoqp.comparison.compare import relatives
 from ergoqp.comparison.derive import CONTRADICTIONS, CURVATURE, SLAB
-from ergoqp.comparison.record import Recording, record
+from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.errors import InputError
 from ergoqp.limits import Limit
 from ergoqp.problem_files.load import load_problem
@@ -22,7 +22,7 @@ from ergoqp.step.parts import split
 
 
 @cache
-def recorded(name: str, steps: int) -> tuple[Recording, ...]:
+def recorded(name: str, steps: int) -> tuple[RecordedQps, ...]:
     return tuple(record(load_problem(name), steps))
 
 

@@ -12,7 +12,7 @@ import pytest
 from step_samples import comfort_of, problem_of
 
 from ergoqp.comparison.compare import relatives
-from ergoqp.comparison.record import Recording, record
+from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.limits import WorkspaceBox
 from ergoqp.solvers import SOLVERS, solver_named
 from ergoqp.solvers.judge import judge
@@ -22,7 +22,7 @@ from ergoqp.step.stepper import Stepper
 
 
 @cache
-def recorded() -> tuple[Recording, ...]:
+def recorded() -> tuple[RecordedQps, ...]:
     return tuple(record(problem_of("overhead"), 40))
 
 

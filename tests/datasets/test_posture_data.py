@@ -7,7 +7,6 @@ import pytest
 from ergoqp import reba
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS, Coordinates
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.datasets import cache as data_cache
 from ergoqp.datasets.postures import interval_labels, posture_data
 from ergoqp.datasets.stream import posture_stream
 from ergoqp.errors import InputError
@@ -225,7 +224,7 @@ def test_a_cache_that_cannot_be_read_is_ignored(content, tmp_path, monkeypatch):
 
 def test_a_folder_that_cannot_be_written_means_no_cache(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("in the way")
-    monkeypatch.setattr(data_cache, "cache_folder", lambda: tmp_path / "file")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert len(posture_data(10)) == 100
 
 

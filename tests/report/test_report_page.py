@@ -13,7 +13,7 @@ from report_samples import make_recording, make_run
 
 from ergoqp.report.body.replay import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
-from ergoqp.report.page import Headline, Page, Picture, Section, Table, render, write_page
+from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, render, write_page
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.task import is_seated
@@ -159,7 +159,7 @@ def page_with(words):
                 words,
                 words,
                 [Picture("<svg></svg>", words)],
-                [Table((words,), [(words,)], [0], [0])],
+                [PageTable((words,), [(words,)], [0], [0])],
                 [words],
             )
         ],

@@ -1,5 +1,7 @@
 """The exact score of postures: against a second, plain reading; at band ends; for bad input."""
 
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,9 +9,11 @@ from hypothesis import strategies as st
 from sheet_postures import posture, random_postures, score
 
 from ergoqp import JOINTS, reba
+from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.sheets.method import sheet_of
+from ergoqp.sheets.task import DEFAULTS, TaskOptions
 
 CELLS = {name: table.cells for name, table in sheet_of(reba.Method()).tables.items()}
 
@@ -196,6 +200,18 @@ def test_task_options():
 def test_bad_options_are_named(options, named):
     with pytest.raises(InputError, match=f"{named}.*allowed: "):
         reba.assess(np.zeros((2, 32)), **options)
+
+
+def test_the_options_have_one_set_of_names_and_defaults():
+    asked = inspect.signature(reba.assess).parameters.values()
+    told = {each.name: each.default for each in asked if each.kind is each.KEYWORD_ONLY}
+    assert told == DEFAULTS
+    assert list(TaskOptions.__annotations__) == list(DEFAULTS)
+
+
+def test_an_option_that_there_is_not():
+    with pytest.raises(TypeError, match="task: got 'load', allowed load_kg, shock, "):
+        SmoothReba(load=3.0)
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from ergoqp.comparison.record import Recording, record
+from ergoqp.comparison.record import RecordedQps, record
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.sequence import Qp
 
 
 @cache
-def recordings() -> tuple[Recording, ...]:
+def recordings() -> tuple[RecordedQps, ...]:
     """Twist QPs with and without slack; an equality row (forearm), and axes that do not move
     (desk)."""
     names = (("dentist", 400), ("desk", 40), ("forearm", 30))

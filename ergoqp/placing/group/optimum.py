@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ergoqp._version import __version__
-from ergoqp.files.whole import whole, write_whole
+from ergoqp.expressions.quaternions import pose_as_dict
+from ergoqp.files.whole import whole, write_json
 from ergoqp.human import Body
 from ergoqp.placing.group.grid import SharedGrid
 from ergoqp.placing.group.search import Objective
@@ -139,11 +138,7 @@ class GroupOptimum:
                 scores=grid.scores.reshape(-1, *grid.shape),
             )
         path = folder / "group.json"
-        write_whole(
-            path,
-            json.dumps(summary_of_group(self), indent=2, ensure_ascii=False, allow_nan=False)
-            + "\n",
-        )
+        write_json(path, summary_of_group(self))
         return path
 
 
@@ -189,15 +184,8 @@ def _member(member: Member) -> dict[str, Any]:
 
 
 def _place(prefix: str, pose: np.ndarray) -> dict[str, list[float]]:
-    w, x, y, z = quaternion_of(pose[:3, :3])
+    digits = {"position_m": 6, "quaternion_xyzw": 9}
     return {
-        f"{prefix}position_m": np.round(pose[:3, 3], 6).tolist(),
-        f"{prefix}quaternion_xyzw": np.round([x, y, z, w], 9).tolist(),
+        f"{prefix}{name}": np.round(values, digits[name]).tolist()
+        for name, values in pose_as_dict(pose).items()
     }
-
-
-def quaternion_of(rotation: np.ndarray) -> np.ndarray:
-    """Return the quaternion (4,), w first, of a rotation (3, 3)."""
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
-    return quaternion

@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.expressions.quaternions import matrix_of
 from ergoqp.human import Body
 from ergoqp.report import palette
-from ergoqp.report.body.person import matrix_of, parts_of, place
+from ergoqp.report.body.person import parts_of, place
 from ergoqp.report.charts import svg
 
 _HEIGHT: Final = 300.0  # of an upright person with some room around [px]

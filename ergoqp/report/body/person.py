@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.expressions.quaternions import matrix_of
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 
@@ -127,10 +128,3 @@ def place(body: Body, postures: NDArray[np.float64], base_poses: NDArray[np.floa
         mujoco.mj_kinematics(model, data)
         positions[i], quaternions[i] = data.xpos[numbers], data.xquat[numbers]
     return Placement(owners, positions, quaternions)
-
-
-def matrix_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) of a quaternion (4,), w first."""
-    flat = np.zeros(9)
-    mujoco.mju_quat2Mat(flat, quaternion)
-    return flat.reshape(3, 3)

@@ -6,11 +6,11 @@ import contextlib
 import io
 from typing import TYPE_CHECKING, Any, Final
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError
+from ergoqp.expressions.quaternions import quaternion_of
 from ergoqp.report import palette
 from ergoqp.report.body.meshes import body_mesh
 from ergoqp.report.body.person import Part, Placement, parts_of, place
@@ -222,7 +222,7 @@ class _Object:
 
     def __init__(self, server: viser.ViserServer, poses: NDArray[np.float64]) -> None:
         self._poses = poses
-        self._quaternions = _quaternions(poses[:, :3, :3])
+        self._quaternions = [quaternion_of(pose[:3, :3]) for pose in poses]
         self._frame = server.scene.add_frame(
             "/object", axes_length=0.16, axes_radius=0.005, origin_radius=0.009
         )
@@ -250,11 +250,3 @@ class _Object:
 def _coarse(values: Any) -> NDArray[np.float64]:
     """Round to 1/8192 (0.1 mm): the scene is half as large, and nobody sees the rest."""
     return np.round(np.asarray(values, dtype=float) * 8192) / 8192
-
-
-def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quaternions (n, 4), w first, of rotations (n, 3, 3)."""
-    quaternions = np.empty((len(rotations), 4))
-    for quaternion, rotation in zip(quaternions, rotations, strict=True):
-        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
-    return quaternions

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ergoqp.human.forearm import ARM_INDEX
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets import reba
-from ergoqp.sheets.description import TIE, Step
+from ergoqp.sheets.description import TIE, StepFunction
 from ergoqp.sheets.method import Method, sheet_of
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _intervals_by_joint(method: Method) -> dict[int, Intervals]:
     return found
 
 
-def _intervals(step: Step, lower: float, upper: float) -> Intervals:
+def _intervals(step: StepFunction, lower: float, upper: float) -> Intervals:
     """Return, per number of points a joint can get in its range, where it gets no more."""
     ends = [-np.inf, *step.rises_at, np.inf]
     found: Intervals = {}

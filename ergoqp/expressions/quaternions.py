@@ -1,4 +1,4 @@
-"""Poses in files: metres and a quaternion, x, y, z, w."""
+"""Rotations as quaternions, and poses in files: metres and a quaternion, x, y, z, w."""
 
 from __future__ import annotations
 
@@ -9,10 +9,23 @@ import mujoco
 import numpy as np
 
 
+def quaternion_of(rotation: np.ndarray) -> np.ndarray:
+    """Return the quaternion (4,), w first, of a rotation (3, 3)."""
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation, dtype=float).ravel())
+    return quaternion
+
+
+def matrix_of(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) of a quaternion (4,), w first."""
+    flat = np.zeros(9)
+    mujoco.mju_quat2Mat(flat, np.asarray(quaternion, dtype=float))
+    return flat.reshape(3, 3)
+
+
 def pose_as_dict(pose: np.ndarray) -> dict[str, list[float]]:
     """Return a pose (4, 4) [m] as ``position_m`` and ``quaternion_xyzw``."""
-    wxyz = np.zeros(4)
-    mujoco.mju_mat2Quat(wxyz, np.ascontiguousarray(pose[:3, :3]).ravel())
+    wxyz = quaternion_of(pose[:3, :3])
     return {"position_m": pose[:3, 3].tolist(), "quaternion_xyzw": np.roll(wxyz, -1).tolist()}
 
 
@@ -31,7 +44,7 @@ def pose_from_dict(values: Mapping[str, Any]) -> np.ndarray:
         or not abs(np.linalg.norm(quaternion) - 1) < 1e-6
     ):
         raise ValueError("pose")
-    pose, flat = np.eye(4), np.zeros(9)
-    mujoco.mju_quat2Mat(flat, np.roll(quaternion / np.linalg.norm(quaternion), 1))
-    pose[:3, :3], pose[:3, 3] = flat.reshape(3, 3), position
+    pose = np.eye(4)
+    pose[:3, :3] = matrix_of(np.roll(quaternion / np.linalg.norm(quaternion), 1))
+    pose[:3, 3] = position
     return pose

@@ -1,0 +1,58 @@
+"""Arrays in the user's cache: made once, and found again by all that they depend on."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ergoqp.errors import ErgoqpError
+from ergoqp.files.npz import read_npz
+from ergoqp.files.whole import whole
+from ergoqp.paths import cache_folder
+
+
+def digest_of(content: Any) -> str:
+    """Return a short text that stands for numbers, texts, arrays, lists and dicts of them."""
+    text = json.dumps(content, sort_keys=True, default=lambda value: np.asarray(value).tolist())
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True)
+class CacheEntry:
+    """Arrays by name, in one file below :func:`ergoqp.paths.cache_folder`.
+
+    Attributes:
+        kind: of content, names the folder.
+        key: see `digest_of`; a version of the code that makes the content belongs to it.
+    """
+
+    kind: str
+    key: str
+
+    @property
+    def path(self) -> Path:
+        """Where it is kept."""
+        return cache_folder() / self.kind / f"{self.key}.npz"
+
+    def read(self, names: Collection[str]) -> dict[str, NDArray] | None:
+        """Return the arrays of these names; None: they are not there, or cannot be read."""
+        try:
+            return read_npz(self.path, names)
+        except ErgoqpError:
+            return None
+
+    def write(self, **arrays: Any) -> None:
+        """Keep the arrays; a folder that cannot be written to only means no cache."""
+        path = self.path
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with whole(path) as scratch:
+                np.savez_compressed(scratch, **arrays)
