@@ -1,4 +1,7 @@
-"""QP solvers behind one protocol, one file each; adding one is a file and a line in `SOLVERS`."""
+"""QP solvers behind one protocol, one file each; adding one is a file and a line in `SOLVERS`.
+
+An own one is an entry point, see `ergoqp.registry`.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from typing import Final
 
 from ergoqp.arguments import shown
 from ergoqp.errors import InputError
+from ergoqp.registry import own_term, registered
 from ergoqp.solvers.daqp import Daqp
 from ergoqp.solvers.osqp import Osqp
 from ergoqp.solvers.piqp import Piqp
@@ -24,6 +28,9 @@ def solver_named(name: str) -> QpSolver:
     Raises:
         InputError: if there is none of that name.
     """
-    if not isinstance(name, str) or name not in SOLVERS:
-        raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(SOLVERS)}")
-    return SOLVERS[name]()
+    if isinstance(name, str) and name in SOLVERS:
+        return SOLVERS[name]()
+    own = registered("solver")
+    if name in own:
+        return own_term("solver", name)()
+    raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join([*SOLVERS, *own])}")
