@@ -5,7 +5,6 @@ It follows eq. 2.4-2.8 of the EPFL report, or takes a mixture per score.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
@@ -23,7 +22,8 @@ from ergoqp.arguments import (
 )
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
-from ergoqp.errors import MissingExtraError, ModelError
+from ergoqp.errors import ModelError
+from ergoqp.learning.em import em, estimate, mixture_of
 from ergoqp.learning.mixture import MixtureRegression, Prediction
 
 if TYPE_CHECKING:
@@ -35,9 +35,6 @@ Covariance = Literal["full", "diag"]
 
 COMPONENTS: Final[dict[str, int]] = {"per_score": 60, "joint": 24}
 """Gaussians in all, when not given. 24 is the number that the EPFL report found by BIC."""
-
-ROUNDS: Final = 300
-"""Rounds of EM at most."""
 
 MOST_SCORES: Final = 40
 """Different labels at most, for a mixture per score."""
@@ -146,14 +143,8 @@ class Gmr(LearnedCost):
         }
         lowest = float(data.labels.min())
         if not per_score:
-            mixture = _em(
-                np.column_stack([data.points, data.labels]),
-                count,
-                seed,
-                covariance,
-                regularisation,
-                "kmeans",
-            )
+            columns = np.column_stack([data.points, data.labels])
+            mixture = em(columns, count, seed, covariance, regularisation, "kmeans")
             return cls(mixture, data.coordinates, lowest, **options)
         mixture = _per_score(data, count, seed, covariance, regularisation)
         plain = cls(mixture, data.coordinates, lowest, **options)
@@ -185,7 +176,7 @@ class Gmr(LearnedCost):
         Raises:
             ModelError: if it is not fitted, or has another number of columns.
         """
-        mixture = _of_estimator(estimator)
+        mixture = mixture_of(estimator)
         return cls(
             mixture, coordinates, float(mixture.means[:, -1].min()) if minimum is None else minimum
         )
@@ -273,7 +264,7 @@ def bic_curve(
     values, work = [], np.cumsum(counts)
     for count, done in zip(counts, work, strict=True):
         values.append(
-            _estimator(columns, count, seed, covariance, regularisation, "kmeans").bic(columns)
+            estimate(columns, count, seed, covariance, regularisation, "kmeans").bic(columns)
         )
         if progress is not None:
             progress(float(done / work[-1]))
@@ -295,62 +286,10 @@ def _per_score(
         own = max(1, round(count * size / len(data)))
         # Seeds without Lloyd's rounds: the Gaussians of one score overlap, and clusters would
         # separate them.
-        part = _em(
+        part = em(
             data.points[data.labels == score], own, seed, covariance, regularisation, "k-means++"
         )
         weights.append(part.weights * size / len(data))
         means.append(np.column_stack([part.means, np.full(own, score)]))
         covariances.append(np.pad(part.covariances, ((0, 0), (0, 1), (0, 1))))
     return MixtureRegression(*(np.concatenate(arrays) for arrays in (weights, means, covariances)))
-
-
-def _em(
-    columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
-) -> MixtureRegression:
-    return _of_estimator(_estimator(columns, count, seed, covariance, regularisation, start))
-
-
-def _estimator(
-    columns: Array, count: int, seed: int, covariance: str, regularisation: float, start: str
-) -> GaussianMixture:
-    try:
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.mixture import GaussianMixture
-    except ImportError:
-        raise MissingExtraError("fitting a Gaussian mixture", "learn", "sklearn") from None
-    estimator = GaussianMixture(
-        count,
-        covariance_type=covariance,
-        reg_covar=regularisation,
-        max_iter=ROUNDS,
-        init_params=start,
-        random_state=seed,
-    )
-    with warnings.catch_warnings():
-        # Rounds beyond the limit no longer change what is predicted; a start with fewer clusters
-        # than asked is no fault.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        # One point is a Gaussian too: its variance is the regularisation.
-        try:
-            return estimator.fit(columns if len(columns) > 1 else np.repeat(columns, 2, axis=0))
-        except ValueError:
-            raise ModelError(
-                f"gmr: one of {count} Gaussians has no width; got regularisation"
-                f" {regularisation:g}, allowed a larger one"
-            ) from None
-
-
-def _of_estimator(estimator: GaussianMixture) -> MixtureRegression:
-    if not hasattr(estimator, "means_"):
-        raise ModelError("gmr: got a Gaussian mixture that is not fitted, allowed a fitted one")
-    weights, means, given = (
-        np.asarray(a, float) for a in (estimator.weights_, estimator.means_, estimator.covariances_)
-    )
-    count, width = means.shape
-    if estimator.covariance_type == "full":
-        covariances = given
-    elif estimator.covariance_type == "tied":
-        covariances = np.repeat(given[np.newaxis], count, axis=0)
-    else:
-        covariances = np.stack([np.eye(width) * variances for variances in given])
-    return MixtureRegression(weights / weights.sum(), means, covariances)

@@ -15,7 +15,7 @@ score under that noise, which leads from afar.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any, Final, Self, Unpack
 
@@ -30,9 +30,9 @@ from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.stream import posture_stream
 from ergoqp.errors import ModelError
 from ergoqp.learning.network import (
-    Batches,
     Network,
     depth,
+    fresh,
     layers_of,
     shares_of,
     shuffled,
@@ -40,6 +40,7 @@ from ergoqp.learning.network import (
     steps_of,
     train,
 )
+from ergoqp.learning.network_expression import dense_layers, led_back, soft_steps
 from ergoqp.sheets.method import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
@@ -218,7 +219,7 @@ class Neural(LearnedCost):
         begun = start(first[0], len(known), steps, curves, hidden, rng)
         network = train(
             begun,
-            _batches(chain([first], blocks), known, batch),
+            fresh(chain([first], blocks), known, batch),
             count // batch,
             rate,
             progress=progress,
@@ -236,11 +237,11 @@ class Neural(LearnedCost):
 
     def value(self, x: ca.MX) -> ca.MX:
         """Return the expected score, a scalar expression of the inputs (d,)."""
-        return ca.dot(ca.DM(self.scores), self._shares(self._layers(self._steps(x))[-1]))
+        return ca.dot(ca.DM(self.scores), self._shares(self._layers(x)[-1]))
 
     def values(self, x: ca.MX) -> ca.MX:
         """Return V (1, k) of k columns of inputs (d, k): the same products for all columns."""
-        logarithms = ca.horzsplit(self._layers(self._steps(x))[-1])
+        logarithms = ca.horzsplit(self._layers(x)[-1])
         return ca.horzcat(*(ca.dot(ca.DM(self.scores), self._shares(z)) for z in logarithms))
 
     def slope(self, x: ca.MX) -> ca.MX:
@@ -248,34 +249,14 @@ class Neural(LearnedCost):
 
         This does without the transposed products that differentiation would form.
         """
-        net, scores = self.network, ca.DM(self.scores)
-        steps = self._steps(x)
-        *values, z = self._layers(steps)
-        shares = self._shares(z)
+        scores, steps = ca.DM(self.scores), soft_steps(self.network, x)
+        values = dense_layers(self.network, steps)
+        shares = self._shares(values[-1])
         back = shares * (scores - ca.dot(scores, shares)) / self.temperature
-        for layer in range(depth(net), 0, -1):
-            back = ca.MX(ca.DM(net[f"W{layer}"])) @ back
-            if layer > 1:
-                back *= 1 - values[layer - 1] ** 2
-        return ca.MX(_blocks(net["sharpness"][:, np.newaxis])) @ (
-            (ca.MX(_blocks(net["mixing"])) @ back) * (1 - steps**2)
-        )
+        return led_back(self.network, steps, values, back)
 
-    def _steps(self, x: ca.MX) -> ca.MX:
-        places, sharpness = self.network["places"], self.network["sharpness"]
-        shift = ca.DM((places * sharpness).ravel())
-        return ca.tanh(
-            ca.MX(_blocks(sharpness[..., np.newaxis])) @ x - ca.repmat(shift, 1, x.shape[1])
-        )
-
-    def _layers(self, steps: ca.MX) -> list[ca.MX]:
-        net = self.network
-        values = [ca.MX(_blocks(net["mixing"].transpose(0, 2, 1))) @ steps]
-        for layer in range(1, depth(net) + 1):
-            bias = ca.repmat(ca.DM(net[f"b{layer}"]), 1, steps.shape[1])
-            z = ca.MX(ca.DM(net[f"W{layer}"].T)) @ values[-1] + bias
-            values.append(z if layer == depth(net) else ca.tanh(z))
-        return values
+    def _layers(self, x: ca.MX) -> list[ca.MX]:
+        return dense_layers(self.network, soft_steps(self.network, x))
 
     def _shares(self, z: ca.MX) -> ca.MX:
         weights = ca.exp((z - ca.mmax(z)) / self.temperature)
@@ -298,14 +279,6 @@ class Neural(LearnedCost):
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])
 
 
-def _blocks(blocks: NDArray[np.float64]) -> ca.DM:
-    """Return the matrix (d a, d b) with diagonal blocks (d, a, b) and nothing stored between."""
-    count, rows, columns = blocks.shape
-    full = np.zeros((count, rows, count, columns))
-    full[np.arange(count), :, np.arange(count), :] = blocks
-    return ca.sparsify(ca.DM(full.reshape(count * rows, count * columns)))
-
-
 def _check(rate: float, hidden: Sequence[int], seed: int, **sizes: int) -> None:
     """Check the sizes of a network and of its training.
 
@@ -323,11 +296,3 @@ def _check(rate: float, hidden: Sequence[int], seed: int, **sizes: int) -> None:
         check_whole(f"neural {name}", size, 1, _LARGEST_SIZE.get(name, MOST_WHOLE), ModelError)
     check_whole("neural seed", seed, 0, error=ModelError)
     check_number("neural rate", rate, 1e-9, 1e3, error=ModelError)
-
-
-def _batches(blocks: Iterator[tuple[NDArray, NDArray]], scores: NDArray, batch: int) -> Batches:
-    for points, labels in blocks:
-        # What is left over of a block is dropped: fresh postures cost little.
-        classes = np.searchsorted(scores, labels)
-        for first in range(0, len(points) - batch + 1, batch):
-            yield points[first : first + batch], classes[first : first + batch]

@@ -78,6 +78,15 @@ def shuffled(points: NDArray, classes: NDArray, batch: int, rng: np.random.Gener
             yield points[rows], classes[rows]
 
 
+def fresh(blocks: Iterator[tuple[NDArray, NDArray]], labels: NDArray, batch: int) -> Batches:
+    """Yield batches of blocks of points and labels, each seen once; `labels` are the classes."""
+    for points, given in blocks:
+        # What is left over of a block is dropped: fresh points cost little.
+        classes = np.searchsorted(labels, given)
+        for first in range(0, len(points) - batch + 1, batch):
+            yield points[first : first + batch], classes[first : first + batch]
+
+
 def train(
     net: Network,
     batches: Batches,

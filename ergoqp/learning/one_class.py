@@ -1,26 +1,12 @@
-"""The region where there were data: a one-class SVM with radial kernels, and its margin.
+"""The region where there were data: a one-class SVM with radial kernels.
 
-The slope of the margin never vanishes.
-
-The SVM decides by f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u - s|^2)
-and the scaled point u = (x - mean) / scale: inside where f >= 0. Far from the data f is flat, so
-the margin is
-
-    g(x) = log sum_i a_i k(u, s_i) - log rho:
-
-the same zero set, and it falls like -gamma times the squared distance. As a log-sum-exp of concave
-quadratics that share one curvature it has a bound from below for every displacement D of the scaled
-point,
-
-    g(u + D) >= g(u) + grad g . D - gamma |D|^2,
-
-on which `ergoqp.limits.OneClassBoundary` builds a row that holds exactly.
+It decides by f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u - s|^2) and the
+scaled point u = (x - mean) / scale: inside where f >= 0. Its margin is in `ergoqp.learning.margin`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,6 +18,7 @@ from ergoqp.arguments import check_number, check_real, flag, names_of, table_of_
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
+from ergoqp.learning.margin import Margin
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.pipelines import dense, sklearn, unpack
 
@@ -43,15 +30,6 @@ _TOLERANCE: Final = 1e-6
 
 A thousandth, the default of scikit-learn, would leave twice the share of points outside.
 """
-
-_CHUNK: Final = 4_000_000
-"""Entries of a kernel matrix that are held at once."""
-
-_STARTS: Final = 16
-"""From so many support vectors the largest margin is looked for,"""
-
-_CLIMB: Final = 30
-"""in so many steps."""
 
 Array = NDArray[np.float64]
 
@@ -119,6 +97,7 @@ class OneClass:
                 " per coordinate"
             )
         self.log_rho = float(np.log(rho))
+        self._margin = Margin(self._sum, self.log_rho)
 
     @property
     def gamma(self) -> float:
@@ -214,7 +193,7 @@ class OneClass:
         gamma = svm._gamma  # what "scale" and "auto" came to; there is no public name for it
         centres, weights = dense(svm.support_vectors_), dense(svm.dual_coef_).ravel()
         model = cls(names, gamma, mean, scale, centres, weights, float(-svm.intercept_[0]))
-        if np.exp(model.log_rho) * np.expm1(model._summit()) < -svm.tol:
+        if np.exp(model.log_rho) * np.expm1(model._margin.summit()) < -svm.tol:
             raise ModelError(
                 f"OneClassSVM: nothing is inside with nu {svm.nu:g} and gamma {gamma:g}, allowed"
                 " another nu or gamma"
@@ -227,67 +206,12 @@ class OneClass:
 
     def margin(self, points: ArrayLike) -> Array:
         """Return g (n,) of inputs (n, d): 0 on the boundary, positive inside, finite everywhere."""
-        rows = (np.atleast_2d(np.asarray(points, dtype=float)) - self._sum.origin) / self.scale
-        size = max(1, _CHUNK // len(self.weights))
-        values = [self._log_sum(rows[i : i + size]) for i in range(0, len(rows), size)]
-        return (
-            np.concatenate([*values, np.empty(0)])
-            - self.gamma * (rows**2).sum(axis=1)
-            - self.log_rho
-        )
+        return self._margin(points)
 
-    def _log_sum(self, rows: Array) -> Array:
-        exponents = self._exponents(rows)
-        largest = exponents.max(axis=1)
-        return largest + np.log(np.exp(exponents - largest[:, np.newaxis]).sum(axis=1))
-
-    def _summit(self) -> float:
-        """Return the largest margin found uphill from the most inner support vectors.
-
-        All support vectors can be outside and points inside. Moving each point to the mean of the
-        centres, weighted by their shares in the sum, never goes down (mean shift).
-        """
-        rows = self._sum.points[
-            np.argsort(-self.margin(self.centres * self.scale + self.mean))[:_STARTS]
-        ]
-        for _ in range(_CLIMB):
-            exponents = self._exponents(rows)
-            shares = np.exp(exponents - exponents.max(axis=1)[:, np.newaxis])
-            rows = shares @ self._sum.points / shares.sum(axis=1)[:, np.newaxis]
-        return float(self.margin(rows * self.scale + self._sum.origin).max())
-
-    def _exponents(self, rows: Array) -> Array:
-        """Return the exponents (n, centres) of points, without -gamma |u|^2.
-
-        The points are as seen from the origin, scaled (n, d).
-        """
-        return self._offsets + 2 * self.gamma * rows @ self._sum.points.T
-
-    @cached_property
-    def _offsets(self) -> Array:
-        """Exponents at the origin (n,): log a_i - gamma |s_i|^2.
-
-        What all share, -gamma |u|^2, is left out of the sum.
-        """
-        return np.log(self.weights) - self.gamma * (self._sum.points**2).sum(axis=1)
-
-    @cached_property
+    @property
     def margin_and_slope(self) -> ca.Function:
-        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices.
-
-        With p_i the share of kernel i in the sum, the slope by the scaled point is 2 gamma (sum_i
-        p_i s_i - u). The largest exponent is taken out first, so that far away nothing underflows.
-        """
-        x = ca.MX.sym("x", len(self.coordinates))
-        u = (x - ca.DM(self._sum.origin)) / ca.DM(self.scale)
-        matrix = ca.MX(ca.DM(2 * self.gamma * self._sum.points))
-        exponents = matrix @ u + ca.DM(self._offsets)
-        largest = ca.mmax(exponents)
-        shares = ca.exp(exponents - largest)
-        total = ca.sum1(shares)
-        value = largest + ca.log(total) - self.gamma * ca.sumsqr(u) - self.log_rho
-        slope = ((shares.T @ matrix).T / total - 2 * self.gamma * u) / ca.DM(self.scale)
-        return ca.Function(KIND, [x], [value, slope], ["x"], ["margin", "slope"])
+        """``x (d,) -> g, grad g (d,)``, a CasADi Function of dense matrices."""
+        return self._margin.function
 
     def save(self, path: Path | str) -> None:
         """Write the model to a file (npz with a JSON header and a checksum).

@@ -23,8 +23,8 @@ from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, PlaceTask, begin_from
 from ergoqp.placing.workers import trials_of
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.simulation.inputs import read_posture
 from ergoqp.simulation.person import Follower
-from ergoqp.simulation.simulate import read_posture
 from ergoqp.simulation.starts import awkward_start
 
 Progress = Callable[[float], None]

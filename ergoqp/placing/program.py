@@ -5,7 +5,6 @@ It comes with its start, its solver and its residual.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.nlp_solvers import SETTINGS, check_names
+from ergoqp.placing.optimality import Solution, optimality_function, violation
 from ergoqp.placing.place import Place
 from ergoqp.placing.rest import Holding, Situated, rest_conditions
 from ergoqp.problem.problem import Problem
@@ -36,20 +36,6 @@ N = len(JOINTS)
 # how much what the hands miss counts beside the balance of forces, where multipliers are guessed
 _LITTLE = 0.03
 _INSIDE = 1e-3  # starts keep this far from the ends of joints [rad]
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """What a solver left.
-
-    Attributes:
-        values: of all unknowns (n,).
-        residual: largest violation of the optimality conditions, recomputed from the program's own
-            expressions.
-    """
-
-    values: np.ndarray
-    residual: float
 
 
 def smooth_cost(problem: Problem, posture: np.ndarray, tau_deg: float) -> float:
@@ -103,27 +89,22 @@ class Program:
         boundary = problem.limit_of(OneClassBoundary)
         self._boundary = boundary is not None
         self._symbols = [x, given]
-        self._nlp: dict[str, Any] = {"x": x, "p": given, "g": rows}
-        if (
-            isinstance(cost, SmoothReba)
-            and boundary is None
-            and (own_ends is None or own_ends.is_a("SXFunction"))
-        ):
-            self._nlp["f"] = cost.at_scale(q, tau) + ease
-            if own_ends is not None:
-                self._nlp["g"] = ca.vertcat(rows, own_ends(q, pose))
-        else:
+        smooth = isinstance(cost, SmoothReba)
+        scalars = own_ends is None or own_ends.is_a("SXFunction")
+        told: Any = (q, ease, rows, tau, pose)
+        if not (smooth and scalars and boundary is None):
             # What is not made of scalars stays as it is, around the person who is.
-            model: Any = ca.Function("model", [x, given], [q, ease, rows, tau, ca.densify(pose)])
+            model = ca.Function("model", [x, given], [q, ease, rows, tau, ca.densify(pose)])
             x, given = ca.MX.sym("x", x.numel()), ca.MX.sym("given", given.numel())
-            q, ease, rows, scale, at = model(x, given)
-            if boundary is not None:
-                margin, _ = boundary.model.margin_and_slope(boundary.model.coordinates.pick(q))
-                rows = ca.vertcat(rows, margin)
-            if own_ends is not None:
-                rows = ca.vertcat(rows, own_ends(q, at))
-            value = cost.at_scale(q, scale) if isinstance(cost, SmoothReba) else cost.expression(q)
-            self._nlp = {"x": x, "p": given, "g": rows, "f": value + ease}
+            told = model(x, given)
+        q, ease, rows, tau, pose = told
+        if boundary is not None:
+            margin, _ = boundary.model.margin_and_slope(boundary.model.coordinates.pick(q))
+            rows = ca.vertcat(rows, margin)
+        if own_ends is not None:
+            rows = ca.vertcat(rows, own_ends(q, pose))
+        value = cost.at_scale(q, tau) if smooth else cost.expression(q)
+        self._nlp: dict[str, Any] = {"x": x, "p": given, "g": rows, "f": value + ease}
         self.posture: Any = ca.Function("posture", [self._nlp["x"], self._nlp["p"]], [q])
         self._bounds = self._make_bounds()
 
@@ -215,18 +196,8 @@ class Program:
         slope, rows = (
             np.array(part).ravel() for part in self._optimality(x, given, on_rows, on_bounds)
         )
-        worst = [np.abs(slope).max()]
-        for (low, high), values, multipliers in zip(
-            self._bounds, (x, rows), (on_bounds, on_rows), strict=True
-        ):
-            worst.append(np.maximum(low - values, values - high).max(initial=0.0))
-            end = np.where(multipliers > 0, high - values, values - low)
-            # Where there is no end there may be no multiplier either.
-            worst.append(
-                np.abs(multipliers * np.where(np.isfinite(end), end, 1.0)).max(initial=0.0)
-            )
-        largest = float(np.max(worst))
-        return largest if np.isfinite(largest) else float("inf")
+        bounded = zip(self._bounds, (x, rows), (on_bounds, on_rows), strict=True)
+        return violation(slope, bounded)
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the solver may go from its start, (n,) each; inf: it may go anywhere."""
@@ -256,15 +227,7 @@ class Program:
 
     @cached_property
     def _optimality(self) -> ca.Function:
-        nlp, kind = self._nlp, type(self._nlp["x"])
-        on_rows, on_bounds = (
-            kind.sym("on_rows", nlp["g"].numel()),
-            kind.sym("on_bounds", nlp["x"].numel()),
-        )
-        slope = ca.gradient(nlp["f"] + ca.dot(on_rows, nlp["g"]), nlp["x"]) + on_bounds
-        return ca.Function(
-            "optimality", [nlp["x"], nlp["p"], on_rows, on_bounds], [slope, nlp["g"]]
-        )
+        return optimality_function(self._nlp)
 
     def _person(self, situated: Situated) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the person's unknowns, their posture (32,), and equations."""

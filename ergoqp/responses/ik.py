@@ -16,45 +16,12 @@ from ergoqp.expressions.linear import spd_inverse
 from ergoqp.human import Body, Kinematics
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.responses.by_joint import DEFAULT_COMFORT_DEG, DEFAULT_WEIGHTS, per_joint
 from ergoqp.responses.contact import TOOL_AXES, about_tool, carried_to, contact_frame, pose_matrix
-from ergoqp.responses.stance import LEG_JOINTS, Stance, seated, standing
+from ergoqp.responses.sensitivity import sensitivity_function
+from ergoqp.responses.stance import LEG_JOINTS, LEGS, Stance, seat_in_words, seated, standing
 
-DEFAULT_WEIGHTS: Final[dict[str, float]] = {
-    "trunk_flexion": 3.5,
-    "trunk_side_bend": 8.0,
-    "trunk_twist": 5.0,
-    "shoulder_flexion": 1.0,
-    "shoulder_abduction": 3.0,
-    "shoulder_rotation": 0.8,
-    "elbow_flexion": 0.6,
-    "forearm_pronation": 0.4,
-    "wrist_flexion": 1.0,
-    "wrist_deviation": 1.5,
-    "hip_flexion": 2.0,
-    "hip_abduction": 5.0,
-    "hip_rotation": 5.0,
-    "knee_flexion": 3.5,
-    "ankle_flexion": 3.0,
-    "ankle_inversion": 5.0,
-}
-"""Relative cost of moving each joint, both sides alike.
-
-The trunk carries half the body, the forearm next to nothing.
-"""
-
-DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
-    "standing": {"hip_flexion": 4.0, "knee_flexion": 8.0, "ankle_flexion": 4.0},
-    "seated": {"hip_flexion": 85.0, "knee_flexion": 85.0},
-}
-"""Comfort of the legs where a problem says nothing.
-
-Nobody stands with locked knees, and locked knees cannot follow.
-"""
-
-_BESIDE_FLOOR: Final = 0.02
-"""How far from the floor a sole counts as on it [m]: a shoe's worth."""
-
-_LEGS: Final = [INDEX[joint] for side in SIDES for joint in LEG_JOINTS[side]]
+_ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
 
 
 @dataclass(frozen=True)
@@ -150,15 +117,8 @@ class IkResponse:
     @property
     def joints(self) -> tuple[str, ...]:
         """Trunk, the working arms and, standing, the legs: the joints that the object can move."""
-        chains = [
-            "trunk",
-            *(
-                f"{hand}_{part}"
-                for hand in self.hands
-                for part in ("shoulder", "elbow", "forearm", "wrist")
-            ),
-        ]
-        moved = [joint for joint in JOINTS[:20] if joint.startswith(tuple(chains))]
+        chains = ("trunk", *(f"{hand}_{part}" for hand in self.hands for part in _ARM))
+        moved = [joint for joint in JOINTS[:20] if joint.startswith(chains)]
         if self.stance == "standing":
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
         return tuple(moved)
@@ -213,12 +173,7 @@ class IkResponse:
         """What carries the person, as a clause for people."""
         if self.stance == "standing":
             return "the soles stay where they stand"
-        seated = f"the pelvis stays on its seat, {self.seat:.2f} m high"
-        if self.feet > _BESIDE_FLOOR:
-            return f"{seated}; at that height the feet hang {self.feet:.2f} m above the floor"
-        if self.feet < -_BESIDE_FLOOR:
-            return f"{seated}; the legs need {-self.feet:.2f} m more, and are not modelled folded"
-        return f"{seated}, with the feet on the floor"
+        return seat_in_words(self.seat, self.feet)
 
     @property
     def _sole_below_pelvis(self) -> float:
@@ -307,7 +262,7 @@ class IkResponse:
             "pull": pull,
             "softness": softness,
             "wanted": P @ G @ to_pelvis,
-            "legs": stance.legs[_LEGS, :],
+            "legs": stance.legs[LEGS, :],
         }
         own = ca.vertcat(stance.relax, wish[arms])
         relax = in_joints(own - pull @ (inverse_M @ (K @ own)))
@@ -319,9 +274,10 @@ class IkResponse:
         in_pelvis = ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error
         reach = in_joints(pull @ (inverse_M @ (P @ in_pelvis)))
         return (
-            self._sensitivity(
+            sensitivity_function(
                 ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
                 arms,
+                self.damping,
             ),
             ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
             ca.Function(
@@ -335,59 +291,9 @@ class IkResponse:
             ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
         )
 
-    def _sensitivity(self, geometry: ca.Function, arms: list[int]) -> ca.Function:
-        """Return S and E from the geometry: products of matrices, which are run as such."""
-        q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
-        K, pull, softness, wanted, legs = geometry(q, locked)
-        M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
-        inverse = ca.Function("inverse", [M], [spd_inverse(M)])
-        multipliers = inverse(K.T @ pull + softness) @ wanted
-        rates = pull @ multipliers
-        moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), 0)
-        # The legs follow the pelvis; all others are rates themselves. What neither has stays zero,
-        # the last entry.
-        height = 4 + len(arms)
-        places = np.full((len(JOINTS), 6), moved.numel() - 1)
-        places[arms] = np.arange(6 * height).reshape(6, height).T[4:]
-        places[_LEGS] = 6 * height + np.arange(6 * len(_LEGS)).reshape(6, -1).T
-        S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
-        # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
-        E = self.damping**2 * multipliers
-        return ca.Function(
-            "sensitivity",
-            [q, locked],
-            [S, ca.densify(E)],
-            ["q", "locked"],
-            ["sensitivity", "unmet"],
-        )
-
     def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
         if self.stance == "seated":
             return seated(self.seat)
         return standing(
             self.kinematics, q, weights, locked, wish, self.balance, self.relaxation_time
         )
-
-
-def per_joint(
-    given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str
-) -> np.ndarray:
-    """Return one value per joint (32,) from values by name; a name without a side means both sides.
-
-    Raises:
-        InputError: if a name is not that of a joint.
-    """
-    values = np.full(len(JOINTS), rest)
-    for table in (defaults, given):
-        # Names with a side come last, so that they win over the name of both sides whatever the
-        # order in the file.
-        for name in sorted(table, key=lambda key: key in INDEX):
-            targets = [name] if name in INDEX else [f"{side}_{name}" for side in SIDES]
-            if any(target not in INDEX for target in targets):
-                raise InputError(
-                    f"{what}: got {name!r}, allowed a joint such as 'trunk_flexion' or"
-                    " 'elbow_flexion'"
-                )
-            for target in targets:
-                values[INDEX[target]] = table[name]
-    return values

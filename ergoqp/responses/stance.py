@@ -20,11 +20,17 @@ from ergoqp.joints import INDEX, JOINTS, SIDES
 LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) for side in SIDES}
 """The six joints of each leg."""
 
+LEGS: Final = [INDEX[joint] for side in SIDES for joint in LEG_JOINTS[side]]
+"""Their numbers, the right leg's first."""
+
 STRAIGHT_KNEE: Final = 0.10
 """Knee flexion [rad] below which the legs respond as if bent by this much.
 
 At a straight knee its sign is lost.
 """
+
+_BESIDE_FLOOR: Final = 0.02
+"""How far from the floor a sole counts as on it [m]: a shoe's worth."""
 
 _LOCK: Final = 1e8
 
@@ -139,3 +145,18 @@ def move_sole(kinematics: Kinematics, q: ca.SX, side: str, motion: ca.SX) -> ca.
     knee_and_ankle = solve3(carried, motion[:3, :])
     hip_steps = solve3(axes[:, :3], motion[3:, :] - axes[:, 3:] @ knee_and_ankle)
     return ca.vertcat(hip_steps, knee_and_ankle)
+
+
+def seat_in_words(seat: float, feet: float) -> str:
+    """Return what carries a person who sits, as a clause for people.
+
+    Args:
+        seat: height of the hip centres above the floor [m].
+        feet: height of the lower foot's sole above the floor [m].
+    """
+    seated = f"the pelvis stays on its seat, {seat:.2f} m high"
+    if feet > _BESIDE_FLOOR:
+        return f"{seated}; at that height the feet hang {feet:.2f} m above the floor"
+    if feet < -_BESIDE_FLOOR:
+        return f"{seated}; the legs need {-feet:.2f} m more, and are not modelled folded"
+    return f"{seated}, with the feet on the floor"

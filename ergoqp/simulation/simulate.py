@@ -4,41 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import (
-    check_called,
-    check_kind,
-    check_number,
-    check_whole,
-    sentences,
-    shown,
-    table_of_numbers,
-    unmasked,
-)
+from ergoqp.arguments import check_called, check_kind, check_number, sentences
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
+from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses.ik import IkResponse
+from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import LONGEST, Start, outside_of_range, run_loop, settle_time, start_at
+from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture
+from ergoqp.simulation.loop import Start, outside_of_range, run_loop, settle_time, start_at
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
-from ergoqp.step.place import Guide, read_guide
+from ergoqp.step.place import read_guide
 from ergoqp.step.stepper import Stepper
 
 _SOLVER = "daqp"
-_AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
 
 Progress = Callable[[float], None]
 """Told the share of the loop that is done, 0 to 1."""
@@ -107,7 +97,7 @@ def simulate(
             " IkResponse"
         )
     start_posture, beyond = read_posture(posture)
-    seen = _read_observed(observed)
+    seen = read_observed(observed)
     follower = person if isinstance(person, Follower) else sample_person(problem, seed, person)
     start = start_at(follower, start_posture)
     checker = _Watched(problem, progress, round(duration / problem.dt))
@@ -159,8 +149,8 @@ def simulate(
         assumptions=[
             *assumptions,
             *beyond,
-            *_assumptions(model, follower, senses, unobserved, place),
-            *_robot(problem, robot),
+            *about_person(model, follower, senses, unobserved, place),
+            *about_robot(problem, robot),
         ],
         recording=None if recording is None else str(recording),
         start_time=start_time,
@@ -191,144 +181,3 @@ def _standing_still(problem: Problem, person: Follower, start: Start) -> int:
     """Return the exact score of the person's rest posture with the object left where it is."""
     posture, _ = person.settle(start.posture, start.pose, start.grasp, start.soles)
     return int(problem.assess(posture).final[0])
-
-
-def check_numbers(problem: Problem, duration: float, seed: int) -> None:
-    """Check what can be checked before anything is computed.
-
-    Raises:
-        InputError: for a duration or a seed that no run can have.
-    """
-    check_number("duration", duration, problem.dt, LONGEST, "s")
-    check_whole("seed", seed, 0)
-
-
-def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
-    """Return a posture (32,) [rad] within the joints' ranges, and a sentence if it was not.
-
-    Raises:
-        InputError: if it is not one.
-    """
-    try:
-        angles = table_of_numbers("posture", posture)
-    except InputError:
-        raise InputError(
-            f"posture: got {type(posture).__name__}, allowed {len(JOINTS)} angles in radians"
-        ) from None
-    if angles.shape != (len(JOINTS),):
-        raise InputError(
-            f"posture: got shape {angles.shape}, allowed ({len(JOINTS)},), in the order of"
-            " ergoqp.JOINTS"
-        )
-    wrong = np.flatnonzero(~(np.abs(angles) <= np.pi))
-    if wrong.size:
-        raise InputError(
-            f"posture: got {angles[wrong[0]]:g} for {JOINTS[wrong[0]]}, allowed radians within ±π"
-            " (degrees given as radians?)"
-        )
-    inside = np.clip(angles, LOWER, UPPER)
-    beyond = [spoken(JOINTS[i]) for i in np.flatnonzero(np.abs(angles - inside) > _AT_END)]
-    if not beyond:
-        return inside, []
-    return inside, [
-        f"The start is beyond the range of {', '.join(beyond)}; the person starts at its end."
-    ]
-
-
-def _read_observed(observed: ArrayLike | None) -> np.ndarray | None:
-    if observed is None:
-        return None
-    try:
-        seen = unmasked(observed)
-        if seen.shape == (len(JOINTS),) and seen.dtype == bool:
-            return seen
-    except Exception:  # not an array, whatever it is
-        pass
-    raise InputError(f"observed: got {shown(observed)}, allowed bool of shape ({len(JOINTS)},)")
-
-
-def _robot(problem: Problem, robot: RobotKind | None) -> list[str]:
-    """What is declared of the robot, and what it does."""
-    declared = _told(problem.robot)
-    does = _told(robot) if robot is not None else ""
-    return [
-        (
-            f"The controller is told of the robot: {declared}."
-            if declared
-            else (
-                "The controller is told nothing of the robot: it reckons with one that does at once"
-                " what it is sent."
-            )
-        ),
-        "The simulated robot "
-        + (
-            "does exactly that."
-            if robot is None and not declared
-            else "is as bad as that."
-            if robot is None
-            else f"has {does}."
-        ),
-    ]
-
-
-def _told(robot: DeclaredRobot | RobotKind) -> str:
-    """A robot in words; what is as in a perfect one is left out."""
-    perfect, words = type(robot)(), []
-    for entry in fields(robot):
-        value = getattr(robot, entry.name)
-        if value == getattr(perfect, entry.name):
-            continue
-        name = entry.name.removesuffix("_deg").replace("_", " ")
-        if entry.name.endswith("_deg"):
-            words.append(f"{name} {value:g} deg")
-        elif entry.name == "pose_noise":
-            words.append(f"{name} {1e3 * value:g} mm")
-        elif entry.name in ("gain_error", "speed_noise"):
-            words.append(f"{name} {100 * value:g} %")
-        else:
-            words.append(
-                f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms"
-            )
-    return ", ".join(words)
-
-
-def _assumptions(
-    model: IkResponse,
-    person: Follower,
-    senses: Senses,
-    unobserved: tuple[str, ...],
-    place: Guide | None,
-) -> list[str]:
-    own = person.response.body
-    sentences = [
-        (
-            f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay"
-            f" ({1e3 * senses.delay:.0f} ms) and measurement noise ({senses.noise_deg:g} deg white,"
-            f" {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the frames lost) that the"
-            " controller does not know."
-        ),
-        f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
-        (
-            "The hand holds the object at the start as the posture has it, and keeps hold of it;"
-            f" {person.response.footing}."
-        ),
-    ]
-    if place is not None:
-        x, y, z = place.pose[:3, 3]
-        sentences.append(
-            f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there"
-            " where descent alone comes to rest at a worse one."
-        )
-    if senses.bias_deg:
-        wrong = ", ".join(
-            f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items()
-        )
-        sentences.append(
-            f"The sensors read wrong all the time, and the controller does not know: {wrong}."
-        )
-    if unobserved:
-        sentences.append(
-            f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated"
-            f" person starts with {'it' if len(unobserved) == 1 else 'them'} as given in the start."
-        )
-    return sentences

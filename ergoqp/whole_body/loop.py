@@ -14,9 +14,10 @@ import numpy as np
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import Senses, frames
 from ergoqp.simulation.person import Follower
+from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.separation import Separation
-from ergoqp.whole_body.whole_body import WholeBody, WholeBodyStep
+from ergoqp.whole_body.whole_body import WholeBody
 
 EXACT = Senses(noise_deg=0.0, drift_deg=0.0, lost=0.0)
 """Sensors without error; the person still follows late."""

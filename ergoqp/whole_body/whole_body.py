@@ -6,20 +6,18 @@ Posture and robot go in, joint velocities of the robot come out.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 
 from ergoqp.arguments import check_number
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer import Step
-from ergoqp.step.qp import FREE
 from ergoqp.step.stepper import Stepper
-from ergoqp.whole_body.causes import held_back
+from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.grasp import grasp
 from ergoqp.whole_body.inputs import (
@@ -31,48 +29,19 @@ from ergoqp.whole_body.inputs import (
     size_of,
     start_of,
 )
+from ergoqp.whole_body.ladder import Ladder
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.placing import default_base, pose_error
 from ergoqp.whole_body.robot import Robot
 from ergoqp.whole_body.scene import Load, Scene, default_tool_frame
-from ergoqp.whole_body.separation import Closeness, Separation
+from ergoqp.whole_body.separation import Closeness
+from ergoqp.whole_body.sight import Sight
 from ergoqp.whole_body.stopping import joint_bounds
-from ergoqp.whole_body.terms import SAME, StepTerms, own_objective, pelvis_function, person_of
+from ergoqp.whole_body.terms import StepTerms, own_objective, person_of
 
 _REST_TIME: Final = 1.0
 _REST_SPEED: Final = 0.5
-_RETREAT: Final = 0.05
-_LOOK: Final = 0.15
 _OFFSET: Final = 1e-3
-
-
-@dataclass(frozen=True)
-class WholeBodyStep:
-    """The answer of one step.
-
-    Attributes:
-        joint_velocities: of the arm (k,) [rad/s]: send these.
-        twist: what the object really does with them (6,) [m/s, rad/s].
-        posture_rate: how the model person follows that (32,) [rad/s].
-        status: that of the object's own step where the robot does the same; ``slower`` where limits
-            of the robot or the distance hold it back; ``braking`` where the object brakes, or robot
-            and object cannot keep all limits; ``invalid`` where an input cannot be used.
-        reason: one sentence that names the cause, empty for a plain optimal step.
-        min_distance: smallest of all kept distances where everything is now [m]; infinite where
-            none is kept.
-        object_step: the object's own step (`ergoqp.step.stepper.Step`), in which the robot has no
-            limits.
-        solve_time: duration of the call [s].
-    """
-
-    joint_velocities: np.ndarray
-    twist: np.ndarray
-    posture_rate: np.ndarray
-    status: str
-    reason: str
-    min_distance: float
-    object_step: Step
-    solve_time: float
 
 
 class WholeBody:
@@ -138,7 +107,7 @@ class WholeBody:
             problem.replace(control=replace(problem.control, average=0.0)), dt=dt
         )
         self.problem, self.dt = self.stepper.problem, self.stepper.dt
-        self._terms, self._pelvis = StepTerms(self.problem), pelvis_function(self._person)
+        self._terms = StepTerms(self.problem)
         apart = None if distance is None else distance + reserve
         if joints is None:
             self.scene, self.start = grasp(
@@ -149,9 +118,17 @@ class WholeBody:
             self.scene = Scene(self._person.body, self.robot, placed, load, self._person.hands)
             self.start = joints
         self._formulation = Formulation(self.scene)
-        self._separation = Separation(self.scene)
+        self._ladder = Ladder(self.problem, self.robot, self._formulation)
         limit = self.problem.twist_limit
         self._pace = float(np.max(limit.speed / limit.acceleration))
+        self._sight = Sight(
+            self.scene,
+            self._person,
+            self._formulation.configuration,
+            distance,
+            reserve,
+            self._pace,
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -202,7 +179,9 @@ class WholeBody:
         # Limits go on from what was sent: what is measured says where the arm is, not what it may
         # do next.
         speeds = self._sent
-        contact, jacobian = self._look(positions, measured)
+        # The last speeds tell where the middle of the period will be.
+        middle = positions + measured * self.dt / 2
+        contact, jacobian = self._sight.look(self._posture, positions, middle)
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
         # To keep a distance the robot may have moved the object faster than its limits, which it
@@ -216,12 +195,12 @@ class WholeBody:
         angles, sees = self.stepper.frame
         if usable and posture is not None:
             self._posture = np.where(sees > 0.5, angles, self._person.comfort)
-        self._place(positions)
-        close, least = self._near()
+        self._sight.place(self._posture, positions)
+        close, least = self._sight.near()
         moment = self._moment(
             object_step, positions, speeds, jacobian, done, close, sees, unimproved
         )
-        velocities, status, why = self._solve(object_step, moment, done)
+        velocities, status, why = self._ladder.solve(object_step, moment, done)
         velocities = np.clip(velocities, moment.arm_low, moment.arm_high)
         self._sent = velocities
         reason = "; ".join(part for part in (object_step.reason, why) if part)
@@ -245,61 +224,6 @@ class WholeBody:
             self._offset = np.clip(missed / self.dt, -_OFFSET, _OFFSET)
         self._before = contact, jacobian
         return done
-
-    def _solve(
-        self, object_step: Step, moment: Moment, done: np.ndarray
-    ) -> tuple[np.ndarray, str, str]:
-        """Go down the ladder from the whole QP to every joint's own stop.
-
-        Between them come the robot's limits with the object's speed, and without it.
-        """
-        formulation, arm = self._formulation, self.scene.arm
-        whole = (
-            object_step.status in ("optimal", "relaxed", "recovering")
-            and object_step.residuals["accepted"] == 1.0
-        )
-        if whole:
-            solved = formulation.solve(moment, follow=True)
-            if solved is not None:
-                twist = moment.jacobian @ solved[arm] - moment.offset
-                if np.abs(twist - object_step.twist).max() < SAME:
-                    return solved[arm], object_step.status, ""
-                return (
-                    solved[arm],
-                    "slower",
-                    "held back by " + held_back(self.robot, self.scene, moment, solved),
-                )
-        # The object brakes, rests, or cannot have all of its rows: the robot does what comes
-        # nearest to it.
-        wanted = object_step.twist if not whole else self._braking(done)
-        effort = np.diag(
-            np.repeat([self.problem.control.effort_linear, self.problem.control.effort_angular], 3)
-        )
-        moment.H, moment.g = effort, -effort @ wanted
-        for bound in (self.problem.twist_limit.speed, np.full(6, FREE)):
-            moment.low, moment.high = -bound, bound
-            if (solved := formulation.solve(moment, follow=False)) is None:
-                continue
-            twist = moment.jacobian @ solved[arm] - moment.offset
-            if not whole and np.abs(twist - wanted).max() < SAME:
-                return solved[arm], object_step.status, ""
-            names = held_back(self.robot, self.scene, moment, solved)
-            if whole:
-                return solved[arm], "braking", f"robot and object cannot keep all limits: {names}"
-            stops = object_step.status in ("braking", "invalid")
-            return solved[arm], object_step.status if stops else "slower", f"held back by {names}"
-        stop = np.clip(np.zeros(len(arm)), moment.arm_low, moment.arm_high)
-        status = "invalid" if object_step.status == "invalid" else "braking"
-        return (
-            stop,
-            status,
-            "every joint of the robot stops by itself: the distance cannot be kept otherwise",
-        )
-
-    def _braking(self, previous: np.ndarray) -> np.ndarray:
-        """The object's braking twist after the last: as much slower as its acceleration allows."""
-        stop = float(np.max(np.abs(previous) / self.problem.twist_limit.acceleration))
-        return previous * max(0.0, 1 - self.dt / stop) if stop > 0 else previous
 
     def _moment(
         self,
@@ -339,54 +263,8 @@ class WholeBody:
             close,
         )
         if close is not None:
-            moment.approach = self._approach(close, low, high)
+            moment.approach = self._sight.approach(close, low, high)
         return moment
-
-    def _look(self, positions: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the contact frame (4, 4), and its Jacobian after the arm's joints (6, k).
-
-        The Jacobian is that in the middle of the coming period.
-
-        The arm turns while it moves: with the Jacobian of the begin the object would leave its
-        straight way by what the Jacobian changes in half a period, again and again to the same
-        side. The last speeds tell where the middle will be.
-        """
-        scene, site = self.scene, self.scene.contact_site
-        data = self._place(positions)
-        contact, jacobian = np.eye(4), np.zeros((6, scene.model.nv))
-        contact[:3, :3], contact[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
-        data = self._place(positions + speeds * self.dt / 2)
-        mujoco.mj_jacSite(scene.model, data, jacobian[:3], jacobian[3:], site)
-        return contact, jacobian[:, scene.arm]
-
-    def _place(self, positions: np.ndarray) -> mujoco.MjData:
-        """Put person and arm where they are."""
-        configuration = self._formulation.configuration
-        pelvis = np.array(self._pelvis(self._posture)[0]).ravel()
-        configuration.update(self.scene.qpos(pelvis, self._posture, positions))
-        return configuration.data
-
-    def _near(self) -> tuple[Closeness | None, float]:
-        if self.distance is None:
-            return None, float("inf")
-        data = self._formulation.configuration.data
-        close = self._separation.near(data, self.distance + self.reserve + _LOOK)
-        least = (
-            float(close.distances.min()) if len(close.pairs) else self._separation.smallest(data)[0]
-        )
-        return close, least
-
-    def _approach(self, close: Closeness, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Largest speeds of approach: what is left, over the object's time to stop from full speed.
-
-        So the distance is come to ever more slowly, with no more deceleration than the object has.
-        Nearer than that, the robot retreats, as fast as its joints allow and at most by 0.05 m/s.
-        """
-        left = close.distances - (self.distance or 0.0) - self.reserve
-        allowed = np.where(left >= 0, left, np.maximum(left, -_RETREAT * self._pace)) / self._pace
-        arm = -close.gradients[:, self.scene.arm]
-        least = np.minimum(arm * low, arm * high).sum(axis=1)
-        return np.maximum(allowed, least)
 
     def _blind(self, begin: float, posture: Any, cause: str) -> WholeBodyStep:
         """Without knowing the arm: its joints slow down from what was sent."""

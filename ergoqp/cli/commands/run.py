@@ -32,10 +32,11 @@ from ergoqp.recordings.fitting.person import given_person
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.sheets.reba import ACTION_LEVELS
+from ergoqp.simulation.inputs import check_numbers
 from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
-from ergoqp.simulation.simulate import check_numbers, simulate
+from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.starts import PLACES, awkward_start
 from ergoqp.step.place import Guide
 

@@ -1,0 +1,115 @@
+"""What a simulated loop takes as given, in sentences for people."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from ergoqp.joints import spoken
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.responses.ik import IkResponse
+from ergoqp.simulation.people import Senses
+from ergoqp.simulation.person import Follower
+from ergoqp.simulation.robot import RobotKind
+from ergoqp.step.place import Guide
+
+
+def about_person(
+    model: IkResponse,
+    person: Follower,
+    senses: Senses,
+    unobserved: tuple[str, ...],
+    place: Guide | None,
+) -> list[str]:
+    """Return who is simulated, and what the controller knows of them.
+
+    Args:
+        model: the controller's person.
+        person: who is simulated.
+        senses: what lies between the two.
+        unobserved: joints that are not seen.
+        place: that the step is drawn to.
+    """
+    own = person.response.body
+    sentences = [
+        (
+            f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay"
+            f" ({1e3 * senses.delay:.0f} ms) and measurement noise ({senses.noise_deg:g} deg white,"
+            f" {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the frames lost) that the"
+            " controller does not know."
+        ),
+        f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
+        (
+            "The hand holds the object at the start as the posture has it, and keeps hold of it;"
+            f" {person.response.footing}."
+        ),
+    ]
+    if place is not None:
+        x, y, z = place.pose[:3, 3]
+        sentences.append(
+            f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there"
+            " where descent alone comes to rest at a worse one."
+        )
+    if senses.bias_deg:
+        wrong = ", ".join(
+            f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items()
+        )
+        sentences.append(
+            f"The sensors read wrong all the time, and the controller does not know: {wrong}."
+        )
+    if unobserved:
+        sentences.append(
+            f"The controller does not see {', '.join(map(spoken, unobserved))}; the simulated"
+            f" person starts with {'it' if len(unobserved) == 1 else 'them'} as given in the start."
+        )
+    return sentences
+
+
+def about_robot(problem: Problem, robot: RobotKind | None) -> list[str]:
+    """Return what is declared of the robot, and what it does.
+
+    Args:
+        problem: declares it.
+        robot: what it does; None: as is declared.
+    """
+    declared = _told(problem.robot)
+    does = _told(robot) if robot is not None else ""
+    return [
+        (
+            f"The controller is told of the robot: {declared}."
+            if declared
+            else (
+                "The controller is told nothing of the robot: it reckons with one that does at once"
+                " what it is sent."
+            )
+        ),
+        "The simulated robot "
+        + (
+            "does exactly that."
+            if robot is None and not declared
+            else "is as bad as that."
+            if robot is None
+            else f"has {does}."
+        ),
+    ]
+
+
+def _told(robot: DeclaredRobot | RobotKind) -> str:
+    """A robot in words; what is as in a perfect one is left out."""
+    perfect, words = type(robot)(), []
+    for entry in fields(robot):
+        value = getattr(robot, entry.name)
+        if value == getattr(perfect, entry.name):
+            continue
+        name = entry.name.removesuffix("_deg").replace("_", " ")
+        if entry.name.endswith("_deg"):
+            words.append(f"{name} {value:g} deg")
+        elif entry.name == "pose_noise":
+            words.append(f"{name} {1e3 * value:g} mm")
+        elif entry.name in ("gain_error", "speed_noise"):
+            words.append(f"{name} {100 * value:g} %")
+        else:
+            words.append(
+                f"{name} {value:g}" if entry.name == "gain" else f"{name} {1e3 * value:g} ms"
+            )
+    return ", ".join(words)
