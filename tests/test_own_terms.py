@@ -3,6 +3,7 @@
 import importlib
 import subprocess
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,13 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
+from ergoqp.human import Body
+from ergoqp.limits import AxisCone
+from ergoqp.problem_files import own
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.recordings.load import load_recording
-from ergoqp.registry import registered
+from ergoqp.registry import GROUPS, registered
+from ergoqp.responses import IkResponse
 from ergoqp.simulation.demo_recording import demo_recording
 from ergoqp.simulation.robot import moved
 
@@ -46,7 +51,7 @@ def site(tmp_path_factory):
 
 
 @pytest.fixture
-def own(site, monkeypatch):
+def on_path(site, monkeypatch):
     """That folder on the path, for this test alone."""
     monkeypatch.syspath_prepend(str(site))
     importlib.invalidate_caches()
@@ -56,12 +61,12 @@ def own(site, monkeypatch):
 
 
 @pytest.fixture
-def problem(own, tmp_path):
+def problem(on_path, tmp_path):
     (tmp_path / "ours.toml").write_text(PROBLEM)
     return load_problem(tmp_path / "ours.toml")
 
 
-def test_they_are_known_and_nothing_is_imported(own):
+def test_they_are_known_and_nothing_is_imported(on_path):
     assert registered("limit") == ("ceiling",)
     assert registered("solver") == ("qrqp_twice",)
     load_problem("screwing")
@@ -97,7 +102,7 @@ def test_the_loop_keeps_the_limit_with_the_own_solver(problem):
     np.testing.assert_allclose(twists["qrqp_twice"], twists["daqp"], atol=1e-5)
 
 
-def test_a_recording_is_read_by_the_own_reader(own, tmp_path):
+def test_a_recording_is_read_by_the_own_reader(on_path, tmp_path):
     demo_recording(tmp_path / "demo.bvh")
     from ergoqp.recordings.bvh.read import read_bvh
 
@@ -113,7 +118,7 @@ def test_a_recording_is_read_by_the_own_reader(own, tmp_path):
         load_recording(tmp_path / "bad.centres")
 
 
-def test_mistakes_in_their_tables_are_sentences(own):
+def test_mistakes_in_their_tables_are_sentences(on_path):
     base = {"response": {"ik": {}}}
     with pytest.raises(ProblemError, match=r"limits\.ceiling\.height: got nothing, required"):
         problem_from_dict({**base, "limits": {"ceiling": {}}}, "p")
@@ -125,7 +130,52 @@ def test_mistakes_in_their_tables_are_sentences(own):
         problem_from_dict({**base, "cost": {"low_arms": {}, "smooth_reba": {}}}, "p")
 
 
-def test_a_term_that_cannot_be_imported_is_a_sentence(own, site, monkeypatch):
+def seated(stature: float = 1.7) -> IkResponse:
+    """A response of one's own that sits."""
+    return IkResponse(body=Body.of_stature(stature), stance="seated")
+
+
+@dataclass(frozen=True)
+class Listed(AxisCone):
+    """A limit with a key whose default is made anew."""
+
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    half_angle_deg: float = 40.0
+    others: tuple[float, ...] = field(default_factory=tuple)
+
+
+def takes_anything(height: float, **others: float) -> AxisCone:
+    return AxisCone((0, 0, height), **others)
+
+
+def test_whoever_sits_by_an_own_response_is_scored_as_one_who_sits(monkeypatch):
+    registers(monkeypatch, "response", {"seated": seated})
+    assert problem_from_dict({"response": {"seated": {}}}, "p").task["seated"] is True
+
+
+def test_own_defaults_are_made_by_the_term_itself(monkeypatch):
+    registers(monkeypatch, "limit", {"listed": Listed})
+    raw = {"response": {"ik": {}}, "limits": {"listed": {"half_angle_deg": 30.0}}}
+    assert problem_from_dict(raw, "p").limits[-1] == Listed(half_angle_deg=30.0)
+
+
+def test_a_term_whose_keys_nobody_knows_is_refused(monkeypatch):
+    registers(monkeypatch, "limit", {"any": takes_anything})
+    raw = {"response": {"ik": {}}, "limits": {"any": {"height": 1.2}}}
+    with pytest.raises(
+        ProblemError, match=r"any: got the parameter \*\*others.*, allowed only ones"
+    ):
+        problem_from_dict(raw, "p")
+
+
+def registers(monkeypatch, kind, terms):
+    """Register terms of a kind without a package."""
+    names = {what: tuple(terms) if what == kind else () for what in GROUPS}
+    monkeypatch.setattr(own, "registered", names.__getitem__)
+    monkeypatch.setattr(own, "own_term", lambda _, name: terms[name])
+
+
+def test_a_term_that_cannot_be_imported_is_a_sentence(on_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "own_terms.ceiling", None)
     raw = {"response": {"ik": {}}, "limits": {"ceiling": {"height": 1.0}}}
     with pytest.raises(ProblemError, match=r"limit ceiling: got ModuleNotFoundError .* from own_t"):

@@ -26,6 +26,7 @@ class Evaluator:
         results: all that it writes, output after output.
         slices: of `results`, by the output's name.
         outputs: views of `results`, by name.
+        evaluate: calls the function; whoever keeps it keeps this object too, whose memory it uses.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -45,13 +46,9 @@ class Evaluator:
 
     def forget(self) -> None:
         """Take new memory for the function, if it remembers anything; the arrays stay."""
-        self._buffer, self._call = _bound(
+        self._buffer, self.evaluate = _bound(
             self._function, self.inputs.values(), self.outputs.values()
         )
-
-    def evaluate(self) -> None:
-        """Call the function."""
-        self._call()
 
     def stats(self) -> dict[str, Any]:
         """Return what the function tells of its last call."""

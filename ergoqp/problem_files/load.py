@@ -35,14 +35,13 @@ from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.mistakes import listed, mistakes, unusual
-from ergoqp.problem_files.own import build_own, file_table
+from ergoqp.problem_files.own import build_own, file_table, own_tables
 from ergoqp.problem_files.tables import (
     FileTable,
     JointsTable,
     PointSpeedTable,
     ResponseTable,
     SmoothRebaTable,
-    Table,
     TaskTable,
     TwistTable,
 )
@@ -134,9 +133,9 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
 def _build(file: FileTable, name: str, folder: Path) -> Problem:
     task = file.task.model_dump()
     method = Method(**task.pop("method"))
-    # Who sits is scored as one who sits: one key, not two.
-    task["seated"] = file.response.ik is not None and file.response.ik.stance == "seated"
     response = _response(file.response)
+    # Who sits is scored as one who sits: one key, not two.
+    task["seated"] = getattr(response, "stance", None) == "seated"
     return Problem(
         cost=_cost(file, method, task, folder),
         response=response,
@@ -155,7 +154,8 @@ def _response(table: ResponseTable) -> Response:
     if table.points is not None:
         return LinearResponse()
     if table.ik is None:
-        return _own("response", table)
+        name, own = next(iter(own_tables(table).items()))
+        return build_own("response", name, own)
     ik = table.ik.model_dump()
     return IkResponse(body=Body.of_stature(ik.pop("stature")), **ik)
 
@@ -170,21 +170,16 @@ def _cost(file: FileTable, method: Method, task: dict[str, Any], folder: Path) -
                 " them"
             )
         return load_cost(find_model(file.cost.learned.model, folder))
-    if file.cost.smooth_reba is None and file.cost.model_dump(exclude_none=True):
-        return _own("cost", file.cost)
+    for name, own in own_tables(file.cost).items():
+        return build_own("cost", name, own)
     return SmoothReba(
         **(file.cost.smooth_reba or SmoothRebaTable()).model_dump(), method=method, **task
     )
 
 
-def _own(part: str, table: Table) -> Any:
-    """Make the one own term that a table names."""
-    name, values = next(iter(table.model_dump(exclude_none=True).items()))
-    return build_own(part, name, values)
-
-
 def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
-    limits = file.limits.model_dump(exclude_none=True)
+    own = own_tables(file.limits)
+    limits = file.limits.model_dump(exclude_none=True, exclude=set(own))
     if of_person:
         # A person always has joints, and an object always a largest speed.
         limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
@@ -196,11 +191,8 @@ def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
         boundary = limits["one_class_boundary"]
         boundary["model"] = load_one_class(find_model(boundary["model"], folder))
     listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
-    return [_limit(kind, values) for kind, several in listed.items() for values in several]
-
-
-def _limit(kind: str, values: dict[str, Any]) -> Any:
-    return _LIMITS[kind](**values) if kind in _LIMITS else build_own("limits", kind, values)
+    made = [_LIMITS[kind](**values) for kind, several in listed.items() for values in several]
+    return [*made, *(build_own("limits", name, table) for name, table in own.items())]
 
 
 def find_model(name: str, folder: Path) -> Path:

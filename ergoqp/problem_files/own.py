@@ -47,19 +47,29 @@ def own_names(part: str) -> set[str]:
     return set(registered(_KINDS[part]))
 
 
-def build_own(part: str, name: str, values: Mapping[str, Any]) -> Any:
-    """Make an own term from its keys.
+def own_tables(table: Table) -> dict[str, Table]:
+    """Return the tables of own terms that a part of a file names: those that no class declares."""
+    known = next(kind for kind in _PARTS.values() if isinstance(table, kind)).model_fields
+    given = {key: getattr(table, key) for key in type(table).model_fields if key not in known}
+    return {key: each for key, each in given.items() if each is not None}
+
+
+def build_own(part: str, name: str, table: Table) -> Any:
+    """Make an own term from the keys that a file says; its own defaults serve for the others.
 
     Raises:
         InputError: if it does not take them, with what it raised.
     """
     try:
-        return own_term(_KINDS[part], name)(**values)
+        return own_term(_KINDS[part], name)(**table.model_dump(exclude_unset=True))
     except ErgoqpError:
         raise
     except Exception as error:  # whatever the code of a user's own term does
         words = " ".join(str(error).split())[:100]
-        raise InputError(f"{part}.{name}: got {type(error).__name__} ({words})") from None
+        raise InputError(
+            f"{part}.{name}: got {type(error).__name__} ({words}), allowed what"
+            f" {own_term(_KINDS[part], name)!r:.80} takes"
+        ) from None
 
 
 def _table_of(name: str, term: Any) -> type[Table]:
@@ -74,6 +84,10 @@ def _table_of(name: str, term: Any) -> type[Table]:
         ) from None
     keys: dict[str, Any] = {}
     for key, parameter in parameters.items():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise InputError(
+                f"{name}: got the parameter {parameter}, allowed only ones that a file can name"
+            )
         default = ... if parameter.default is parameter.empty else parameter.default
         held = Annotated[hints.get(key, Any), BeforeValidator(_as_tuple)]
         keys[key] = (held, default)

@@ -5,9 +5,9 @@ It judges from what was sent and measured alone.
 It shares no code with the step. What it checks: every twist against speed, acceleration and axes;
 the object's pose after each period against workspace and cone; the model person's predicted posture
 against joint ranges and rates and against the boundary of the data; elbow and wrist against the
-forearm's length; and limits of the user's own by the distances that they declare, which is all that
-anybody knows of them. What was outside may only come in, and what is in stays in: the object's pose
-is never further out than it ever was.
+forearm's length; the contact point against regions to keep out of; and limits of the user's own by
+the distances that they declare, which is all that anybody knows of them. What was outside may only
+come in, and what is in stays in: the object's pose is never further out than it ever was.
 """
 
 from __future__ import annotations
@@ -18,7 +18,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.limits import ArmLength, AxisCone, JointLimit, OneClassBoundary, WorkspaceBox
+from ergoqp.limits import (
+    ArmLength,
+    AxisCone,
+    Ball,
+    Box,
+    HalfSpace,
+    JointLimit,
+    KeepOut,
+    Limit,
+    OneClassBoundary,
+    WorkspaceBox,
+)
 from ergoqp.problem.problem import Problem
 
 _ALLOWED = 1e-8
@@ -186,7 +197,11 @@ class Checker:
         for limit in own.limits:
             if limit.hard:
                 nowhere = np.zeros(len(self.problem.coordinates))
-                before, behind = (-own.margins(limit, nowhere, frame) for frame in (pose, after))
+                before, behind = (
+                    -own.margins(limit, nowhere, frame) if inside is None else np.array([inside])
+                    for frame in (pose, after)
+                    for inside in (_inside(limit, frame[:3, 3]),)
+                )
                 further = [
                     self._further_out(name, *ends)
                     for name, *ends in zip(
@@ -236,6 +251,19 @@ class Checker:
         # Acceleration and workspace come before posture: braking may be all that they leave.
         worst = float(np.max(out, initial=0.0)), float(np.max(too_fast, initial=0.0))
         return {"joint range": worst[0], "joint rate": 0.0 if stops else worst[1]}
+
+
+def _inside(limit: Limit, point: np.ndarray) -> float | None:
+    """How deep a point (3,) is in a region to keep out of [m]; None: it is not known here."""
+    match limit.region if isinstance(limit, KeepOut) else None:
+        case HalfSpace(normal, offset):
+            return offset - float(np.dot(normal, point))
+        case Ball(centre, radius):
+            return radius - float(np.linalg.norm(point - centre))
+        case Box(lower, upper):
+            apart = np.maximum(np.subtract(lower, point), np.subtract(point, upper))
+            return -float(np.linalg.norm(apart.clip(0)) or apart.max())
+    return None
 
 
 def _outside_box(pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -97,7 +97,7 @@ class Stepper:
 
     def _bind(self, function: ca.Function) -> None:
         """Take the function of the step, with arrays of its own."""
-        evaluator = Evaluator(function)
+        self._evaluator = evaluator = Evaluator(function)
         self._call, self._inputs = evaluator.evaluate, evaluator.inputs
         # One array for all outputs: a step is one copy of it, and everything in the step a view of
         # that copy.

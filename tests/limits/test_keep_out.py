@@ -18,6 +18,7 @@ from ergoqp.limits import Ball, Box, HalfSpace, KeepOut
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
+from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.place import Guide
 from ergoqp.step.stepper import Stepper
@@ -200,6 +201,23 @@ def test_problem_files_have_regions(tmp_path) -> None:
     one["limits"]["keep_out"] = {}
     with pytest.raises(ProblemError, match="exactly one of half_space, ball and box"):
         problem_from_dict(one, "own")
+
+
+@pytest.mark.parametrize("name", REGIONS)
+def test_the_checker_sees_who_goes_further_in(name: str) -> None:
+    region, base = REGIONS[name], problem_of("screwing")
+    checker = Checker(base.replace(limits=[*base.limits, KeepOut(region)]))
+    edge = np.array([0.35, 0.25, 0.2])
+    edge_value, direction = found(region, edge)
+    still, pose = np.zeros(6), np.eye(4)
+    pose[:3, 3] = edge - edge_value * direction
+    for further, broken in ((0.002, True), (-0.002, False)):
+        after = pose.copy()
+        after[:3, 3] -= further * direction
+        names = checker.check(still, still, pose, None, np.zeros(32), base.dt, after=after)
+        assert ("keep out" in names) == broken
+        assert distance(region, after[:3, 3]) == pytest.approx(-further, abs=1e-7)
+    assert checker.max_violation["keep out"] == pytest.approx(0.002, abs=1e-7)
 
 
 @pytest.mark.parametrize(
