@@ -3,10 +3,10 @@
 The QPs are recorded from closed loops of all problems, every QP of every step
 (`ergoqp.comparison.record`): twist QPs with six unknowns, and larger ones with a slack variable per
 row where rows must give way. From the twist QPs near singular, nearly infeasible and infeasible
-ones are made (`ergoqp.comparison.derive`). Every solver stays in memory from one QP to the next, is
+ones are made (`ergoqp.comparison.derive`). Every solver stays in memory from one QP to the next
+where it can (quadprog, piqp and clarabel are called through qpsolvers, which sets them up anew), is
 set to 1e-6, gets everything cold, and, if it can start warm, the recorded sequences warm too. Times
-are of the solver's own call from Python, new data included, in one process, the lesser of two
-passes. What it says is judged apart (`ergoqp.solvers.judge`): primal residual, dual residual, gap
+are of the call from Python, new data included, in one process, the lesser of two passes. What it says is judged apart (`ergoqp.solvers.judge`): primal residual, dual residual, gap
 and signs of multipliers, absolute, in the infinity norm. ``--quick`` takes fewer steps, and shorter
 stretches of them.
 
@@ -58,12 +58,12 @@ from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.solvers import solver_named
+from ergoqp.solvers import SOLVERS, installed_solvers, solver_named
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Array, Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
-from ergoqp.solvers.sessions import SESSIONS, installed_sessions
-from ergoqp.step.qp import FREE, TOLERANCE, build_qp
+from ergoqp.solvers.solver import FREE
+from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.stepper import Stepper
 
 PROBLEMS = (*TASKS, "screwing_learned", "forearm")
@@ -210,7 +210,7 @@ def _contradictions(report: Report, steps: int) -> None:
 def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> None:
     found: dict[str, dict[str, float]] = {}
     certified: dict[str, Array] = {}
-    for name in installed_sessions():
+    for name in installed_solvers():
         trials = _trials(name, sequences)
         high = [
             try_solver(name, one.thinned(stretch), False, HIGH) for one in sequences if one.feasible
@@ -226,7 +226,7 @@ def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> N
         found[name]["farthest"] = max(
             _distance(one, certified) for one in trials if one.sequence.family == "recorded"
         )
-        report.say(f"{name}: {found[name]['qps']:.0f} QPs, {SESSIONS[name].method}")
+        report.say(f"{name}: {found[name]['qps']:.0f} QPs, {solver_named(name).method}")
     best = min(one["sgm_us"] for one in found.values())
     for name, one in found.items():
         for figure in _SHOWN:
@@ -236,7 +236,7 @@ def _solvers(report: Report, sequences: Sequence[QpSequence], stretch: int) -> N
         for figure in ("warm_us", "warm_ratio", "warm_iterations_ratio"):
             if figure in one:
                 report.figure(f"{name}.{figure}", one[figure])
-    for name in SESSIONS:
+    for name in SOLVERS:
         if name not in found:
             report.say(f"{name} (extra 'solvers') is absent")
 
@@ -250,7 +250,7 @@ def _trials(name: str, sequences: Sequence[QpSequence]) -> list[SolverTrial]:
     trials = []
     for one in sequences:
         trials.append(try_solver(name, one, False, ACCURACY, PASSES))
-        if one.follows and SESSIONS[name].warm:
+        if one.follows and solver_named(name).warm:
             trials.append(try_solver(name, one, True, ACCURACY, PASSES))
     return trials
 

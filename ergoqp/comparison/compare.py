@@ -18,9 +18,9 @@ from ergoqp.comparison.trial import SolverTrial, try_solver
 from ergoqp.errors import InputError
 from ergoqp.files.whole import write_whole
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers import SOLVERS, installed_solvers, open_session, solver_named
 from ergoqp.solvers.judge import tidy
 from ergoqp.solvers.sequence import QpSequence
-from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
 
 STEPS: Final = 300
 """Control steps that are recorded by default."""
@@ -130,7 +130,7 @@ def compare(
 
     Args:
         problem: the task.
-        solvers: names from `ergoqp.solvers.sessions.SESSIONS`; None: all that are installed.
+        solvers: names from `ergoqp.solvers`; None: all that are installed.
         steps: control steps to record.
         seed: of the loops and of the derived QPs.
         accuracy: that the solvers are set to, 1e-9 to 1.
@@ -152,7 +152,7 @@ def compare(
     trials: list[SolverTrial] = []
     for i, name in enumerate(names):
         for sequence in sequences:
-            for warm in (False, True) if sequence.follows and SESSIONS[name].warm else (False,):
+            for warm in (False, True) if sequence.follows and solver_named(name).warm else (False,):
                 trials.append(try_solver(name, sequence, warm, accuracy, _PASSES))
         tell(0.2 + 0.8 * (i + 1) / len(names))
     figures = {
@@ -192,11 +192,11 @@ def check(
     if seed < 0:
         raise InputError(f"seed: got {seed}, allowed a whole number of at least 0")
     if solvers is not None and not solvers:
-        raise InputError(f"solvers: got none, allowed {', '.join(SESSIONS)}")
-    found = tuple(dict.fromkeys(solvers)) if solvers is not None else installed_sessions()
+        raise InputError(f"solvers: got none, allowed {', '.join(SOLVERS)}")
+    found = tuple(dict.fromkeys(solvers)) if solvers is not None else installed_solvers()
     for name in found:
         # Says what is wrong with a name or the accuracy, and what is missing.
         open_session(name, 1, 0, accuracy)
     return found, (
-        () if solvers is not None else tuple(name for name in SESSIONS if name not in found)
+        () if solvers is not None else tuple(name for name in SOLVERS if name not in found)
     )

@@ -11,8 +11,8 @@ import numpy as np
 from ergoqp.comparison.trial import SolverTrial
 from ergoqp.errors import MissingExtraError
 from ergoqp.files.whole import whole
+from ergoqp.solvers import solver_named
 from ergoqp.solvers.judge import TOLERANCES
-from ergoqp.solvers.sessions import SESSIONS
 
 _COLD, _WARM, _LATE = "#2f5d8c", "#dd6b20", "#b9bec6"
 _LEAST = 1e-16
@@ -64,7 +64,7 @@ def _draw_times(
     for place, name in enumerate(names):
         kinds = (
             ((False, _COLD, 0.18), (True, _WARM, -0.18))
-            if SESSIONS[name].warm
+            if solver_named(name).warm
             else ((False, _COLD, 0.0),)
         )
         for warm, colour, above in kinds:

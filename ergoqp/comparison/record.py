@@ -5,9 +5,9 @@ A run is logged, and its steps are computed again with a solver that keeps what 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -24,13 +24,14 @@ from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.starts import awkward_start
-from ergoqp.solvers import QpSolver, solver_named
-from ergoqp.solvers.sequence import PARTS, Qp, QpSequence
+from ergoqp.solvers.daqp import Daqp
+from ergoqp.solvers.sequence import Qp, QpSequence
 from ergoqp.solvers.session import QpAnswer
+from ergoqp.solvers.solver import NumericFunction, numeric
 from ergoqp.step.function import build_step
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import FREE, TOLERANCE
+from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
 STILL: Final = 1.0
@@ -58,63 +59,31 @@ class RecordedQps:
     accepted: NDArray[np.bool_]
 
 
-@dataclass
-class RecordingSolver:
-    """A solver for the step that keeps every QP it is given, and answers with another one.
+class RecordingSolver(Daqp):
+    """The step's own solver, that keeps every QP it is given.
 
     Attributes:
-        inner: who answers.
         heard: the QPs and the answers, in order.
     """
 
-    inner: QpSolver = field(default_factory=lambda: solver_named("daqp"))
-    heard: list[tuple[Qp, QpAnswer]] = field(default_factory=list)
-    name: ClassVar[str] = "recording"
-    _kept: list[ca.Callback] = field(default_factory=list)
+    def __init__(self) -> None:
+        """Start without a QP."""
+        self.heard: list[tuple[Qp, QpAnswer]] = []
+        # CasADi does not keep the Python part of a callback alive.
+        self._kept: list[NumericFunction] = []
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return the inner solver with an ear; see `ergoqp.solvers.QpSolver`."""
-        answer = self.inner.function(n, m)
-        ear = _Ear(answer, self.heard)
-        # CasADi does not keep the Python part of a callback alive.
-        self._kept.append(ear)
-        inputs = [ca.MX.sym(PARTS[i], answer.sparsity_in(i)) for i in range(len(PARTS))]
-        return ca.Function("recorded", inputs, list(ear(*inputs)))
+        """Return DAQP with an ear; see `ergoqp.solvers.solver`."""
+        inner = super().function(n, m)
 
+        def hear(parts: Sequence[ca.DM]) -> Sequence[ca.DM]:
+            answer = inner.call(parts)
+            x, rows, box = (np.array(part).ravel() for part in answer)
+            self.heard.append((numeric(parts), QpAnswer(x, rows, box, "solved")))
+            return answer
 
-class _Ear(ca.Callback):
-    """A CasADi function that hears the numbers of every call."""
-
-    def __init__(self, answer: ca.Function, heard: list[tuple[Qp, QpAnswer]]) -> None:
-        ca.Callback.__init__(self)
-        self._answer, self._heard = answer, heard
-        self.construct("ear", {})
-
-    def get_n_in(self) -> int:
-        return self._answer.n_in()
-
-    def get_n_out(self) -> int:
-        return self._answer.n_out()
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return self._answer.sparsity_in(i)
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return self._answer.sparsity_out(i)
-
-    def eval(self, arguments: Any) -> Any:
-        parts = [np.array(part) for part in arguments]
-        qp = Qp(parts[0], parts[1].ravel(), parts[2], *(_bound(part) for part in parts[3:]))
-        answer = self._answer.call(arguments)
-        x, rows, box = (np.array(part).ravel() for part in answer)
-        self._heard.append((qp, QpAnswer(x, rows, box, "solved")))
-        return answer
-
-
-def _bound(values: np.ndarray) -> np.ndarray:
-    """Bounds with infinity where the step says `FREE`."""
-    values = values.ravel()
-    return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))
+        self._kept.append(NumericFunction("recorded", n, m, hear))
+        return self._kept[-1].expression()
 
 
 def record(

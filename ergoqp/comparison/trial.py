@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ergoqp.solvers import open_session
 from ergoqp.solvers.judge import NOTHING, judge
 from ergoqp.solvers.sequence import Array, QpSequence
-from ergoqp.solvers.sessions import open_session
 
 _SLOW: Final = 2.0
 """A first pass that took this long [s] is the only one.
@@ -73,7 +73,7 @@ def try_solver(
     other programs do not.
 
     Args:
-        solver: one of `ergoqp.solvers.sessions.SESSIONS`.
+        solver: see `ergoqp.solvers`.
         sequence: the QPs.
         warm: start each from the answer before; else as if it were the first.
         accuracy: what the solver is set to.

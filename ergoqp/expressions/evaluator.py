@@ -42,13 +42,7 @@ class Evaluator:
             self.slices[name] = slice(begin, end)
         self.results = np.zeros(end)
         self.outputs = {name: self.results[part] for name, part in self.slices.items()}
-        self.forget()
-
-    def forget(self) -> None:
-        """Take new memory for the function, if it remembers anything; the arrays stay."""
-        self._buffer, self.evaluate = _bound(
-            self._function, self.inputs.values(), self.outputs.values()
-        )
+        self._buffer, self.evaluate = _bound(function, self.inputs.values(), self.outputs.values())
 
     def stats(self) -> dict[str, Any]:
         """Return what the function tells of its last call."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
-from typing import ClassVar
 
 import casadi as ca
 
 from ergoqp.native.compiler import CompilerError, shared_library
+from ergoqp.solvers.daqp import Daqp
 
 _HERE = Path(__file__).resolve().parent / "c"
 
 
-class NativeDaqp:
+class NativeDaqp(Daqp):
     """DAQP for code in C: the algorithm of `ergoqp.solvers.daqp`, in memory that the step gives it.
 
     Its settings, the same too, are in ``c/qp_daqp.h``.
@@ -22,14 +22,12 @@ class NativeDaqp:
         sizes: the sizes (unknowns, rows) that were asked for.
     """
 
-    name: ClassVar[str] = "daqp"
-
     def __init__(self) -> None:
         """Start without a size."""
         self.sizes: list[tuple[int, int]] = []
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return the solver for `n` unknowns and `m` rows; see `ergoqp.solvers.QpSolver`.
+        """Return the solver for `n` unknowns and `m` rows; see `ergoqp.solvers.solver`.
 
         Raises:
             CompilerError: if there is no C compiler or no DAQP library.

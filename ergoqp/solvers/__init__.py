@@ -1,25 +1,54 @@
-"""QP solvers behind one protocol, one file each; adding one is a file and a line in `SOLVERS`.
+"""QP solvers behind one protocol, `ergoqp.solvers.solver.QpSolver`.
 
-An own one is an entry point, see `ergoqp.registry`.
+The same names serve the control step and the comparison. Adding one is a file and a line in
+`SOLVERS`; an own one is an entry point, see `ergoqp.registry`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Final
 
 from ergoqp.arguments import shown
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, MissingExtraError
 from ergoqp.registry import own_term, registered
-from ergoqp.solvers.daqp import Daqp
-from ergoqp.solvers.osqp import Osqp
-from ergoqp.solvers.piqp import Piqp
+from ergoqp.solvers.session import Session
 from ergoqp.solvers.solver import QpSolver as QpSolver
 
-SOLVERS: Final[dict[str, type[QpSolver]]] = {solver.name: solver for solver in (Daqp, Piqp, Osqp)}
-"""Solver classes by name, for the control step.
 
-`ergoqp.solvers.sessions` has more, for sequences of QPs outside it.
-"""
+@dataclass(frozen=True)
+class Listed:
+    """Where a solver is to be found.
+
+    Attributes:
+        where: module beside this one and class in it.
+        package: that must be installed.
+    """
+
+    where: str
+    package: str
+
+
+SOLVERS: Final = {
+    "daqp": Listed("daqp:Daqp", "daqp"),
+    "quadprog": Listed("from_qpsolvers:Quadprog", "quadprog"),
+    "qpoases": Listed("plugins:Qpoases", "casadi"),
+    "qrqp": Listed("plugins:Qrqp", "casadi"),
+    "highs": Listed("plugins:Highs", "casadi"),
+    "piqp": Listed("from_qpsolvers:Piqp", "piqp"),
+    "hpipm": Listed("plugins:Hpipm", "casadi"),
+    "clarabel": Listed("from_qpsolvers:Clarabel", "clarabel"),
+    "proxqp": Listed("proxqp:Proxqp", "proxsuite"),
+    "osqp": Listed("osqp:Osqp", "osqp"),
+}
+"""Solvers by name; whatever else qpsolvers offers where it is installed goes by its name there."""
+
+
+def installed_solvers() -> tuple[str, ...]:
+    """Return the names out of `SOLVERS` whose packages are installed."""
+    return tuple(name for name, one in SOLVERS.items() if find_spec(one.package) is not None)
 
 
 def solver_named(name: str) -> QpSolver:
@@ -27,10 +56,54 @@ def solver_named(name: str) -> QpSolver:
 
     Raises:
         InputError: if there is none of that name.
+        MissingExtraError: if it is not installed.
     """
-    if isinstance(name, str) and name in SOLVERS:
-        return SOLVERS[name]()
-    own = registered("solver")
-    if name in own:
-        return own_term("solver", name)()
-    raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join([*SOLVERS, *own])}")
+    own, more = registered("solver"), ()
+    if isinstance(name, str):
+        if name in SOLVERS:
+            return _listed(name)
+        if name in own:
+            return own_term("solver", name)()
+        if find_spec("qpsolvers") is not None:
+            from qpsolvers import available_solvers as more
+
+            if name in more:
+                from ergoqp.solvers.from_qpsolvers import Offered
+
+                return Offered(name)
+    names = dict.fromkeys([*SOLVERS, *more, *own])
+    raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(names)}")
+
+
+def _listed(name: str) -> QpSolver:
+    one = SOLVERS[name]
+    module, _, kind = one.where.partition(":")
+    try:
+        if find_spec(one.package) is None:
+            raise ImportError(name=one.package)
+        return getattr(import_module(f"ergoqp.solvers.{module}"), kind)()
+    except ImportError as error:
+        package = error.name or one.package
+        raise MissingExtraError(f"solver {name!r}", "solvers", package) from None
+
+
+def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
+    """Return a solver that stays in memory, for QPs of one size.
+
+    Args:
+        name: of the solver.
+        n: number of unknowns.
+        m: number of rows.
+        accuracy: largest primal residual, dual residual and gap that are wanted; each solver's
+            settings aim a little lower.
+
+    Raises:
+        InputError: for an unknown name, a size or an accuracy that cannot be.
+        MissingExtraError: if the solver is not installed.
+    """
+    solver = solver_named(name)
+    if n < 1 or m < 0:
+        raise InputError(f"solver: got {n} unknowns and {m} rows, allowed at least 1 and 0")
+    if not 1e-9 <= accuracy <= 1.0:
+        raise InputError(f"accuracy: got {accuracy!r}, allowed 1e-9 to 1")
+    return Session(name, n, m, solver.workspace(n, m, accuracy))

@@ -5,20 +5,89 @@ It is exact at the sizes met here.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from ctypes import c_int
+from typing import Any, Final
 
 import casadi as ca
+import daqp
+import numpy as np
 
-from ergoqp.solvers.plugin import plugin_function
+from ergoqp.solvers.sequence import Qp
+from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver
+
+# What the control step is built with: CasADi's plugin, compiled code like the rest of the step.
+_IN_STEP: Final = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10, "iter_limit": 500}}
+
+# It stops at a vertex of the active constraints, so that more accuracy costs nothing. Reducing
+# equalities first is meant for single solves.
+_SETTINGS: Final = {"iter_limit": 1000, "eq_reduction": -1}
+_FLAGS: Final = {-1: "infeasible", -4: "stopped", -7: "stopped", -6: "infeasible"}
+_EQUALITY: Final = 5
 
 
-class Daqp:
+class Daqp(QpSolver):
     """The default: a few microseconds per QP, answers exact to rounding."""
 
-    name: ClassVar[str] = "daqp"
+    name = "daqp"
+    method = "active set"
+    warm = True
+
+    def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
+        """Return memory that starts warm from the last active set."""
+        return _DaqpWorkspace(n, m, accuracy)
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return the solver for `n` unknowns and `m` rows; see `QpSolver`."""
-        return plugin_function(
-            "daqp", n, m, {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10, "iter_limit": 500}}
-        )
+        """Return the solver for `n` unknowns and `m` rows, without any Python in it."""
+        shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
+        qp = ca.conic("qp", "daqp", shapes, {"error_on_fail": False, **_IN_STEP})
+        names = ["h", "g", "a", "lba", "uba", "lbx", "ubx"]
+        sizes = [(n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1)]
+        inputs = [ca.MX.sym(name, *size) for name, size in zip(names, sizes, strict=True)]
+        answer = qp(**dict(zip(names, inputs, strict=True)))
+        return ca.Function("daqp", inputs, [answer["x"], answer["lam_a"], answer["lam_x"]])
+
+
+class _DaqpWorkspace:
+    """One `daqp.Model`."""
+
+    def __init__(self, n: int, m: int, accuracy: float) -> None:
+        """Make the workspace; DAQP allocates with the first data."""
+        self._n, self._m = n, m
+        self._settings = _SETTINGS | {
+            "primal_tol": min(1e-9, accuracy),
+            "dual_tol": min(1e-10, accuracy),
+        }
+        self._model: Any = None
+        self._sense = np.zeros(n + m, dtype=c_int)
+        self._solved = False
+
+    def solve(self, qp: Qp, warm: bool) -> QpAnswer:
+        """Solve; warm: from the active set of the last QP."""
+        n = self._n
+        upper, lower = np.concatenate([qp.high, qp.upper]), np.concatenate([qp.low, qp.lower])
+        sense = np.where(upper == lower, _EQUALITY, 0).astype(c_int)
+        same = self._solved and np.array_equal(sense, self._sense)
+        self._sense = sense
+        if self._model is None:
+            self._model = daqp.Model()
+            self._model.settings = self._settings
+            flag = self._model.setup(qp.H, qp.g, qp.A, upper, lower, sense)[0]
+        elif warm and same:
+            # Without `sense` the active set stays.
+            flag = self._model.update(qp.H, qp.g, qp.A, upper, lower)
+        else:
+            flag = self._model.update(qp.H, qp.g, qp.A, upper, lower, sense.copy())
+        if flag < 0:
+            return self._forget(flag, None)
+        x, _, flag, info = self._model.solve()
+        if flag != 1:
+            return self._forget(flag, info["iterations"])
+        self._solved = True
+        both = np.array(info["lam"])
+        return QpAnswer(np.array(x), both[n:], both[:n], "solved", info["iterations"])
+
+    def _forget(self, flag: int, iterations: int | None) -> QpAnswer:
+        # What a failed solve leaves behind is no place to start from.
+        self._model, self._solved = None, False
+        return no_answer(self._n, self._m, _FLAGS.get(flag, "failed"), iterations)

@@ -52,12 +52,8 @@ class QpAnswer:
         return self.flag == "solved"
 
 
-class Backend(Protocol):
-    """One solver's workspace for QPs of one size; an implementation per file beside this one."""
-
-    def __init__(self, n: int, m: int, accuracy: float) -> None:
-        """Make the workspace for `n` unknowns and `m` rows, for residuals of at most `accuracy`."""
-        ...
+class Workspace(Protocol):
+    """One solver's memory for QPs of one size."""
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve finite data whose bounds do not cross.
@@ -76,12 +72,12 @@ class Session:
         name: of the solver.
         n: number of unknowns.
         m: number of rows.
-        backend: the solver's workspace.
+        workspace: the solver's memory.
     """
 
-    def __init__(self, name: str, n: int, m: int, backend: Backend) -> None:
+    def __init__(self, name: str, n: int, m: int, workspace: Workspace) -> None:
         """Keep the workspace."""
-        self.name, self._backend = name, backend
+        self.name, self._workspace = name, workspace
         self._shapes = dict(zip(PARTS, ((n, n), (n,), (m, n), (m,), (m,), (n,), (n,)), strict=True))
 
     def solve(
@@ -118,7 +114,7 @@ class Session:
         if flag := unusable(qp):
             return no_answer(*qp.size, flag)
         start = time.perf_counter()
-        answer = self._backend.solve(qp, warm)
+        answer = self._workspace.solve(qp, warm)
         return replace(answer, seconds=time.perf_counter() - start)
 
     def _arrays(self, *parts: ArrayLike) -> list[Array]:

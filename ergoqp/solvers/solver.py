@@ -1,27 +1,142 @@
-"""What a QP solver offers to the control step."""
+"""What a QP solver is: one protocol, for the control step and for sequences of QPs outside it."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+import abc
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 import casadi as ca
+import numpy as np
+
+from ergoqp.solvers.sequence import Array, Qp
+from ergoqp.solvers.session import Session, Workspace
+
+FREE: Final = 1e9
+"""Stands for "no bound" in the step: large against all quantities there, yet finite.
+
+So residuals stay numbers.
+"""
+
+_ACCURACY: Final = 1e-7
+"""What solvers are set to in the step, which accepts residuals below 1e-6."""
+
+_CALLED: Final[dict[tuple[type[QpSolver], str, int, int], NumericFunction]] = {}
+# CasADi does not keep the Python part of a callback alive; and its memory serves every step that
+# has QPs of the same size.
 
 
-class QpSolver(Protocol):
-    """A solver of min 1/2 x'Hx + g'x subject to lba <= A x <= uba and lbx <= x <= ubx, all dense.
+class QpSolver(abc.ABC):
+    """A solver of min 1/2 x'Hx + g'x subject to lower <= A x <= upper and low <= x <= high.
 
-    The step never trusts a solver's own word: it checks primal, dual and gap residuals of what
-    comes back, and infeasible or failed answers show there. Multipliers are positive at upper
-    bounds: H x + g + A' lam_a + lam_x = 0.
+    All is dense. The step never trusts a solver's own word: it checks primal, dual and gap
+    residuals of what comes back, and infeasible or failed answers show there. Multipliers are
+    positive at upper bounds: H x + g + A' rows + box = 0.
+
+    Attributes:
+        name: that users call it by.
+        method: what it does, in two words.
+        warm: whether it can start from the last answer.
     """
 
-    name: ClassVar[str]
+    name: str
+    method: str
+    warm: bool = False
+
+    @abc.abstractmethod
+    def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
+        """Return memory for `n` unknowns and `m` rows, for residuals of at most `accuracy`."""
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return the solver as a function for n unknowns and m rows.
+        """Return the solver as the control step calls it.
 
-        It is ``(h (n, n), g (n,), a (m, n), lba, uba (m,), lbx, ubx (n,)) -> (x, lam_a, lam_x)``.
+        It is ``(h (n, n), g (n,), a (m, n), lba, uba (m,), lbx, ubx (n,)) -> (x, lam_a, lam_x)``,
+        where a bound of `FREE` is none. For finite data it never raises; what has no answer comes
+        back as zeros, for the step to judge.
 
-        For finite data it never raises.
+        Every call starts cold: the step is a function of what it is given, and a replay of it gives
+        the same twists.
         """
-        ...
+        key = type(self), self.name, n, m
+        if key not in _CALLED:
+            session = Session(self.name, n, m, self.workspace(n, m, _ACCURACY))
+            _CALLED[key] = NumericFunction(self.name, n, m, _Cold(session))
+        return _CALLED[key].expression()
+
+
+class _Cold:
+    """A session that starts every QP as if it were the first, for one thread at a time."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._lock = session, threading.Lock()
+
+    def __call__(self, parts: Sequence[ca.DM]) -> Sequence[Array]:
+        qp = numeric(parts)
+        try:
+            with self._lock:
+                answer = self._session.solve_qp(qp, warm=False)
+            given = [np.asarray(part, float) for part in (answer.x, answer.rows, answer.box)]
+        except Exception:  # whatever an own solver does: the control loop sees no exception
+            given = []
+        n, m = qp.size
+        if [part.shape for part in given] != [(n,), (m,), (n,)]:
+            return [np.zeros(n), np.zeros(m), np.zeros(n)]
+        return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
+
+
+class NumericFunction(ca.Callback):
+    """A QP solver in Python as a CasADi function; it lives as long as somebody keeps this object.
+
+    Args:
+        name: of the function.
+        n: number of unknowns.
+        m: number of rows.
+        answer: takes the parts of a `Qp`, gives x, row and box multipliers.
+    """
+
+    def __init__(
+        self, name: str, n: int, m: int, answer: Callable[[Sequence[ca.DM]], Sequence[Any]]
+    ) -> None:
+        """Tell CasADi of it."""
+        ca.Callback.__init__(self)
+        self._answer = answer
+        self._in = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1))
+        self._out = ((n, 1), (m, 1), (n, 1))
+        self.construct(name, {})
+
+    def expression(self) -> ca.Function:
+        """Return the function in symbols."""
+        inputs = [ca.MX.sym(f"in{i}", *shape) for i, shape in enumerate(self._in)]
+        return ca.Function(self.name(), inputs, list(self(*inputs)))
+
+    def get_n_in(self) -> int:
+        """Return how many inputs there are."""
+        return len(self._in)
+
+    def get_n_out(self) -> int:
+        """Return how many outputs there are."""
+        return len(self._out)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Return the shape of an input."""
+        return ca.Sparsity.dense(*self._in[i])
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """Return the shape of an output."""
+        return ca.Sparsity.dense(*self._out[i])
+
+    def eval(self, arguments: Any) -> Any:
+        """Answer one QP."""
+        return [ca.DM(part) for part in self._answer(arguments)]
+
+
+def numeric(parts: Sequence[ca.DM]) -> Qp:
+    """Return a QP as the step gives it, with infinity where it says `FREE`."""
+    arrays = [np.array(part) for part in parts]
+    return Qp(arrays[0], arrays[1].ravel(), arrays[2], *(_bound(part) for part in arrays[3:]))
+
+
+def _bound(values: Array) -> Array:
+    values = values.ravel()
+    return np.where(np.abs(values) < FREE, values, np.copysign(np.inf, values))

@@ -22,7 +22,8 @@ import numpy as np
 from ergoqp.limits import Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking, Stop
-from ergoqp.step.qp import ELBOW, FREE
+from ergoqp.solvers.solver import FREE
+from ergoqp.step.qp import ELBOW
 
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""

@@ -13,10 +13,11 @@ from ergoqp.limits import Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import on_surface
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers.solver import FREE
 from ergoqp.step.bounds import MOVES, bends, patience
 from ergoqp.step.margins import Margins, situations_of, smallest_margins
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import FREE, TOLERANCE
+from ergoqp.step.qp import TOLERANCE
 from ergoqp.step.rest import rest_update
 from ergoqp.step.trial import trial_update
 

@@ -14,10 +14,10 @@ from ergoqp.expressions.linear import by_name, dense, written_out
 from ergoqp.limits import Rows
 from ergoqp.limits.stop import Braking, on_surface
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers.solver import FREE
 from ergoqp.step.bounds import no_further, patience, row_bounds, unhurried
 from ergoqp.step.model import PLACE, StepModel
 from ergoqp.step.objective import cost_function, objective
-from ergoqp.step.qp import FREE
 
 QP_DATA: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
 """What `ergoqp.step.qp.build_qp` takes, in its order."""

@@ -11,16 +11,13 @@ from typing import Final
 import casadi as ca
 
 from ergoqp.expressions.linear import Shape, vectors, written_out
-from ergoqp.solvers import QpSolver
+from ergoqp.solvers.solver import FREE, QpSolver
 
 PENALTY: Final = 1e4
 """Weight of one unit of slack: above every multiplier that the objective can bring about.
 
 So slack stays zero whenever the rows allow it (exact penalty: Nocedal and Wright, section 17.2).
 """
-
-FREE: Final = 1e9
-"""Stands for "no bound": large against all quantities here, yet finite: residuals stay numbers."""
 
 ELBOW: Final = 1e-6
 """Part of every cap that nobody needs, so that the feasible set has an inside.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers.solver import FREE
 from ergoqp.step.answer import Step
-from ergoqp.step.qp import FREE
 from ergoqp.whole_body.causes import held_back
 from ergoqp.whole_body.formulation import Formulation
 from ergoqp.whole_body.moment import Moment

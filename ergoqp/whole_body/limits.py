@@ -8,7 +8,7 @@ from __future__ import annotations
 import mink
 import numpy as np
 
-from ergoqp.step.qp import FREE
+from ergoqp.solvers.solver import FREE
 from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.scene import ModelColumns
 

@@ -49,7 +49,6 @@ def test_mistakes_give_one_sentence_and_leave_nothing(ergoqp, tmp_path, argument
 
 
 def test_a_solver_that_is_not_installed_names_its_extra(ergoqp, monkeypatch):
-    monkeypatch.delitem(sys.modules, "ergoqp.solvers.sessions.piqp", raising=False)
     monkeypatch.setitem(sys.modules, "piqp", None)
     assert "solver 'piqp' needs the package 'piqp'" in mistake(
         ergoqp("compare", "desk", "--solvers", "daqp,piqp")

@@ -17,7 +17,8 @@ from ergoqp.limits import WorkspaceBox
 from ergoqp.solvers import SOLVERS, solver_named
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.session import QpAnswer
-from ergoqp.step.qp import FREE, TOLERANCE, build_qp
+from ergoqp.solvers.solver import FREE
+from ergoqp.step.qp import TOLERANCE, build_qp
 from ergoqp.step.stepper import Stepper
 
 

@@ -31,7 +31,6 @@ def test_in_place(function):
     assert evaluator.slices == {"scaled": slice(0, 6), "sums": slice(6, 8)}
     np.testing.assert_array_equal(evaluator.results[:6], 3.0 * np.arange(6))
     np.testing.assert_array_equal(evaluator.outputs["sums"], [6.0, 9.0])
-    evaluator.forget()
     evaluator.inputs["b"][0] = 1.0
     evaluator.evaluate()
     np.testing.assert_array_equal(evaluator.outputs["scaled"], np.arange(6))

@@ -11,8 +11,8 @@ import numpy as np
 
 from ergoqp.limits import Rows, Situation, TwistLimit
 from ergoqp.limits.stop import Stop
+from ergoqp.solvers.solver import FREE
 from ergoqp.step.bounds import movable_rows, no_further, row_bounds
-from ergoqp.step.qp import FREE
 
 SIZES = {
     "posture": (32, 1),

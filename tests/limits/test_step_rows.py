@@ -13,8 +13,8 @@ from situations import DEFAULTS, NAMES, SIZES, bounds_of, brake_of, movable_of
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.stop import Stop
+from ergoqp.solvers.solver import FREE
 from ergoqp.step.bounds import CLEARANCE, ELBOW, STEADY_RETURN, patience, row_bounds, unhurried
-from ergoqp.step.qp import FREE
 
 LIMIT = TwistLimit(0.2, 0.6, 0.6, 2.0)
 SMALL = WorkspaceBox((0.0, 0.0, 0.0), (0.02, 0.3, 1.0))

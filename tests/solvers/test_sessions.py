@@ -12,12 +12,12 @@ import pytest
 from recorded_qps import contradictory, recordings, samples, twice
 
 from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.solvers import SOLVERS, installed_solvers, open_session
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import PARTS, Qp
 from ergoqp.solvers.session import FLAGS
-from ergoqp.solvers.sessions import SESSIONS, installed_sessions, open_session
 
-SOLVERS = installed_sessions()
+INSTALLED = installed_solvers()
 # HiGHS takes a multiplier of some 1e-4 for none, whatever its tolerances say.
 LOOSE = {"highs": 1e-3}
 # They were seen to say solved where it is not, now and then: the reason why the step believes
@@ -45,7 +45,7 @@ def test_the_recorded_answers_are_certified_by_two_solvers() -> None:
             np.testing.assert_allclose(session.solve(*parts(qp)).x, x, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", INSTALLED)
 def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
     tolerance, solved, total = LOOSE.get(name, 1e-6), 0, 0
     for qps in samples():
@@ -73,7 +73,7 @@ def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
     assert solved >= 0.75 * total
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", INSTALLED)
 def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(name: str) -> None:
     for qps in samples():
         first, x = qps[0]
@@ -91,7 +91,7 @@ def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(name: str) -> No
             np.testing.assert_allclose(after.x, x, atol=2 * np.sqrt(LOOSE.get(name, 1e-6)))
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", INSTALLED)
 def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
     qp, x = samples()[0][0]
     session = open_session(name, *qp.size)
@@ -132,7 +132,7 @@ def test_no_rows_and_no_bounds_are_allowed() -> None:
     H, g, free = root @ root.T + np.eye(4), rng.normal(size=4), np.full(4, np.inf)
     # HPIPM has no iteration without an inequality, and says that it failed.
     assert not open_session("hpipm", 4, 0).solve(H, g, np.zeros((0, 4)), [], [], -free, free).found
-    for name in (name for name in SOLVERS if name != "hpipm"):
+    for name in (name for name in INSTALLED if name != "hpipm"):
         answer = open_session(name, 4, 0).solve(H, g, np.zeros((0, 4)), [], [], -free, free)
         np.testing.assert_allclose(answer.x, -np.linalg.solve(H, g), atol=1e-5, err_msg=name)
 
@@ -160,13 +160,13 @@ def test_a_wrong_shape_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, solver in SESSIONS.items() if solver.package not in ("casadi", "daqp")]
+    "name", [name for name, solver in SOLVERS.items() if solver.package not in ("casadi", "daqp")]
 )
 def test_a_solver_that_is_not_installed_is_named_with_its_extra(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    package = SESSIONS[name].package
-    monkeypatch.delitem(sys.modules, f"ergoqp.solvers.sessions.{name}", raising=False)
+    package = SOLVERS[name].package
+    monkeypatch.delitem(sys.modules, f"ergoqp.solvers.{name}", raising=False)
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(
         MissingExtraError,
@@ -177,8 +177,8 @@ def test_a_solver_that_is_not_installed_is_named_with_its_extra(
 
 def test_naming_the_solvers_loads_none_of_them() -> None:
     code = (
-        "import sys, ergoqp.solvers.sessions as s; s.installed_sessions(); print([n for n in"
-        " s.SESSIONS if n in sys.modules])"
+        "import sys, ergoqp.solvers as s; s.installed_solvers(); print([n for n in"
+        " s.SOLVERS if n in sys.modules])"
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() in ("[]", "['daqp']")

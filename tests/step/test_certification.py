@@ -14,10 +14,10 @@ from step_samples import bold_stepper, held_pose, near_comfort, problem_of
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
+from ergoqp.solvers.solver import FREE
 from ergoqp.step.accounting import _rate_excess
 from ergoqp.step.certification import GIVES_WAY, HELD, _floor
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import FREE
 
 
 def floors(problem: Problem, now: float, at_braking: float) -> dict[str, float]:

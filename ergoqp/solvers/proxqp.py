@@ -1,7 +1,4 @@
-"""ProxQP's dense workspace: proximal augmented Lagrangian, warm from the last answer.
-
-Reference: Bambade and others, RSS 2022.
-"""
+"""ProxQP, dense: proximal augmented Lagrangian (Bambade and others, RSS 2022)."""
 
 from __future__ import annotations
 
@@ -12,7 +9,8 @@ from proxsuite import proxqp
 
 from ergoqp.solvers.equalities import pattern_of
 from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, no_answer
+from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver
 
 # On infeasible data it goes on for as long as it is allowed to; what has an answer took 19 outer
 # iterations at most.
@@ -25,7 +23,19 @@ _FLAGS: Final = {
 }
 
 
-class ProxqpBackend:
+class Proxqp(QpSolver):
+    """Exact to its accuracy in a few outer iterations."""
+
+    name = "proxqp"
+    method = "augmented Lagrangian"
+    warm = True
+
+    def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
+        """Return memory that starts warm from x and multipliers."""
+        return _ProxqpWorkspace(n, m, accuracy)
+
+
+class _ProxqpWorkspace:
     """One `proxqp.dense.QP`; set up anew when other bounds meet, as these are its equalities."""
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:

@@ -11,7 +11,8 @@ import casadi as ca
 
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.solvers.sequence import Qp
-from ergoqp.solvers.session import QpAnswer, no_answer
+from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
+from ergoqp.solvers.solver import QpSolver
 
 _INPUTS: Final = ("h", "g", "a", "lba", "uba", "lbx", "ubx")
 _OUTPUTS: Final = ("x", "lam_a", "lam_x")
@@ -24,56 +25,64 @@ def _quiet() -> contextlib.AbstractContextManager[Any]:
     return contextlib.redirect_stdout(io.StringIO())
 
 
-class PluginBackend(abc.ABC):
-    """One CasADi conic function with memory of its own; a subclass says which, with what settings.
+class PluginSolver(QpSolver):
+    """A CasADi conic plugin of the solver's name; a subclass says which, with what settings.
 
     Attributes:
-        plugin: name of the plugin.
-        remembers: whether it goes on from the last QP whatever it is given, so that a cold start
-            needs new memory.
         forgets: whether it must have new memory for every QP.
     """
 
-    plugin: str
-    remembers: bool = False
     forgets: bool = False
-
-    def __init__(self, n: int, m: int, accuracy: float) -> None:
-        """Make the function and its memory."""
-        self._n, self._m = n, m
-        shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
-        options = {"error_on_fail": False, **self.options(n, m, accuracy)}
-        with _quiet():
-            self._evaluator = Evaluator(ca.conic("qp", self.plugin, shapes, options))
-        # Whether the plugin's memory may serve for another QP.
-        self._usable, self._solved = True, False
 
     @abc.abstractmethod
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options for this size."""
 
+    def iterations(self, stats: dict[str, Any]) -> int | None:
+        """Return the solver's count of iterations."""
+        return stats["iter_count"]
+
+    def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
+        """Return the conic function with memory of its own."""
+        return _PluginWorkspace(self, n, m, accuracy)
+
+
+class _PluginWorkspace:
+    """One CasADi conic function, called through its buffers."""
+
+    def __init__(self, solver: PluginSolver, n: int, m: int, accuracy: float) -> None:
+        """Make the function and its memory."""
+        self._solver, self._n, self._m = solver, n, m
+        self._shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
+        self._options = {"error_on_fail": False, **solver.options(n, m, accuracy)}
+        self._evaluator = self._made()
+        # Whether the plugin's memory is new, and whether it may serve for another QP.
+        self._new, self._solved = True, False
+
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from the last answer, where the plugin can."""
-        warm = warm and self._solved
-        if not self._usable or self.forgets or (self.remembers and not warm):
-            with _quiet():
-                self._evaluator.forget()
+        # A plugin that can start warm goes on from the last QP whatever it is given.
+        cold = self._solver.warm and not warm
+        if not self._new and (not self._solved or self._solver.forgets or cold):
+            self._evaluator = self._made()
+        self._new = False
         for name, part in zip(
             _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
         ):
             self._evaluator.inputs[name][:] = part.ravel(order="F")
         self._evaluator.evaluate()
         stats = self._evaluator.stats()
-        flag, count = _flag(stats), self.iterations(stats)
-        self._usable = self._solved = flag == "solved"
+        flag, count = _flag(stats), self._solver.iterations(stats)
+        self._solved = flag == "solved"
         if not self._solved:
             return no_answer(self._n, self._m, flag, count)
         x, rows, box = (self._evaluator.outputs[name].copy() for name in _OUTPUTS)
         return QpAnswer(x, rows, box, flag, count)
 
-    def iterations(self, stats: dict[str, Any]) -> int | None:
-        """Return the solver's count of iterations."""
-        return stats["iter_count"]
+    def _made(self) -> Evaluator:
+        # Of one function CasADi hands out used memory again: only a new one's is new.
+        with _quiet():
+            return Evaluator(ca.conic("qp", self._solver.name, self._shapes, self._options))
 
 
 def _flag(stats: dict[str, Any]) -> str:
@@ -83,35 +92,39 @@ def _flag(stats: dict[str, Any]) -> str:
     return _FLAGS.get(stats["unified_return_status"], "failed")
 
 
-class QrqpBackend(PluginBackend):
+class Qrqp(PluginSolver):
     """CasADi's own active-set method by sparse QR; plain C.
 
     Started from the last multipliers it was seen to cycle, and to say solved with multipliers of
     the wrong sign: always cold.
     """
 
-    plugin = "qrqp"
+    name = "qrqp"
+    method = "active set"
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options; it ends where an active set fits, to its tolerance."""
-        return {**_QUIET, "constr_viol_tol": accuracy / 10, "dual_inf_tol": accuracy / 10}
+        # Where it cycles it would go on for a thousand iterations, and a control step for 0.3 s.
+        tolerances = {"constr_viol_tol": accuracy / 10, "dual_inf_tol": accuracy / 10}
+        return {**_QUIET, **tolerances, "max_iter": 100}
 
 
-class QpoasesBackend(PluginBackend):
+class Qpoases(PluginSolver):
     """qpOASES: a parametric active-set method that goes on from the last QP by homotopy.
 
     Reference: Ferreau and others, Math. Prog. Comp. 6, 2014.
     """
 
-    plugin = "qpoases"
-    remembers = True
+    name = "qpoases"
+    method = "active set"
+    warm = True
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options."""
         return {"printLevel": "none", "nWSR": 1000, "enableEqualities": True}
 
 
-class HpipmBackend(PluginBackend):
+class Hpipm(PluginSolver):
     """HPIPM (Frison and Diehl, IFAC 2020): interior point for optimal control.
 
     Here it solves a single stage without dynamics.
@@ -120,7 +133,8 @@ class HpipmBackend(PluginBackend):
     over; with new memory it does not.
     """
 
-    plugin = "hpipm"
+    name = "hpipm"
+    method = "interior point"
     forgets = True
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
@@ -140,13 +154,14 @@ class HpipmBackend(PluginBackend):
         }
 
 
-class HighsBackend(PluginBackend):
+class Highs(PluginSolver):
     """HiGHS: an active-set QP solver beside its simplex method.
 
     Reference: Huangfu and Hall, Math. Prog. Comp. 10, 2018.
     """
 
-    plugin = "highs"
+    name = "highs"
+    method = "active set"
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options.
