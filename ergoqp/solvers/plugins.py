@@ -21,7 +21,8 @@ _QUIET: Final = {"print_iter": False, "print_header": False, "print_info": False
 
 
 def _quiet() -> contextlib.AbstractContextManager[Any]:
-    # qpOASES greets with its licence whenever memory is made, whatever it is told.
+    # qpOASES greets with its licence whenever memory is made, and shouts at what is infeasible,
+    # whatever it is told.
     return contextlib.redirect_stdout(io.StringIO())
 
 
@@ -70,7 +71,8 @@ class _PluginWorkspace:
             _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
         ):
             self._evaluator.inputs[name][:] = part.ravel(order="F")
-        self._evaluator.evaluate()
+        with _quiet():
+            self._evaluator.evaluate()
         stats = self._evaluator.stats()
         flag, count = _flag(stats), self._solver.iterations(stats)
         self._solved = flag == "solved"

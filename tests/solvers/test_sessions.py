@@ -74,7 +74,9 @@ def test_answers_are_the_certified_ones_cold_and_warm(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", INSTALLED)
-def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(name: str) -> None:
+def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(
+    name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     for qps in samples():
         first, x = qps[0]
         session = open_session(name, first.size[0], first.size[1] + 2)
@@ -89,6 +91,9 @@ def test_what_is_infeasible_is_never_solved_and_leaves_no_trace(name: str) -> No
         if before.found:
             np.testing.assert_allclose(after.x, before.x, atol=1e-5)
             np.testing.assert_allclose(after.x, x, atol=2 * np.sqrt(LOOSE.get(name, 1e-6)))
+        for warm in (False, True):
+            session.solve_qp(contradictory(first), warm)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", INSTALLED)
