@@ -6,9 +6,10 @@ row where rows must give way. From the twist QPs near singular, nearly infeasibl
 ones are made (`ergoqp.comparison.derive`). Every solver stays in memory from one QP to the next
 where it can (quadprog, piqp and clarabel are called through qpsolvers, which sets them up anew), is
 set to 1e-6, gets everything cold, and, if it can start warm, the recorded sequences warm too. Times
-are of the call from Python, new data included, in one process, the lesser of two passes. What it says is judged apart (`ergoqp.solvers.judge`): primal residual, dual residual, gap
-and signs of multipliers, absolute, in the infinity norm. ``--quick`` takes fewer steps, and shorter
-stretches of them.
+are of the call from Python, new data included, in one process, the lesser of two passes. What it
+says is judged apart (`ergoqp.solvers.judge`): primal residual, dual residual, gap and signs of
+multipliers, absolute, in the infinity norm. ``--quick`` takes fewer steps, and shorter stretches of
+them.
 
 Per solver S, of those that are installed:
 

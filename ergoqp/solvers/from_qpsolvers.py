@@ -84,6 +84,7 @@ class Clarabel(FromQpsolvers):
         names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
         refined = ("iterative_refinement_abstol", "iterative_refinement_reltol")
         exact = dict.fromkeys(refined, 1e-14) | {"static_regularization_constant": 1e-12}
+        exact |= {"presolve_enable": False}
         return dict.fromkeys(names, accuracy / 100) | exact
 
 

@@ -30,10 +30,10 @@ class PluginSolver(QpSolver):
     """A CasADi conic plugin of the solver's name; a subclass says which, with what settings.
 
     Attributes:
-        forgets: whether it must have new memory for every QP.
+        rebinds: whether it must be told anew for every QP where the data lie.
     """
 
-    forgets: bool = False
+    rebinds: bool = False
 
     @abc.abstractmethod
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
@@ -56,16 +56,17 @@ class _PluginWorkspace:
         self._solver, self._n, self._m = solver, n, m
         self._shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
         self._options = {"error_on_fail": False, **solver.options(n, m, accuracy)}
-        self._evaluator = self._made()
-        # Whether the plugin's memory is new, and whether it may serve for another QP.
-        self._new, self._solved = True, False
+        self._solved = False
+        self._renew()
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from the last answer, where the plugin can."""
-        # A plugin that can start warm goes on from the last QP whatever it is given.
-        cold = self._solver.warm and not warm
-        if not self._new and (not self._solved or self._solver.forgets or cold):
-            self._evaluator = self._made()
+        # A plugin that can start warm goes on from the last QP whatever it is given; and what a
+        # failed solve leaves behind is no place to start from.
+        if not self._new and (not self._solved or (self._solver.warm and not warm)):
+            self._renew()
+        elif not self._new and self._solver.rebinds:
+            self._bind()
         self._new = False
         for name, part in zip(
             _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
@@ -81,10 +82,16 @@ class _PluginWorkspace:
         x, rows, box = (self._evaluator.outputs[name].copy() for name in _OUTPUTS)
         return QpAnswer(x, rows, box, flag, count)
 
-    def _made(self) -> Evaluator:
+    def _renew(self) -> None:
         # Of one function CasADi hands out used memory again: only a new one's is new.
         with _quiet():
-            return Evaluator(ca.conic("qp", self._solver.name, self._shapes, self._options))
+            self._function = ca.conic("qp", self._solver.name, self._shapes, self._options)
+        self._bind()
+        self._new = True
+
+    def _bind(self) -> None:
+        with _quiet():
+            self._evaluator = Evaluator(self._function)
 
 
 def _flag(stats: dict[str, Any]) -> str:
@@ -131,13 +138,13 @@ class Hpipm(PluginSolver):
 
     Here it solves a single stage without dynamics.
 
-    From buffers that stay where they are, its interface was seen to answer the first QP over and
-    over; with new memory it does not.
+    Called again on the same buffers, its interface was seen to answer the first QP over and over;
+    bound to buffers anew it does not.
     """
 
     name = "hpipm"
     method = "interior point"
-    forgets = True
+    rebinds = True
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options.
