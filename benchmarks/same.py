@@ -104,7 +104,7 @@ def record(name: str, kind: str, number: int, folder: Path) -> None:
                 rng.choice([0.05, 0.15, 0.3]) * rng.normal(size=n) if n == 32 else 0.0
             )
             pose, twist = np.array(contact(posture)[0]), np.zeros(6)
-            state = np.ravel(initial_state(model))
+            state = np.array(initial_state(model)).ravel()
         posture = posture + (0.002 * rng.normal(size=n) if n == 32 else 0.0)
         seen = posture + (np.radians(0.3) * rng.normal(size=n) if n == 32 else 0.0)
         odd = rng.random()
@@ -134,7 +134,7 @@ def record(name: str, kind: str, number: int, folder: Path) -> None:
         row = np.concatenate([_column(given[key], size) for key, size in sizes.items()])
         kept.append(row)
         out = dict(zip(function.name_out(), function(*_arguments(row, function)), strict=True))
-        twist, state = np.ravel(out["twist"]), np.ravel(out["next_state"])
+        twist, state = (np.array(out[key]).ravel() for key in ("twist", "next_state"))
         refused += int(float(out["status"]) >= 4)
         moving += bool(np.any(twist))
     np.savez(folder / f"in_{name}_{kind}.npz", rows=np.array(kept), refused=refused, moving=moving)
@@ -169,7 +169,7 @@ def answer(name: str, kind: str, folder: Path, out: str) -> None:
     recorded = folder / f"in_{name}_{'guided' if kind == 'guided' else 'plain'}.npz"
     rows = np.load(recorded)["rows"]
     results = [
-        np.concatenate([np.ravel(part, order="F") for part in function(*_arguments(row, function))])
+        np.concatenate([np.array(part).ravel("F") for part in function(*_arguments(row, function))])
         for row in rows
     ]
     np.save(folder / f"{out}_{name}_{kind}.npy", np.array(results))

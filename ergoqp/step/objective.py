@@ -18,7 +18,8 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
 from ergoqp.step.rest import HUNTING
 
-_CAUTION_EPS: Final = 0.1
+CAUTION_EPS: Final = 0.1
+"""Keeps the Gauss-Newton curvature finite where the cost is least."""
 
 _HESITATES: Final = 0.25
 """Moving gets dearer after so many times `Control.stall_after` without an improvement.
@@ -120,7 +121,7 @@ def objective(
     ahead = control.look_ahead
     S = S[moved, :]
     slope = S.T @ known["gradient"][moved]
-    excess = ca.fmax(known["total"] - problem.cost.minimum, 0) + _CAUTION_EPS
+    excess = ca.fmax(known["total"] - problem.cost.minimum, 0) + CAUTION_EPS
     weighted = S * ca.repmat(
         ca.DM(ahead * np.sqrt(control.caution * problem.response.weight_vector[moved])), 1, 6
     )

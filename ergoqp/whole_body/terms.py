@@ -21,11 +21,8 @@ from ergoqp.solvers import solver_named
 from ergoqp.step.answer import Step
 from ergoqp.step.data import QP_DATA, movable_names, qp_data
 from ergoqp.step.model import StepModel
-from ergoqp.step.objective import cost_function
+from ergoqp.step.objective import CAUTION_EPS, cost_function
 from ergoqp.step.qp import build_qp
-
-_CAUTION_EPS: Final = 0.1
-"""As in the control step: keeps the Gauss-Newton curvature finite where the cost is least."""
 
 
 SAME: Final = 1e-6
@@ -68,7 +65,7 @@ def terms_function(problem: Problem) -> ca.Function:
     parts = dict(zip((data.name_out(i) for i in range(data.n_out())), data(*given), strict=True))
     _, value, gradient = cost_function(StepModel(problem))(posture, observed)
     ahead, control = problem.control.look_ahead, problem.control
-    excess = ca.fmax(value - problem.cost.minimum, 0) + _CAUTION_EPS
+    excess = ca.fmax(value - problem.cost.minimum, 0) + CAUTION_EPS
     caution = ahead * np.sqrt(control.caution * problem.response.weight_vector)
     parts["slope"] = ahead * gradient
     parts["root"] = ca.vertcat(
