@@ -24,7 +24,6 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.objective import CAUTION_EPS, cost_function
 from ergoqp.step.qp import build_qp
 
-
 SAME: Final = 1e-6
 """Twists this near to each other count as the same [m/s, rad/s]."""
 
