@@ -21,9 +21,9 @@ from ergoqp.joints import JOINTS
 from ergoqp.learning.model_file import load_model, save_model
 from ergoqp.learning.one_class import load_one_class
 from ergoqp.paths import data_folder
-from ergoqp.placing.find import optimise
 from ergoqp.placing.ledger import FILE as LEDGER
 from ergoqp.placing.ledger import Ledger
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.problem_files.load import load_problem
 from ergoqp.recordings import load_recording
@@ -201,7 +201,7 @@ def ledgers(folder: Path) -> Kind:
 
 def optima(folder: Path) -> Kind:
     """Optima, and the guides that they are read as."""
-    from ergoqp.step.place import read_guide
+    from ergoqp.step.guide.place import read_guide
 
     problem = load_problem("screwing")
     best = optimise(problem, problem.response.comfort, starts=1, seed=0)  # pyright: ignore

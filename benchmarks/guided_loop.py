@@ -47,8 +47,8 @@ from ergoqp.placing.optimum import Optimum
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import Start, Trace
 from ergoqp.simulation.people import sample_person
+from ergoqp.step.guide.trial import BACK, THERE
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.trial import BACK, THERE
 
 FIRST_PERSON = 20
 """Seed of the first person: none whom anything was chosen on."""

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best import draw_starts, frame_of, workspace_map
+from ergoqp.simulation.best_place import draw_starts, frame_of, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Start, Trace, power_above, run_loop, settle_time
 from ergoqp.simulation.person import Follower

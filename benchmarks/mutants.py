@@ -46,7 +46,7 @@ from benchmarks.report import Report, run
 ROOT: Final = Path(__file__).resolve().parents[1]
 
 MUTATED: Final = (
-    "ergoqp/step/*.py",
+    "ergoqp/step/**/*.py",
     "ergoqp/limits/*.py",
     "ergoqp/export/layout.py",
     "ergoqp/simulation/check.py",
@@ -75,9 +75,9 @@ TESTS: Final = (
 PINNED: Final = "tests/step/test_pinned.py"
 
 READS: Final = {
-    "ergoqp/sheets/reba.toml": "ergoqp/sheets/score.py",
+    "ergoqp/sheets/reba.toml": "ergoqp/sheets/look_up.py",
     "ergoqp/sheets/interval.toml": "ergoqp/sheets/interval.py",
-    "ergoqp/step/causes.py": "ergoqp/step/reasons.py",
+    "ergoqp/step/answer/causes.py": "ergoqp/step/answer/reasons.py",
 }
 """Code that uses a file of data, or of nothing but names: the tests that run it judge the file."""
 

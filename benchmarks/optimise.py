@@ -46,10 +46,10 @@ import numpy as np
 
 from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.start import RESIDUAL
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best import draw_starts, workspace_map
+from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.starts import awkward_start

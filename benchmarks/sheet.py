@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.report import Report, run, shared_folder
 from ergoqp import reba
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.sheets.method import sheet_of
+from ergoqp.sheets.options import sheet_of
 
 SEGMENTS = {
     "neck": "neck",

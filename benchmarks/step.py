@@ -47,7 +47,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.loop import run_loop, start_at
 from ergoqp.simulation.people import sample_person
-from ergoqp.step.data import qp_data
+from ergoqp.step.program.data import qp_data
 from ergoqp.step.stepper import Stepper
 
 Call = tuple[Any, Any, float]

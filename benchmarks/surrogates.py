@@ -53,7 +53,7 @@ from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import posture_data
 from ergoqp.joints import SIDES
 from ergoqp.paths import data_folder
-from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.options import Method, sheet_of
 
 SEED, UNSEEN = 0, 2024
 """Seeds of the postures that costs are fitted to, and of those that judge them."""

@@ -22,7 +22,7 @@ from ergoqp.joints import JOINTS as JOINTS
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
     from ergoqp.costs.learned import load_cost as load_cost
-    from ergoqp.placing.find import optimise as optimise
+    from ergoqp.placing.optimise import optimise as optimise
     from ergoqp.problem.control import Control as Control
     from ergoqp.problem.problem import Problem as Problem
     from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
@@ -30,23 +30,23 @@ if TYPE_CHECKING:
     from ergoqp.recordings.load import load_recording as load_recording
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
-    from ergoqp.step.answer import Step as Step
+    from ergoqp.step.answer.step import Step as Step
     from ergoqp.step.function import step_function as step_function
-    from ergoqp.step.log import replay as replay
+    from ergoqp.step.replay import replay as replay
     from ergoqp.step.stepper import Stepper as Stepper
 
 _LATER = {
     "Control": "ergoqp.problem.control",
     "DeclaredRobot": "ergoqp.problem.robot",
     "Problem": "ergoqp.problem.problem",
-    "Step": "ergoqp.step.answer",
+    "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
     "compare": "ergoqp.comparison.compare",
     "load_cost": "ergoqp.costs.learned",
     "load_problem": "ergoqp.problem_files.load",
     "load_recording": "ergoqp.recordings.load",
-    "optimise": "ergoqp.placing.find",
-    "replay": "ergoqp.step.log",
+    "optimise": "ergoqp.placing.optimise",
+    "replay": "ergoqp.step.replay",
     "simulate": "ergoqp.simulation.simulate",
     "step_function": "ergoqp.step.function",
 }

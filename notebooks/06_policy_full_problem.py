@@ -14,7 +14,7 @@ import studies
 from matplotlib import pyplot as plt
 
 from ergoqp import load_problem
-from ergoqp.simulation.best import workspace_map
+from ergoqp.simulation.best_place import workspace_map
 from ergoqp.simulation.people import sample_person
 from ergoqp.studies.policy import RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
 

@@ -27,7 +27,7 @@ from ergoqp.limits import (
     WorkspaceBox,
 )
 from ergoqp.limits.limit import Rows, Situation, straight_margins
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
@@ -36,7 +36,7 @@ from ergoqp.simulation.people import Senses
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
-from ergoqp.step.place import Guide
+from ergoqp.step.guide.place import Guide
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import WholeBody
 

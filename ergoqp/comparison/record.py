@@ -31,7 +31,7 @@ from ergoqp.solvers.solver import NumericFunction, numeric
 from ergoqp.step.function import build_step
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.program.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
 STILL: Final = 1.0

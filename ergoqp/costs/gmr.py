@@ -23,8 +23,8 @@ from ergoqp.arguments import (
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ModelError
-from ergoqp.learning.em import em, estimate, mixture_of
-from ergoqp.learning.mixture import MixtureRegression, Prediction
+from ergoqp.learning.mixture_em import em, estimate, mixture_of
+from ergoqp.learning.mixture_regression import MixtureRegression, Prediction
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture

@@ -41,7 +41,7 @@ from ergoqp.learning.network import (
     train,
 )
 from ergoqp.learning.network_expression import dense_layers, led_back, soft_steps
-from ergoqp.sheets.method import Method, read_method
+from ergoqp.sheets.options import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
 _MOST_SCORES: Final = 30

@@ -26,7 +26,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.description import Segment, Sheet
-from ergoqp.sheets.method import Method, read_method, sheet_of
+from ergoqp.sheets.options import Method, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
 from ergoqp.sheets.task import DEFAULTS, Task, TaskOptions, read_task
 

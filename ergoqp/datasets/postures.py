@@ -21,7 +21,7 @@ from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.sheets.description import load_description
 from ergoqp.sheets.interval import score_interval
-from ergoqp.sheets.method import Method, read_method
+from ergoqp.sheets.options import Method, read_method
 from ergoqp.sheets.task import TaskOptions
 
 LABELS: Final = ("sheet", "interval")

@@ -20,8 +20,8 @@ from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets.description import TIE, Segment, Sheet
 from ergoqp.sheets.interval import FINAL_MAX, interval_ranges, interval_sheet
-from ergoqp.sheets.method import Method, read_method, sheet_of
-from ergoqp.sheets.score import look_up, score_final, score_segment
+from ergoqp.sheets.look_up import look_up, score_final, score_segment
+from ergoqp.sheets.options import Method, read_method, sheet_of
 from ergoqp.sheets.task import Task, TaskOptions, read_task
 
 _CLEAR: Final = 2 * TIE

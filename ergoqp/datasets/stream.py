@@ -12,7 +12,7 @@ from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.datasets.sampler import sheet_sampler
 from ergoqp.errors import InputError
 from ergoqp.sheets import reba
-from ergoqp.sheets.method import Method
+from ergoqp.sheets.options import Method
 from ergoqp.sheets.task import TaskOptions
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from ergoqp._version import __version__
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.step.causes import Cause, Status
-from ergoqp.step.faults import Fault
-from ergoqp.step.history import SHORTEST_DT
+from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
+from ergoqp.step.robot_watch.faults import Fault
 from ergoqp.step.state import initial_state
+from ergoqp.step.under_way.history import SHORTEST_DT
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The region where there were data: a one-class SVM with radial kernels.
 
 It decides by f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u - s|^2) and the
-scaled point u = (x - mean) / scale: inside where f >= 0. Its margin is in `ergoqp.learning.margin`.
+scaled point u = (x - mean) / scale: inside where f >= 0. Its margin is in
+`ergoqp.learning.one_class_margin`.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from ergoqp.arguments import check_number, check_real, flag, names_of, table_of_
 from ergoqp.coordinates import Coordinates
 from ergoqp.errors import ModelError
 from ergoqp.learning.kernels import Kernel, KernelSum
-from ergoqp.learning.margin import Margin
 from ergoqp.learning.model_file import load_model, save_model
+from ergoqp.learning.one_class_margin import Margin
 from ergoqp.learning.pipelines import dense, sklearn, unpack
 
 KIND: Final = "one_class"

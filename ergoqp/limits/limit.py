@@ -182,7 +182,8 @@ class Limit(Protocol):
             attribute it does not. A problem has one at most.
         holds: what of the world it holds, in a word, where places, optimum and checker know how to
             judge that: ``"workspace"``, ``"tool axis"``, ``"joints"``, ``"boundary"`` or
-            ``"length"``. Without the attribute they go by `rows` alone, see `ergoqp.limits.own`.
+            ``"length"``. Without the attribute they go by `rows` alone, see
+            `ergoqp.limits.own_rows`.
         state: names of the coordinates that it is about; without the attribute any serve.
         commanded: whether the twist must be the velocity of that state itself; without the
             attribute it need not.

@@ -22,11 +22,11 @@ class Stop:
     Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the
     last twist to this one, and the object moves by the half of this period that belongs to u and by
     the stop, u (dt / 2 + t_b / 2); what was planned before is under way already
-    (`ergoqp.step.way`). But a period is held at the mean of its end, which is more than it was on
-    the way there while the mean still rises: by h times the rise at most, for periods up to h. By
-    how much it rises without u is under way too; with u it is at most u, and at most a dt, more.
-    And the last period of a stop is a line down to rest that ends later than the stop would have,
-    by at most min(u h / 2, a h^2 / 8).
+    (`ergoqp.step.under_way.motion`). But a period is held at the mean of its end, which is more
+    than it was on the way there while the mean still rises: by h times the rise at most, for
+    periods up to h. By how much it rises without u is under way too; with u it is at most u, and at
+    most a dt, more. And the last period of a stop is a line down to rest that ends later than the
+    stop would have, by at most min(u h / 2, a h^2 / 8).
 
     Attributes:
         limit: speeds and accelerations.

@@ -15,8 +15,8 @@ from ergoqp.files.text import json_of
 from ergoqp.joints import JOINTS
 from ergoqp.limits import OneClassBoundary, TwistLimit
 from ergoqp.placing.optimum import Trial
+from ergoqp.placing.person_values import response_as_dict
 from ergoqp.placing.start import PlaceTask
-from ergoqp.placing.who import response_as_dict
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
 

@@ -14,7 +14,7 @@ from ergoqp.expressions.quaternions import pose_as_dict, pose_from_dict
 from ergoqp.files.text import read_json
 from ergoqp.files.whole import write_json
 from ergoqp.joints import JOINTS
-from ergoqp.placing.who import plain, response_as_dict, response_from_dict
+from ergoqp.placing.person_values import plain, response_as_dict, response_from_dict
 from ergoqp.responses.ik import IkResponse
 
 FILE = "optimum.json"

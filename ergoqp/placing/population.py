@@ -11,7 +11,7 @@ from ergoqp.arguments import as_tuple, check_real, shown
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.human import Body
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
@@ -87,7 +87,7 @@ def best_of_population(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> list[Found]:
-    """Return everybody's own best place; see `ergoqp.placing.find.optimise`.
+    """Return everybody's own best place; see `ergoqp.placing.optimise.optimise`.
 
     Args:
         people: (label, problem), as `population` yields them.

@@ -11,7 +11,7 @@ import numpy as np
 from ergoqp.placing.group.search import Placing
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best import outward, settle_in_order
+from ergoqp.simulation.best_place import outward, settle_in_order
 from ergoqp.simulation.loop import Start
 from ergoqp.simulation.person import Follower
 

@@ -16,7 +16,7 @@ from ergoqp.limits import TwistLimit
 from ergoqp.limits.limit import RECOVERY_TIMES
 from ergoqp.problem.control import Control
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.sheets.method import Method
+from ergoqp.sheets.options import Method
 from ergoqp.sheets.reba import assess
 from ergoqp.sheets.task import TaskOptions
 

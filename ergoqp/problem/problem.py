@@ -20,7 +20,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.limits import Limit, TwistLimit, WorkspaceBox
-from ergoqp.limits.own import OwnLimits
+from ergoqp.limits.own_rows import OwnLimits
 from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_kinds
@@ -111,7 +111,7 @@ class Problem:
 
     @cached_property
     def own_limits(self) -> OwnLimits:
-        """The limits unknown to the package, for looking at places: see `ergoqp.limits.own`."""
+        """The limits unknown to the package, looked at as rows: see `ergoqp.limits.own_rows`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
 
     @cached_property

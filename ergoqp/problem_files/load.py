@@ -35,7 +35,7 @@ from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.mistakes import listed, mistakes, unusual
-from ergoqp.problem_files.own import build_own, file_table, own_tables
+from ergoqp.problem_files.own_terms import build_own, file_table, own_tables
 from ergoqp.problem_files.tables import (
     FileTable,
     JointsTable,

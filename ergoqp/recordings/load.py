@@ -18,7 +18,6 @@ from ergoqp.joints import spoken
 from ergoqp.recordings.bvh.read import read_bvh
 from ergoqp.recordings.fitting.axes import find_unit, find_up, to_world
 from ergoqp.recordings.fitting.centre_model import BASE, CentreModel
-from ergoqp.recordings.fitting.fit import fit
 from ergoqp.recordings.fitting.hands import place_hands
 from ergoqp.recordings.fitting.head import rest_lean, straighten_head
 from ergoqp.recordings.fitting.person import (
@@ -27,6 +26,7 @@ from ergoqp.recordings.fitting.person import (
     measured_person,
     suggested_stature,
 )
+from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
 from ergoqp.recordings.recording import Recording

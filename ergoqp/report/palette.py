@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.sheets import reba
-from ergoqp.sheets.method import sheet_of
+from ergoqp.sheets.options import sheet_of
 
 COLOURS: Final = ("#1f8a8c", "#9ccf9b", "#f7dc6f", "#dd6b20", "#a3123a")
 """Fill of level 0 to 4, lowest risk first."""

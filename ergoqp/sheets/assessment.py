@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
 from ergoqp.sheets.description import TIE, Segment, Sheet
-from ergoqp.sheets.method import Method, sheet_of
-from ergoqp.sheets.postures import check_angles
-from ergoqp.sheets.score import (
+from ergoqp.sheets.look_up import (
     Scores8,
     look_up,
     score_final,
@@ -22,6 +20,8 @@ from ergoqp.sheets.score import (
     score_side,
     score_worse_segments,
 )
+from ergoqp.sheets.options import Method, sheet_of
+from ergoqp.sheets.postures import check_angles
 from ergoqp.sheets.task import Task
 from ergoqp.sheets.words import explain_segment
 

@@ -1,8 +1,8 @@
 """A sheet as data: the parts of a posture sheet, read from a TOML file and the values of a method.
 
 Three readings stand on these parts and on nothing else: the exact score
-(:mod:`ergoqp.sheets.score`), the reasons in words (:mod:`ergoqp.sheets.words`) and the smooth score
-(:mod:`ergoqp.costs.smooth_reba`). Nothing here knows which sheet it is.
+(:mod:`ergoqp.sheets.look_up`), the reasons in words (:mod:`ergoqp.sheets.words`) and the smooth
+score (:mod:`ergoqp.costs.smooth_reba`). Nothing here knows which sheet it is.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.people import Senses
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind
-from ergoqp.step.place import Guide
+from ergoqp.step.guide.place import Guide
 
 
 def about_person(

@@ -16,7 +16,7 @@ from ergoqp.files.whole import whole, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.sheets.reba import Assessment
-from ergoqp.step.place import Guide
+from ergoqp.step.guide.place import Guide
 
 
 @dataclass(frozen=True)

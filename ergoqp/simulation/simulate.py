@@ -25,7 +25,7 @@ from ergoqp.simulation.people import Senses, sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
-from ergoqp.step.place import read_guide
+from ergoqp.step.guide.place import read_guide
 from ergoqp.step.stepper import Stepper
 
 _SOLVER = "daqp"
@@ -65,7 +65,7 @@ def simulate(
         progress: called now and then with the share that is done.
         guide: a place that the control step is drawn to where descent alone comes to rest at a
             worse one: the optimum of `ergoqp.optimise` or a pose (4, 4), see
-            `ergoqp.step.place.read_guide`; None: descent alone.
+            `ergoqp.step.guide.place.read_guide`; None: descent alone.
         robot: how the robot really does what it is sent; None: as badly as the problem declares it.
         senses: what lies between person and controller, constant errors of angles too; None: the
             usual noise.

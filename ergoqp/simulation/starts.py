@@ -10,7 +10,7 @@ import numpy as np
 from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best import TURNS, tilted_frames
+from ergoqp.simulation.best_place import TURNS, tilted_frames
 from ergoqp.simulation.person import Follower
 
 PLACES = 40

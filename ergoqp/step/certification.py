@@ -14,12 +14,12 @@ from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.bounds import MOVES, bends, patience
-from ergoqp.step.margins import Margins, situations_of, smallest_margins
+from ergoqp.step.guide.trial import trial_update
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.program.bounds import MOVES, bends, patience
+from ergoqp.step.program.margins import Margins, situations_of, smallest_margins
+from ergoqp.step.program.qp import TOLERANCE
 from ergoqp.step.rest import rest_update
-from ergoqp.step.trial import trial_update
 
 HELD: Final = 1e-12
 """Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
@@ -63,7 +63,8 @@ _JOURNEY: Final = ("promise", "value", "trial", "distance", "on")
 def judge_function(model: StepModel) -> ca.Function:
     """Return what the object should do by this answer, and whether that can be certified as it is.
 
-    Guided, what is known of the trial of the given place is judged too, see `ergoqp.step.guide`.
+    Guided, what is known of the trial of the given place is judged too, see
+    `ergoqp.step.guide.pull`.
 
     Returns:
         Function ``(...) -> (wanted, brake, now, solved, outside, next_rest, whole, next_trial)``:

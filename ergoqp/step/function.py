@@ -14,20 +14,20 @@ from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers import QpSolver, solver_named
-from ergoqp.step.accounting import account_function
-from ergoqp.step.asked import asked_update, still_asks
+from ergoqp.step.answer.accounting import account_function
 from ergoqp.step.certification import judge_function, shortened
-from ergoqp.step.counted import landing
-from ergoqp.step.data import away_function
-from ergoqp.step.guide import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
+from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS, pull_function
 from ergoqp.step.inputs import INPUTS, OUTPUTS, read_inputs
 from ergoqp.step.model import StepModel
-from ergoqp.step.objective import cost_function, gain_function
-from ergoqp.step.parts import joined, split
-from ergoqp.step.passes import solve_passes
+from ergoqp.step.packing import joined, split
+from ergoqp.step.program.asked_back import asked_update, still_asks
+from ergoqp.step.program.data import away_function
+from ergoqp.step.program.locking import solve_passes
+from ergoqp.step.program.objective import cost_function, gain_function
 from ergoqp.step.rest import stalled
-from ergoqp.step.watch import watch
-from ergoqp.step.way import UnderWay, next_history, under_way
+from ergoqp.step.robot_watch.watch import watch
+from ergoqp.step.under_way.landing import landing
+from ergoqp.step.under_way.motion import UnderWay, next_history, under_way
 
 
 def step_function(
@@ -40,7 +40,7 @@ def step_function(
         solver: name of the QP solver, see `ergoqp.solvers`.
         compiled: through the C compiler into the user's cache; the solver is then DAQP.
         guided: with the inputs of a step that can be drawn toward a given place, see
-            `ergoqp.step.guide`.
+            `ergoqp.step.guide.pull`.
 
     Raises:
         InputError: if the solver is unknown, or not the one that is compiled.
@@ -77,7 +77,7 @@ def build_step(
         name: of the function.
         guided: whether the step can be drawn toward a given place: it then has `GUIDE_INPUTS` and
             `GUIDE_OUTPUTS` too, and is the same step to the last bit where ``guided`` is 0. See
-            `ergoqp.step.guide`.
+            `ergoqp.step.guide.pull`.
         unrolled: every operation on its own instead of vectors: what a compiler makes the fastest
             code of, and an interpreter the slowest.
     """

@@ -13,10 +13,10 @@ import casadi as ca
 from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import exp_rotation, is_rigid, normalised
 from ergoqp.problem.problem import Problem
-from ergoqp.step.causes import Cause
+from ergoqp.step.answer.causes import Cause
 from ergoqp.step.model import StepModel
-from ergoqp.step.watch import reckoned
-from ergoqp.step.way import UnderWay
+from ergoqp.step.robot_watch.watch import reckoned
+from ergoqp.step.under_way.motion import UnderWay
 
 INPUTS: Final = (
     "posture",
@@ -70,7 +70,8 @@ def read_inputs(
         far as it is known; ``previous``, the twist that was planned last; ``dt``; whether a pose
         was ``measured``, and from now on is known (``next_started``); whether a twist is ``told``;
         whether the object has to ``stop``; ``causes`` why the step can only brake, by `Cause`; the
-        ``next_account`` of `ergoqp.step.watch.reckoned`; and all that was given beside these.
+        ``next_account`` of `ergoqp.step.robot_watch.watch.reckoned`; and all that was given beside
+        these.
     """
     seen = is_set(given["observed"])
     usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)

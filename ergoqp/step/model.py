@@ -14,13 +14,13 @@ from ergoqp.limits import Limit, Situation
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking
 from ergoqp.problem.problem import Problem
-from ergoqp.step.bounds import limit_values, movable_rows
-from ergoqp.step.history import History
-from ergoqp.step.parts import Sizes, count
+from ergoqp.step.guide.trial import TRIAL
+from ergoqp.step.packing import Sizes, count
+from ergoqp.step.program.bounds import limit_values, movable_rows
 from ergoqp.step.rest import STATES
-from ergoqp.step.story import watch_blocks
-from ergoqp.step.trial import TRIAL
-from ergoqp.step.way_parts import WayLayout
+from ergoqp.step.robot_watch.memory import watch_blocks
+from ergoqp.step.under_way.history import History
+from ergoqp.step.under_way.parts import WayLayout
 
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
 """Where the object comes to rest, and what the present period begins with."""

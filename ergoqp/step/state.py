@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ergoqp.step.history import initial_history
 from ergoqp.step.model import StepModel
-from ergoqp.step.watch import taken_over
+from ergoqp.step.robot_watch.watch import taken_over
+from ergoqp.step.under_way.history import initial_history
 
 
 def initial_state(model: StepModel, twist: np.ndarray | None = None) -> np.ndarray:

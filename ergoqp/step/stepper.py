@@ -14,17 +14,17 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer import Step
-from ergoqp.step.causes import Cause, Status
+from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.answer.step import Step
 from ergoqp.step.function import step_function
-from ergoqp.step.history import SHORTEST_DT
+from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.guide.trial import TRIAL
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import count
-from ergoqp.step.place import Guide, read_guide
+from ergoqp.step.packing import count
 from ergoqp.step.rest import STATES, stalled
 from ergoqp.step.state import initial_state
-from ergoqp.step.trial import TRIAL
-from ergoqp.step.values import number, put, truth
+from ergoqp.step.under_way.history import SHORTEST_DT
+from ergoqp.step.user_values import number, put, truth
 
 _ROUNDING: Final = 1e-9
 """What is beyond a speed limit by less is within it [m/s, rad/s]."""
@@ -46,8 +46,8 @@ class Stepper:
             gives the same answers again); an exception in it is not passed on: the loop goes on,
             the step's reason says that it is not recorded, and the next one is tried again.
         guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum
-            of `ergoqp.optimise`, or a pose (4, 4), see `ergoqp.step.place.read_guide`. Limits are
-            what they are without.
+            of `ergoqp.optimise`, or a pose (4, 4), see `ergoqp.step.guide.place.read_guide`. Limits
+            are what they are without.
 
     Raises:
         InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.

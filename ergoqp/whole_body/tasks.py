@@ -50,8 +50,8 @@ class ErgonomicTask(_MomentTask):
     It is T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
 
     B is Gauss-Newton on V, made finite near the least cost by the step's caution, see
-    `ergoqp.step.objective`. It acts on the posture's own unknowns, as a cost of the posture should;
-    the tie makes the object feel it through S.
+    `ergoqp.step.program.objective`. It acts on the posture's own unknowns, as a cost of the posture
+    should; the tie makes the object feel it through S.
     """
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:

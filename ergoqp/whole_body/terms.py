@@ -18,11 +18,11 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.solvers import solver_named
-from ergoqp.step.answer import Step
-from ergoqp.step.data import QP_DATA, movable_names, qp_data
+from ergoqp.step.answer.step import Step
 from ergoqp.step.model import StepModel
-from ergoqp.step.objective import CAUTION_EPS, cost_function
-from ergoqp.step.qp import build_qp
+from ergoqp.step.program.data import QP_DATA, movable_names, qp_data
+from ergoqp.step.program.objective import CAUTION_EPS, cost_function
+from ergoqp.step.program.qp import build_qp
 
 SAME: Final = 1e-6
 """Twists this near to each other count as the same [m/s, rad/s]."""
@@ -48,7 +48,7 @@ def person_of(problem: Problem) -> IkResponse:
 def terms_function(problem: Problem) -> ca.Function:
     """Return everything that the whole-body QP takes from the control step, as one function.
 
-    Takes what `ergoqp.step.data.qp_data` takes and returns, beside its data,
+    Takes what `ergoqp.step.program.data.qp_data` takes and returns, beside its data,
 
     - ``slope`` (32,): T dV/dq, what the cost says about each joint [points s/rad];
     - ``root`` (33, 32): a matrix whose Gram matrix is T^2 B, the step's curvature in the posture;

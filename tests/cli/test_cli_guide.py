@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import mistake
 
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.problem_files.load import load_problem
 
 

@@ -18,7 +18,7 @@ from ergoqp.responses import LinearResponse
 from ergoqp.solvers.judge import judge
 from ergoqp.solvers.sequence import Qp, QpSequence
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import split
+from ergoqp.step.packing import split
 
 
 @cache

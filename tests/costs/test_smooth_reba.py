@@ -15,7 +15,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.sheets.method import sheet_of
+from ergoqp.sheets.options import sheet_of
 
 OPTIONS = [
     {},

@@ -8,7 +8,7 @@ from ergoqp import reba
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import InputError
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.sheets.method import sheet_of
+from ergoqp.sheets.options import sheet_of
 
 
 def rejected(count, rng):

@@ -17,7 +17,7 @@ from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.export.layout import c_string, header
-from ergoqp.step.causes import Status
+from ergoqp.step.answer.causes import Status
 from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")

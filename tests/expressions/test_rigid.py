@@ -13,7 +13,7 @@ from step_samples import comfort_of, held_pose, near_comfort, problem_of
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.limits import AxisCone
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 

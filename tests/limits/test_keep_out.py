@@ -20,9 +20,9 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.place import Guide
+from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide.trial import THERE, TRIAL
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.trial import THERE, TRIAL
 
 REGIONS = {
     "half_space": HalfSpace((1, -2, 0.5), 0.1),
@@ -142,7 +142,7 @@ def test_a_journey_past_a_ball_slides_along_it(
     for kept in (True, False):
         limits = [*base.limits, *([KeepOut(ball)] if kept else [])]
         stepper = Stepper(base.replace(limits=limits), guide=Guide(goal, -100.0))
-        # On the journey at once, see `ergoqp.step.trial.TRIAL`.
+        # On the journey at once, see `ergoqp.step.guide.trial.TRIAL`.
         stepper._state_in[-TRIAL:][:5] = THERE, 0.0, 0.0, 5.0, 1e9
         robot = SimulatedRobot(RobotKind(**given), begin, np.random.default_rng(0))
         found = []

@@ -14,9 +14,9 @@ from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, pro
 from ergoqp.errors import InputError
 from ergoqp.limits import Rows, Situation, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best import workspace_map
+from ergoqp.simulation.best_place import workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import Follower

@@ -14,7 +14,14 @@ from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import AxisCone, JointLimit, Rows, Situation, TwistLimit, WorkspaceBox
 from ergoqp.limits.stop import Stop
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.bounds import CLEARANCE, ELBOW, STEADY_RETURN, patience, row_bounds, unhurried
+from ergoqp.step.program.bounds import (
+    CLEARANCE,
+    ELBOW,
+    STEADY_RETURN,
+    patience,
+    row_bounds,
+    unhurried,
+)
 
 LIMIT = TwistLimit(0.2, 0.6, 0.6, 2.0)
 SMALL = WorkspaceBox((0.0, 0.0, 0.0), (0.02, 0.3, 1.0))

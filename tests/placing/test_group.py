@@ -12,14 +12,14 @@ import pytest
 from ergoqp.cli.commands.population import COLUMNS
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
-from ergoqp.placing.find import optimise
 from ergoqp.placing.group.grid import AXES, shared_grid
 from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.people import drawn_people, read_people
 from ergoqp.placing.group.search import PlaceSearch, Placing, Stay, keys, merit
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.population import variant
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best import workspace_poses
+from ergoqp.simulation.best_place import workspace_poses
 
 STATURES = (1.5, 1.7, 2.0)
 
@@ -135,7 +135,7 @@ def test_a_stopped_study_goes_on_from_what_is_kept(low_bin, monkeypatch):
     shared_grid(low_bin, people[:1], 0.2)
     settled = []
     monkeypatch.setattr(
-        "ergoqp.simulation.best._compute",
+        "ergoqp.simulation.best_place._compute",
         lambda *arguments: settled.append(arguments) or _nothing(),
     )
     with pytest.raises(RuntimeError, match="only the second"):

@@ -8,9 +8,9 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
-from ergoqp.simulation.best import workspace_map
+from ergoqp.simulation.best_place import workspace_map
 from ergoqp.simulation.people import sample_person
 
 

@@ -13,8 +13,8 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import InputError
-from ergoqp.placing.find import optimise
 from ergoqp.placing.ledger import FILE
+from ergoqp.placing.optimise import optimise
 from ergoqp.simulation.starts import awkward_start
 
 

@@ -13,8 +13,8 @@ import pytest
 
 import ergoqp
 from ergoqp.errors import WorkersError
-from ergoqp.placing.find import optimise
 from ergoqp.placing.ledger import FILE
+from ergoqp.placing.optimise import optimise
 
 KEPT = "with `out` the starts that were finished are kept"
 

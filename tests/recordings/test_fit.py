@@ -6,8 +6,8 @@ import pytest
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.recordings.fitting.centre_model import BASE, UNKNOWNS, CentreModel
-from ergoqp.recordings.fitting.fit import fit
 from ergoqp.recordings.fitting.observe import observable_joints
+from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.naming import CENTRES
 
 

@@ -9,10 +9,10 @@ import pytest
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
-from ergoqp.placing.find import optimise
 from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.people import read_people
 from ergoqp.placing.group.search import Placing
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.slices import Slice, slices_through
 from ergoqp.placing.start import begin_from
 from ergoqp.problem_files.load import load_problem

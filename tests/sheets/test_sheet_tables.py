@@ -11,7 +11,7 @@ from sheet_postures import posture
 from ergoqp import reba
 from ergoqp.errors import InputError
 from ergoqp.sheets.interval import interval_sheet
-from ergoqp.sheets.method import sheet_of
+from ergoqp.sheets.options import sheet_of
 
 SHEET = sheet_of(reba.Method())
 NAMES = {

@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best import frame_of
+from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.people import sample_person
 from ergoqp.simulation.person import Follower
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.step.place import read_guide
+from ergoqp.step.guide.place import read_guide
 
 THERE, WAITING = "drawn toward the given place", "at the given place, waiting for the person"
 BACK = "drawn back to where it was better than at the given place"

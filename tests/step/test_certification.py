@@ -15,7 +15,7 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.accounting import _rate_excess
+from ergoqp.step.answer.accounting import _rate_excess
 from ergoqp.step.certification import GIVES_WAY, HELD, _floor
 from ergoqp.step.model import StepModel
 

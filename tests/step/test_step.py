@@ -29,13 +29,13 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import JointLimit, Rows, Situation, WorkspaceBox
 from ergoqp.simulation.robot import moved
 from ergoqp.solvers import installed_solvers
-from ergoqp.step.asked import asked_update
-from ergoqp.step.bounds import STEADY_RETURN, limit_values
-from ergoqp.step.data import pass_data
 from ergoqp.step.function import build_step
 from ergoqp.step.model import StepModel
-from ergoqp.step.passes import _newly_locked
-from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.program.asked_back import asked_update
+from ergoqp.step.program.bounds import STEADY_RETURN, limit_values
+from ergoqp.step.program.data import pass_data
+from ergoqp.step.program.locking import _newly_locked
+from ergoqp.step.program.qp import TOLERANCE
 from ergoqp.step.stepper import Cause, Status, Stepper
 
 qpsolvers = pytest.importorskip("qpsolvers", reason="qpsolvers (extra 'solvers') is absent")

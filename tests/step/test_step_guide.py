@@ -19,11 +19,11 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import moved
-from ergoqp.step.guide import pull_function
+from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.guide.pull import pull_function
+from ergoqp.step.guide.trial import AFTER, BACK, DESCENT, THERE, TRIAL
 from ergoqp.step.model import StepModel
-from ergoqp.step.place import Guide, read_guide
 from ergoqp.step.stepper import Step, Stepper
-from ergoqp.step.trial import AFTER, BACK, DESCENT, THERE, TRIAL
 
 STEPPERS: dict[str, Stepper] = {}
 

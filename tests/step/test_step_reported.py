@@ -20,10 +20,10 @@ from step_samples import (
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.parts import count
+from ergoqp.step.packing import count
+from ergoqp.step.robot_watch.memory import watch_blocks
+from ergoqp.step.robot_watch.watch import reckoned
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.story import watch_blocks
-from ergoqp.step.watch import reckoned
 
 
 @pytest.mark.parametrize("kind", [RobotKind(delay=0.02), RobotKind(lag=0.02)], ids=["delay", "lag"])

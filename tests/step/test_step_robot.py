@@ -16,10 +16,10 @@ from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.data import away_function
 from ergoqp.step.model import StepModel
+from ergoqp.step.program.data import away_function
+from ergoqp.step.robot_watch.watch import _rotation
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.watch import _rotation
 
 
 def outside(problem: Problem, pose: np.ndarray) -> float:

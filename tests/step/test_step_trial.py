@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ergoqp.problem.control import Control
-from ergoqp.step.guide import UNKNOWN
+from ergoqp.step.guide.pull import UNKNOWN
+from ergoqp.step.guide.trial import AFTER, BACK, DESCENT, LOOK, THERE, TRIAL, trial_update
 from ergoqp.step.rest import STATES
-from ergoqp.step.trial import AFTER, BACK, DESCENT, LOOK, THERE, TRIAL, trial_update
 
 CONTROL = Control()
 

@@ -22,11 +22,11 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, TwistLimit, WorkspaceBox
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
-from ergoqp.step.explained import explained_function
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import split
+from ergoqp.step.packing import split
+from ergoqp.step.robot_watch.explained import explained_function
+from ergoqp.step.robot_watch.memory import STORY
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.story import STORY
 
 UNASKED = "robot: moves although nothing was sent"
 

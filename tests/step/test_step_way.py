@@ -13,13 +13,13 @@ from step_samples import problem_of
 
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.step.counted import landing
-from ergoqp.step.history import FAR, initial_history
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import count, split
+from ergoqp.step.packing import count, split
 from ergoqp.step.stepper import Stepper
-from ergoqp.step.way import next_history, under_way
-from ergoqp.step.way_parts import Way
+from ergoqp.step.under_way.history import FAR, initial_history
+from ergoqp.step.under_way.landing import landing
+from ergoqp.step.under_way.motion import next_history, under_way
+from ergoqp.step.under_way.parts import Way
 
 ROBOT = DeclaredRobot(delay=0.02, lag=0.05, pose_delay=0.01)
 FOUND = ("total", "owed", "begun", "own", "fits", "parked", "up", "down", "turn")

@@ -75,7 +75,7 @@ class RecordingOptions:
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How `ergoqp.placing.find.optimise` is to look for a place, as on the command line.
+    """How `ergoqp.placing.optimise.optimise` is to look for a place, as on the command line.
 
     Attributes:
         starts: how many.

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from ergoqp.cli.commands.common import working
 from ergoqp.errors import InputError
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
-from ergoqp.step.place import Guide, read_guide
+from ergoqp.step.guide.place import Guide, read_guide
 
 
 def guide_named(problem: Problem, name: str) -> Guide:

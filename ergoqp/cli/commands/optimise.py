@@ -24,7 +24,7 @@ from ergoqp.cli.commands.common import (
 from ergoqp.cli.commands.run import frame_of_recording
 from ergoqp.errors import InputError
 from ergoqp.human import Body
-from ergoqp.placing.find import optimise
+from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
 from ergoqp.recordings.fitting.person import given_person

@@ -13,7 +13,7 @@ from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.group.people import Person
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best import outward, workspace_lines, workspace_map, workspace_poses
+from ergoqp.simulation.best_place import outward, workspace_lines, workspace_map, workspace_poses
 from ergoqp.simulation.person import Follower
 
 AXES = ("x", "y", "z", "tilt")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ergoqp.recordings.bvh.text import Joint, read_text
+from ergoqp.recordings.bvh.parse import Joint, read_text
 from ergoqp.recordings.motion import JointMotion
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}

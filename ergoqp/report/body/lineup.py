@@ -13,7 +13,7 @@ from ergoqp.human import Body
 from ergoqp.report import palette
 from ergoqp.report.body.figure import Drawing
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.plot import WIDTH, width_of
+from ergoqp.report.charts.frame import WIDTH, width_of
 
 _SCALE: Final = 132.0  # [px/m]
 _GAP: Final = 6.0

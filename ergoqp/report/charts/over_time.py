@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.plot import WIDTH, Plot, width_of
+from ergoqp.report.charts.frame import WIDTH, Plot, width_of
 from ergoqp.report.charts.scales import changes, padded, words_of
 
 SERIES = ("s0", "s1", "s2", "s3")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ergoqp.report import palette
 from ergoqp.report.charts import svg
-from ergoqp.report.charts.plot import WIDTH, time_axis, width_of
+from ergoqp.report.charts.frame import WIDTH, time_axis, width_of
 from ergoqp.report.charts.scales import Scale, highest_per_column
 
 _ROW: Final = 26.0

@@ -14,7 +14,7 @@ from ergoqp.human.forearm import ARM_INDEX
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets import reba
 from ergoqp.sheets.description import TIE, StepFunction
-from ergoqp.sheets.method import Method, sheet_of
+from ergoqp.sheets.options import Method, sheet_of
 
 Array = NDArray[np.float64]
 

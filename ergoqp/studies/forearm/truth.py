@@ -23,7 +23,7 @@ from ergoqp.human import Body
 from ergoqp.human.forearm import ARM_INDEX, ARM_JOINTS, Arm, arm_of, read_points
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.sheets import reba
-from ergoqp.sheets.method import Method, read_method
+from ergoqp.sheets.options import Method, read_method
 from ergoqp.studies.forearm.boxes import Boxes, boxes_of
 
 Array = NDArray[np.float64]

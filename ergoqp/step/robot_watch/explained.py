@@ -13,10 +13,10 @@ import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set, largest
 from ergoqp.problem.problem import Problem
-from ergoqp.step.faults import Fault, fault_of
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import joined, split
-from ergoqp.step.story import (
+from ergoqp.step.packing import joined, split
+from ergoqp.step.robot_watch.faults import Fault, fault_of
+from ergoqp.step.robot_watch.memory import (
     NAMED,
     REPORTED,
     SAID,

@@ -24,11 +24,11 @@ import numpy as np
 from ergoqp.expressions.linear import Shape, by_name, dense, is_set
 from ergoqp.expressions.rigid import turned
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.step.causes import Cause
-from ergoqp.step.explained import explained_function
+from ergoqp.step.answer.causes import Cause
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import count, joined, split
-from ergoqp.step.story import (
+from ergoqp.step.packing import count, joined, split
+from ergoqp.step.robot_watch.explained import explained_function
+from ergoqp.step.robot_watch.memory import (
     ACCOUNT,
     COMPARED,
     REPORTED,
@@ -151,7 +151,7 @@ def _compared(model: StepModel) -> ca.Function:
     whether there is a fault, causes, motion of the pose (6,), and how often it came to rest.
 
     An interpreter pays for every scalar here in every step, so what is not needed to see a fault is
-    in `ergoqp.step.explained`.
+    in `ergoqp.step.robot_watch.explained`.
     """
     robot, stretch = model.problem.robot, 1 + model.problem.robot.gain_error
     names = (

@@ -13,7 +13,7 @@ from ergoqp.expressions.linear import Shape, by_name, vectors
 from ergoqp.expressions.rigid import shifted
 from ergoqp.limits import Situation
 from ergoqp.step.model import StepModel
-from ergoqp.step.way import UnderWay
+from ergoqp.step.under_way.motion import UnderWay
 
 
 def landing(

@@ -23,10 +23,10 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.linear import Shape, by_name, dense, vectors, written_out
-from ergoqp.step.ages import weights_function
-from ergoqp.step.history import remaining_seconds
 from ergoqp.step.model import StepModel
-from ergoqp.step.parts import count, split
+from ergoqp.step.packing import count, split
+from ergoqp.step.under_way.ages import weights_function
+from ergoqp.step.under_way.history import remaining_seconds
 
 
 @dataclass(frozen=True)

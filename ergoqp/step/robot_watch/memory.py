@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.problem.problem import Problem
-from ergoqp.step.parts import Sizes
+from ergoqp.step.packing import Sizes
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)
 """Difference of measured and declared motion that is none yet, per axis (6,) [m, rad]."""

@@ -1,7 +1,7 @@
 """The step drawn toward a given place: what that adds to the objective of its QP.
 
-When it is drawn is said in `ergoqp.step.trial`. Travelling changes the objective and nothing else,
-so that rows, certification and braking are those of every step.
+When it is drawn is said in `ergoqp.step.guide.trial`. Travelling changes the objective and nothing
+else, so that rows, certification and braking are those of every step.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 
 from ergoqp.expressions.linear import dense, is_set
 from ergoqp.expressions.rigid import is_rigid, normalised
+from ergoqp.step.guide.trial import BACK, LOOK, is_journey, place_of
 from ergoqp.step.model import StepModel
-from ergoqp.step.trial import BACK, LOOK, is_journey, place_of
 
 GUIDE_INPUTS: Final = ("guide", "guided", "promise")
 """The given place (4, 4), whether there is one (0 or 1), and the cost that it promises [points]."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ergoqp.errors import MissingExtraError, ModelError
-from ergoqp.learning.mixture import MixtureRegression
+from ergoqp.learning.mixture_regression import MixtureRegression
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture

@@ -9,10 +9,10 @@ import casadi as ca
 from ergoqp.expressions.linear import by_name, dense, is_set, largest
 from ergoqp.limits import Situation
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.causes import Cause, Status
-from ergoqp.step.margins import Margins
+from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import TOLERANCE
+from ergoqp.step.program.margins import Margins
+from ergoqp.step.program.qp import TOLERANCE
 
 _ACCOUNTED: Final = (
     "posture",

@@ -13,9 +13,9 @@ import numpy as np
 
 from ergoqp.expressions.linear import Shape, by_name, is_set, written_out
 from ergoqp.solvers.solver import QpSolver
-from ergoqp.step.data import QP_DATA, pass_data
 from ergoqp.step.model import StepModel
-from ergoqp.step.qp import TOLERANCE, build_qp
+from ergoqp.step.program.data import QP_DATA, pass_data
+from ergoqp.step.program.qp import TOLERANCE, build_qp
 
 PASSES: Final = 3
 """Locking passes at most."""
@@ -31,7 +31,8 @@ def solve_passes(
     Args:
         model: of the step.
         solver: of the QP.
-        known: the inputs of `ergoqp.step.data.pass_data` but the lock; guided ``pull_H`` and
+        known: the inputs of `ergoqp.step.program.data.pass_data` but the lock; guided ``pull_H``
+        and
             ``pull_g``, which are added to the objective.
         shape: how functions are written, see `ergoqp.expressions.linear`.
 

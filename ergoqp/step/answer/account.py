@@ -40,7 +40,7 @@ class Account:
 
     @property
     def drawn(self) -> int:
-        """Phase of `ergoqp.step.guide` in which the guide leads; else 0.
+        """Phase of `ergoqp.step.guide.pull` in which the guide leads; else 0.
 
         The guide leads on the way there, in the wait there and on the way back.
         """

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from ergoqp.problem.problem import Problem
-from ergoqp.step.account import Account
-from ergoqp.step.reasons import reason_of
+from ergoqp.step.answer.account import Account
+from ergoqp.step.answer.reasons import reason_of
 
 
 class Step:
@@ -86,7 +86,7 @@ class Step:
 
     @property
     def drawn(self) -> int:
-        """Phase of `ergoqp.step.guide` in which the guide leads; else 0.
+        """Phase of `ergoqp.step.guide.pull` in which the guide leads; else 0.
 
         The guide leads on the way there, in the wait there and on the way back.
         """

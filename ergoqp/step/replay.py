@@ -9,8 +9,8 @@ from typing import Any
 from ergoqp.arguments import as_tuple, check_kind
 from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
-from ergoqp.step.answer import Step
-from ergoqp.step.place import RECORDED
+from ergoqp.step.answer.step import Step
+from ergoqp.step.guide.place import RECORDED
 from ergoqp.step.stepper import Stepper
 
 

@@ -16,7 +16,7 @@ from ergoqp.expressions.rigid import read_pose
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.step.guide import UNKNOWN
+from ergoqp.step.guide.pull import UNKNOWN
 
 _ROUNDING: Final = 1e-4
 """A place this far beyond the workspace is on its edge [m, rad]."""

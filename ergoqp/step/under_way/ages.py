@@ -10,8 +10,8 @@ from typing import Final
 import casadi as ca
 
 from ergoqp.expressions.linear import dense
-from ergoqp.step.history import LONGEST_DT, SHORTEST_DT, remaining_seconds
 from ergoqp.step.model import StepModel
+from ergoqp.step.under_way.history import LONGEST_DT, SHORTEST_DT, remaining_seconds
 
 _AT_ALL: Final = 1e-9
 """What lasted for less did not last at all [s]."""

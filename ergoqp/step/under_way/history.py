@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ergoqp.problem.problem import Problem
-from ergoqp.step.parts import Sizes
+from ergoqp.step.packing import Sizes
 
 FAR: Final = 1e3
 """Age of what was before the first step: older than anything counts [s]."""

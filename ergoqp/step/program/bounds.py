@@ -23,7 +23,7 @@ from ergoqp.limits import Limit, Rows, Situation, TwistLimit
 from ergoqp.limits.limit import Expression
 from ergoqp.limits.stop import Braking, Stop
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.qp import ELBOW
+from ergoqp.step.program.qp import ELBOW
 
 STEADY_RETURN = 0.01
 """Slowest pace of coming back from outside [m/s, rad/s]."""
@@ -43,7 +43,7 @@ CLEARANCE = 1e-8
 
 @dataclass(frozen=True)
 class RowBounds:
-    """Rows over the twist that some twist can move, as `ergoqp.step.qp.build_qp` takes them."""
+    """Rows over the twist that some twist can move, as `build_qp` takes them."""
 
     matrix: Expression
     lower: Expression

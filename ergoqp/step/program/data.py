@@ -15,12 +15,12 @@ from ergoqp.limits import Rows
 from ergoqp.limits.stop import Braking, on_surface
 from ergoqp.problem.problem import Problem
 from ergoqp.solvers.solver import FREE
-from ergoqp.step.bounds import no_further, patience, row_bounds, unhurried
 from ergoqp.step.model import PLACE, StepModel
-from ergoqp.step.objective import cost_function, objective
+from ergoqp.step.program.bounds import no_further, patience, row_bounds, unhurried
+from ergoqp.step.program.objective import cost_function, objective
 
 QP_DATA: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
-"""What `ergoqp.step.qp.build_qp` takes, in its order."""
+"""What `ergoqp.step.program.qp.build_qp` takes, in its order."""
 
 
 def qp_data(problem: Problem) -> ca.Function:

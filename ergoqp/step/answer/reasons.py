@@ -9,12 +9,12 @@ import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
 from ergoqp.problem.problem import Problem
-from ergoqp.step.account import Account
-from ergoqp.step.bounds import limit_values
-from ergoqp.step.causes import Cause, Status
-from ergoqp.step.faults import fault_sentence
-from ergoqp.step.history import LONGEST_DT, SHORTEST_DT
-from ergoqp.step.trial import BACK, LOOK, THERE
+from ergoqp.step.answer.account import Account
+from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.guide.trial import BACK, LOOK, THERE
+from ergoqp.step.program.bounds import limit_values
+from ergoqp.step.robot_watch.faults import fault_sentence
+from ergoqp.step.under_way.history import LONGEST_DT, SHORTEST_DT
 
 _DRAWN: Final = {
     THERE: "drawn toward the given place",

@@ -8,7 +8,7 @@ import casadi as ca
 
 from ergoqp.expressions.linear import largest
 from ergoqp.limits import Limit
-from ergoqp.step.bounds import STEADY_RETURN, limit_values
+from ergoqp.step.program.bounds import STEADY_RETURN, limit_values
 
 
 def still_asks(asked: ca.MX) -> ca.MX:
@@ -24,7 +24,8 @@ def asked_update(limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.M
 
     What was given up is asked for again once nothing is outside.
 
-    The predicted time is that of the pace at which rows come back, see `ergoqp.step.bounds`.
+    The predicted time is that of the pace at which rows come back, see
+    `ergoqp.step.program.bounds`.
 
     Args:
         limits: that are rows.

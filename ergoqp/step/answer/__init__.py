@@ -1,0 +1,1 @@
+"""The answer of a step: the twist, its account, and the causes in words."""
