@@ -202,3 +202,16 @@ def test_problem_of_the_readme():
     problem = problem_from_dict(tomllib.loads(whole) | tomllib.loads(robot), "readme")
     assert problem.title == "polishes a panel, standing"
     assert problem.robot.lag == 0.1
+
+
+def test_the_files_that_contributing_names_are_there() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(ergoqp/[\w/.]+|benchmarks/[\w/.]+|tests/[\w/.]+)`", text)
+    # Of a row of the table, files without a folder are in that of the one before.
+    for row in re.findall(r"^\| .* \| (`.*) \|$", text, re.MULTILINE):
+        folder = ""
+        for name in re.findall(r"`([\w/.]+)`", row):
+            folder = name.rpartition("/")[0] if "/" in name else folder
+            named.append(f"ergoqp/{name if '/' in name else f'{folder}/{name}'}")
+    assert len(named) > 30
+    assert [name for name in named if not (ROOT / name).exists()] == []

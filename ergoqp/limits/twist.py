@@ -1,4 +1,7 @@
-"""Bounds on the twist itself, per axis: how fast it may be and how quickly it may change."""
+"""Bounds on the twist itself, per axis: how fast it may be and how quickly it may change.
+
+What they leave of a twist in one period is in `ergoqp.limits.stop`.
+"""
 
 from __future__ import annotations
 

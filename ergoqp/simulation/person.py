@@ -1,4 +1,7 @@
-"""A person who follows: late, noisy, built unlike the controller's model, with a will to relax."""
+"""The mechanics of a person who follows, built unlike the controller's model: reach and relax.
+
+What is seen of them late or with noise is added in `ergoqp.simulation.people` and `loop`.
+"""
 
 from __future__ import annotations
 
