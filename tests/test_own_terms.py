@@ -13,7 +13,7 @@ import ergoqp
 from ergoqp.errors import InputError, ProblemError, RecordingError
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone
-from ergoqp.problem_files import own
+from ergoqp.problem_files import own_terms
 from ergoqp.problem_files.load import load_problem, problem_from_dict
 from ergoqp.recordings.load import load_recording
 from ergoqp.registry import GROUPS, registered
@@ -171,8 +171,8 @@ def test_a_term_whose_keys_nobody_knows_is_refused(monkeypatch):
 def registers(monkeypatch, kind, terms):
     """Register terms of a kind without a package."""
     names = {what: tuple(terms) if what == kind else () for what in GROUPS}
-    monkeypatch.setattr(own, "registered", names.__getitem__)
-    monkeypatch.setattr(own, "own_term", lambda _, name: terms[name])
+    monkeypatch.setattr(own_terms, "registered", names.__getitem__)
+    monkeypatch.setattr(own_terms, "own_term", lambda _, name: terms[name])
 
 
 def test_a_term_that_cannot_be_imported_is_a_sentence(on_path, monkeypatch):
