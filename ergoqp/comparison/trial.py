@@ -32,6 +32,8 @@ class SolverTrial:
         seconds: time of each (k,) [s].
         iterations: the solver's own count (k,); NaN where it does not tell.
         points: the answers (k, n).
+        fault: what was wrong when the solver first raised or gave no answer of the size; empty:
+            nothing.
     """
 
     solver: str
@@ -42,6 +44,7 @@ class SolverTrial:
     seconds: Array
     iterations: Array
     points: Array
+    fault: str = ""
 
     @property
     def worst(self) -> Array:
@@ -92,6 +95,7 @@ def try_solver(
         seconds.append(answer.seconds)
         iterations.append(np.nan if answer.iterations is None else answer.iterations)
         points.append(answer.x)
+    fault = session.fault
     for _ in range(passes - 1 if sum(seconds) < _SLOW else 0):
         session = open_session(solver, *sequence.size, accuracy)
         seconds = [
@@ -107,4 +111,5 @@ def try_solver(
         np.array(seconds),
         np.array(iterations),
         np.array(points),
+        fault,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 import casadi as ca
 import numpy as np
@@ -46,6 +46,7 @@ class HalfSpace:
 
     normal: tuple[float, float, float]
     offset: float
+    flat: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the numbers and make the normal a unit vector."""
@@ -134,6 +135,10 @@ class KeepOut:
     straight way its tangents at later points lie above those at earlier ones from there on, so a
     stop that was certified in one half-space is, further along, certified in the next.
 
+    Of a robot with a declared noise of the position (d per axis) the object stays d along the row
+    and sqrt(3) d further away: it is then never measured inside, where the nearest point may be on
+    the other side.
+
     Attributes:
         region: `HalfSpace`, `Box`, `Ball`, or anything else with a `Region.nearest`.
         tolerance: this far inside still counts as at the edge [m].
@@ -162,6 +167,11 @@ class KeepOut:
         check_text("keep_out name", self.name)
         check_number("keep_out tolerance", self.tolerance, 0.0, 1.0)
         check_number("keep_out recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
+
+    @property
+    def tangent(self) -> bool:
+        """Whether the row's direction depends on where the object is measured."""
+        return not getattr(self.region, "flat", False)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -178,6 +178,9 @@ class Limit(Protocol):
         bend: by how much the rate of its rows can change per rad that the object turns, roughly;
             without the attribute they are straight. Coming back from outside is then not asked
             faster than the object can stop where it is nearest.
+        tangent: whether the direction of its one row is read off the pose, as that of a half-space
+            which touches a region; without the attribute it is not. The declared noise of a
+            position then counts twice, so that the object is never measured inside.
         equality: whether the state stays on it exactly, by projection, as on `Surface`; without the
             attribute it does not. A problem has one at most.
         holds: what of the world it holds, in a word, where places, optimum and checker know how to

@@ -63,7 +63,7 @@ def solver_named(name: str) -> QpSolver:
         if name in SOLVERS:
             return _listed(name)
         if name in own:
-            return own_term("solver", name)()
+            return _own(name)
         if find_spec("qpsolvers") is not None:
             from qpsolvers import available_solvers as more
 
@@ -73,6 +73,22 @@ def solver_named(name: str) -> QpSolver:
                 return Offered(name)
     names = dict.fromkeys([*SOLVERS, *more, *own])
     raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(names)}")
+
+
+def _own(name: str) -> QpSolver:
+    made = own_term("solver", name)
+    try:
+        solver = made()
+    except Exception as error:  # whatever the user's package does
+        words = f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
+        raise InputError(
+            f"solver {name}: got {words} when it was made, allowed a QpSolver that is made of"
+            " nothing"
+        ) from None
+    if not isinstance(solver, QpSolver):
+        raise InputError(f"solver {name}: got {shown(solver)}, allowed a QpSolver")
+    solver.name = name
+    return solver
 
 
 def _listed(name: str) -> QpSolver:
@@ -106,4 +122,8 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
         raise InputError(f"solver: got {n} unknowns and {m} rows, allowed at least 1 and 0")
     if not 1e-9 <= accuracy <= 1.0:
         raise InputError(f"accuracy: got {accuracy!r}, allowed 1e-9 to 1")
-    return Session(name, n, m, solver.workspace(n, m, accuracy))
+    try:
+        return Session(name, n, m, lambda: solver.workspace(n, m, accuracy))
+    except Exception as error:  # an own solver's
+        words = f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
+        raise InputError(f"solver {name}: got {words}, allowed a workspace for any size") from None

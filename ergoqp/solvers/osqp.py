@@ -60,33 +60,37 @@ class _OsqpWorkspace:
         """Keep the sizes; OSQP allocates with the first data."""
         self._n, self._m = n, m
         self._settings = _SETTINGS | {"eps_abs": accuracy / 10}
-        self._P, self._A = GrowingPattern(), GrowingPattern()
-        self._solver: Any = None
-        self._solved = False
+        self._forget()
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from x, multipliers and step size of the last QP."""
+        if not warm:
+            self._forget()
         P, A = np.triu(qp.H), np.concatenate([qp.A, np.eye(self._n)])
         lower, upper = np.concatenate([qp.lower, qp.low]), np.concatenate([qp.upper, qp.high])
         grown = [self._P.grow(P), self._A.grow(A)]
         if self._solver is None or any(grown):
-            self._solver = osqp.OSQP()
-            self._solver.setup(
+            made = osqp.OSQP()
+            made.setup(
                 self._P.csc(P), qp.g, self._A.csc(A), lower, upper, rho=_RHO, **self._settings
             )
+            self._solver = made
         else:
-            if not (warm and self._solved):
-                self._solver.update_settings(rho=_RHO)
-                self._solver.warm_start(x=np.zeros(self._n), y=np.zeros(self._m + self._n))
             self._solver.update(
                 q=qp.g, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A)
             )
         result = self._solver.solve(raise_error=False)
+        if "interrupt" in result.info.status:
+            # It takes the user's signal for itself.
+            raise KeyboardInterrupt
         flag = _FLAGS.get(result.info.status, "failed")
-        self._solved = flag == "solved"
-        if not self._solved:
+        if flag != "solved":
             # What a failed solve leaves behind is no place to start from.
-            self._solver = None
+            self._forget()
             return no_answer(self._n, self._m, flag, result.info.iter)
         x, both = np.array(result.x), np.array(result.y)
         return QpAnswer(x, both[: self._m], both[self._m :], flag, result.info.iter)
+
+    def _forget(self) -> None:
+        self._P, self._A = GrowingPattern(), GrowingPattern()
+        self._solver: Any = None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import abc
-import contextlib
-import io
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Final
 
 import casadi as ca
@@ -13,6 +12,7 @@ from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver
+from ergoqp.solvers.unheard import unheard
 
 _INPUTS: Final = ("h", "g", "a", "lba", "uba", "lbx", "ubx")
 _OUTPUTS: Final = ("x", "lam_a", "lam_x")
@@ -20,20 +20,16 @@ _FLAGS: Final = {"SOLVER_RET_SUCCESS": "solved", "SOLVER_RET_LIMITED": "stopped"
 _QUIET: Final = {"print_iter": False, "print_header": False, "print_info": False}
 
 
-def _quiet() -> contextlib.AbstractContextManager[Any]:
-    # qpOASES greets with its licence whenever memory is made, and shouts at what is infeasible,
-    # whatever it is told.
-    return contextlib.redirect_stdout(io.StringIO())
-
-
 class PluginSolver(QpSolver):
     """A CasADi conic plugin of the solver's name; a subclass says which, with what settings.
 
     Attributes:
         rebinds: whether it must be told anew for every QP where the data lie.
+        loud: whether it prints, whatever it is told.
     """
 
     rebinds: bool = False
+    loud: bool = False
 
     @abc.abstractmethod
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
@@ -66,13 +62,13 @@ class _PluginWorkspace:
         if not self._new and (not self._solved or (self._solver.warm and not warm)):
             self._renew()
         elif not self._new and self._solver.rebinds:
-            self._bind()
+            self._evaluator = Evaluator(self._function)
         self._new = False
         for name, part in zip(
             _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
         ):
             self._evaluator.inputs[name][:] = part.ravel(order="F")
-        with _quiet():
+        with self._quiet():
             self._evaluator.evaluate()
         stats = self._evaluator.stats()
         flag, count = _flag(stats), self._solver.iterations(stats)
@@ -84,14 +80,13 @@ class _PluginWorkspace:
 
     def _renew(self) -> None:
         # Of one function CasADi hands out used memory again: only a new one's is new.
-        with _quiet():
+        with self._quiet():
             self._function = ca.conic("qp", self._solver.name, self._shapes, self._options)
-        self._bind()
+            self._evaluator = Evaluator(self._function)
         self._new = True
 
-    def _bind(self) -> None:
-        with _quiet():
-            self._evaluator = Evaluator(self._function)
+    def _quiet(self) -> AbstractContextManager[None]:
+        return unheard() if self._solver.loud else nullcontext()
 
 
 def _flag(stats: dict[str, Any]) -> str:
@@ -121,12 +116,15 @@ class Qrqp(PluginSolver):
 class Qpoases(PluginSolver):
     """qpOASES: a parametric active-set method that goes on from the last QP by homotopy.
 
+    It greets with its licence whenever memory is made, and shouts at what is infeasible.
+
     Reference: Ferreau and others, Math. Prog. Comp. 6, 2014.
     """
 
     name = "qpoases"
     method = "active set"
     warm = True
+    loud = True
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options."""
@@ -151,8 +149,8 @@ class Hpipm(PluginSolver):
 
         Its tolerance is for each product of multiplier and distance, and there are many.
         """
-        # Far below that it gives up before it is there.
-        tolerance = max(accuracy / 1000, 1e-11)
+        # Below that it gives up before it is there, where several ends are near.
+        tolerance = max(accuracy / 100, 1e-8)
         names = ("res_g_max", "res_b_max", "res_d_max", "res_m_max")
         return {
             "N": 0,

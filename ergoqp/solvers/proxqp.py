@@ -43,7 +43,6 @@ class _ProxqpWorkspace:
         self._n, self._m, self._accuracy = n, m, accuracy / 10
         self._solver: Any = None
         self._key = b""
-        self._solved = False
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from x and multipliers of the last QP."""
@@ -57,23 +56,19 @@ class _ProxqpWorkspace:
         )
         data = (qp.H, qp.g, C, d, qp.A[free], qp.lower[free], qp.upper[free], low, high)
         key = np.concatenate([pattern.fixed_rows, pattern.fixed]).tobytes()
-        if self._solver is None or key != self._key:
+        if self._solver is None or key != self._key or not warm:
             self._solver, self._key = self._made(len(d), int(free.sum())), key
             self._solver.init(*data)
         else:
-            self._solver.settings.initial_guess = (
-                # Going on with the step sizes of the last QP as well took hundreds of iterations
-                # where this takes a few.
-                proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
-                if warm and self._solved
-                else proxqp.InitialGuess.NO_INITIAL_GUESS
-            )
+            # Going on with the step sizes of the last QP as well took hundreds of iterations where
+            # this takes a few.
+            guess = proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
+            self._solver.settings.initial_guess = guess
             self._solver.update(*data, update_preconditioner=True)
         self._solver.solve()
         results = self._solver.results
         flag = _FLAGS.get(results.info.status, "failed")
-        self._solved = flag == "solved"
-        if not self._solved:
+        if flag != "solved":
             self._solver = None
             return no_answer(self._n, self._m, flag, results.info.iter)
         rows, box = np.zeros(self._m), np.zeros(self._n)

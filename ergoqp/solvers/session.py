@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
@@ -58,7 +59,8 @@ class Workspace(Protocol):
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve finite data whose bounds do not cross.
 
-        With `warm` it starts from the last answer, where the solver can.
+        With `warm` it starts from the last answer, where the solver can; without it gives what it
+        would give if this were the first QP, to the last bit.
         """
         ...
 
@@ -66,18 +68,25 @@ class Workspace(Protocol):
 class Session:
     """A solver that keeps its memory from one QP to the next, all of one size.
 
-    It looks at the data first, takes the time, and never raises for the data.
+    It looks at the data first, takes the time, and never raises for the data: a solver that raises,
+    or whose answer has another size, has failed and gets new memory.
 
     Args:
         name: of the solver.
         n: number of unknowns.
         m: number of rows.
-        workspace: the solver's memory.
+        make: gives memory for this size.
+
+    Attributes:
+        fault: what was wrong when the solver first failed so, in words; empty: nothing.
     """
 
-    def __init__(self, name: str, n: int, m: int, workspace: Workspace) -> None:
-        """Keep the workspace."""
-        self.name, self._workspace = name, workspace
+    def __init__(self, name: str, n: int, m: int, make: Callable[[], Workspace]) -> None:
+        """Make the memory."""
+        self.name, self._make = name, make
+        self._workspace: Workspace | None = make()
+        self.fault = ""
+        self._sizes = [(n,), (m,), (n,)]
         self._shapes = dict(zip(PARTS, ((n, n), (n,), (m, n), (m,), (m,), (n,), (n,)), strict=True))
 
     def solve(
@@ -114,8 +123,19 @@ class Session:
         if flag := unusable(qp):
             return no_answer(*qp.size, flag)
         start = time.perf_counter()
-        answer = self._workspace.solve(qp, warm)
-        return replace(answer, seconds=time.perf_counter() - start)
+        try:
+            if self._workspace is None:
+                self._workspace = self._make()
+            answer = self._workspace.solve(qp, warm)
+            sizes = [np.shape(part) for part in (answer.x, answer.rows, answer.box)]
+            fault = "" if sizes == self._sizes else f"an answer of the shapes {sizes}"
+        except Exception as error:  # whatever a solver does with its data
+            answer, fault = None, f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
+        seconds = time.perf_counter() - start
+        if answer is None or fault:
+            self._workspace, self.fault = None, self.fault or fault
+            return replace(no_answer(*qp.size, "failed"), seconds=seconds)
+        return replace(answer, seconds=seconds)
 
     def _arrays(self, *parts: ArrayLike) -> list[Array]:
         arrays = []

@@ -22,9 +22,11 @@ So residuals stay numbers.
 _ACCURACY: Final = 1e-7
 """What solvers are set to in the step, which accepts residuals below 1e-6."""
 
-_CALLED: Final[dict[tuple[type[QpSolver], str, int, int], NumericFunction]] = {}
-# CasADi does not keep the Python part of a callback alive; and its memory serves every step that
-# has QPs of the same size.
+_KEPT: Final[dict[tuple[type[QpSolver], str, int, int], NumericFunction]] = {}
+"""CasADi does not keep the Python part of a callback alive."""
+
+_INTERRUPTS: Final[dict[int, BaseException]] = {}
+"""What was to end the program while a solver ran, by thread: CasADi would make another of it."""
 
 
 class QpSolver(abc.ABC):
@@ -40,8 +42,8 @@ class QpSolver(abc.ABC):
         warm: whether it can start from the last answer.
     """
 
-    name: str
-    method: str
+    name: str = "own"
+    method: str = "own"
     warm: bool = False
 
     @abc.abstractmethod
@@ -55,34 +57,40 @@ class QpSolver(abc.ABC):
         where a bound of `FREE` is none. For finite data it never raises; what has no answer comes
         back as zeros, for the step to judge.
 
-        Every call starts cold: the step is a function of what it is given, and a replay of it gives
-        the same twists.
+        Every call gets new memory: the step is a function of what it is given, and a replay of it
+        gives the same twists, whatever else runs.
         """
-        key = type(self), self.name, n, m
-        if key not in _CALLED:
-            session = Session(self.name, n, m, self.workspace(n, m, _ACCURACY))
-            _CALLED[key] = NumericFunction(self.name, n, m, _Cold(session))
-        return _CALLED[key].expression()
+        name = self.name
+
+        def answer(parts: Sequence[ca.DM]) -> Sequence[Array]:
+            try:
+                session = Session(name, n, m, lambda: self.workspace(n, m, _ACCURACY))
+                found = session.solve_qp(numeric(parts), warm=False)
+                given = [np.asarray(part, float) for part in (found.x, found.rows, found.box)]
+            except Exception:  # an own solver's: the control loop sees none, and brakes
+                given = [np.zeros(n), np.zeros(m), np.zeros(n)]
+            except BaseException as end:
+                _INTERRUPTS[threading.get_ident()] = end
+                given = [np.zeros(n), np.zeros(m), np.zeros(n)]
+            return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
+
+        # In one go, for threads that ask at the same time.
+        made = NumericFunction("solver", n, m, answer)
+        return _KEPT.setdefault((type(self), name, n, m), made).expression()
 
 
-class _Cold:
-    """A session that starts every QP as if it were the first, for one thread at a time."""
+def passing_on(call: Callable[[], object]) -> Callable[[], None]:
+    """Return a call of a function with solvers in Python, that ends as the user asked it to.
 
-    def __init__(self, session: Session) -> None:
-        self._session, self._lock = session, threading.Lock()
+    A `KeyboardInterrupt` within a solver is raised after the call.
+    """
 
-    def __call__(self, parts: Sequence[ca.DM]) -> Sequence[Array]:
-        qp = numeric(parts)
-        try:
-            with self._lock:
-                answer = self._session.solve_qp(qp, warm=False)
-            given = [np.asarray(part, float) for part in (answer.x, answer.rows, answer.box)]
-        except Exception:  # whatever an own solver does: the control loop sees no exception
-            given = []
-        n, m = qp.size
-        if [part.shape for part in given] != [(n,), (m,), (n,)]:
-            return [np.zeros(n), np.zeros(m), np.zeros(n)]
-        return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
+    def called() -> None:
+        call()
+        if end := _INTERRUPTS.pop(threading.get_ident(), None):
+            raise end
+
+    return called
 
 
 class NumericFunction(ca.Callback):

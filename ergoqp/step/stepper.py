@@ -14,6 +14,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.problem.kinds import PERIODS
 from ergoqp.problem.problem import Problem
+from ergoqp.solvers.solver import passing_on
 from ergoqp.step.answer.causes import Cause, Status
 from ergoqp.step.answer.step import Step
 from ergoqp.step.function import step_function
@@ -99,6 +100,8 @@ class Stepper:
         """Take the function of the step, with arrays of its own."""
         self._evaluator = evaluator = Evaluator(function)
         self._call, self._inputs = evaluator.evaluate, evaluator.inputs
+        if self._loop["solver"] != "daqp":
+            self._call = passing_on(evaluator.evaluate)
         # One array for all outputs: a step is one copy of it, and everything in the step a view of
         # that copy.
         self._out, self._slices = evaluator.results, evaluator.slices

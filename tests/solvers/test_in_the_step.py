@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import gc
+import json
+import subprocess
+import sys
+import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
+from recorded_qps import samples
 from step_samples import comfort_of, problem_of
 
+import ergoqp
+from ergoqp import solvers
 from ergoqp.comparison.compare import compare
 from ergoqp.errors import InputError
 from ergoqp.solvers import installed_solvers, open_session, solver_named
+from ergoqp.solvers import solver as solver_module
 from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import FREE, QpSolver
-from ergoqp.step.function import build_step, step_function
+from ergoqp.step.function import step_function
 from ergoqp.step.stepper import Stepper
 
 # One of each kind: a session that could go on from the last answer, qpsolvers, a plugin that
@@ -27,42 +38,103 @@ KINDS = [name for name in ("proxqp", "osqp", "quadprog", "qpoases") if name in i
 class Faulty(QpSolver):
     """Fails in the way it is told to."""
 
-    name = "faulty"
     method = "none"
 
     def __init__(self, way: str) -> None:
-        self.name += way
+        self.way = way
 
     def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
-        return FaultyWorkspace(self.name)
+        if self.way == "no workspace":
+            raise ZeroDivisionError
+        return FaultyWorkspace(self.way)
 
 
 class FaultyWorkspace:
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, way: str) -> None:
+        self.way = way
 
-    def solve(self, qp: Qp, warm: bool) -> QpAnswer:
+    def solve(self, qp: Qp, warm: bool) -> Any:
         n, m = qp.size
-        if self.name.endswith("raises"):
-            raise ZeroDivisionError
-        if self.name.endswith("nan"):
-            return no_answer(n, m, "solved")
-        if self.name.endswith("huge"):
-            return QpAnswer(np.full(n, np.inf), np.full(m, -np.inf), np.zeros(n), "solved")
-        return QpAnswer(np.full(n + 1, 0.1), np.zeros(m), np.zeros(n), "solved")
+        answers = {
+            "nan": lambda: no_answer(n, m, "solved"),
+            "huge": lambda: QpAnswer(
+                np.full(n, np.inf), np.full(m, -np.inf), np.zeros(n), "solved"
+            ),
+            "size": lambda: QpAnswer(np.full(n + 1, 0.1), np.zeros(m), np.zeros(n), "solved"),
+            "nothing": lambda: None,
+            "raises": lambda: 1 / 0,
+            "text": lambda: QpAnswer(*(np.full(k, "x") for k in (n, m, n)), "solved"),
+            "exit": lambda: sys.exit(3),
+        }
+        if self.way == "interrupt":
+            raise KeyboardInterrupt
+        return answers[self.way]()
 
 
-@pytest.mark.parametrize("way", ["raises", "nan", "huge", "size"])
-def test_a_faulty_solver_brakes_the_loop_and_raises_nothing(way: str) -> None:
+def with_solver(monkeypatch: pytest.MonkeyPatch, solver: Any) -> None:
+    """Register a solver as if a package did: under the name ``mine 1.0``."""
+    monkeypatch.setattr(solvers, "registered", lambda kind: ("mine 1.0",))
+    monkeypatch.setattr(solvers, "own_term", lambda kind, name: solver)
+
+
+@pytest.mark.parametrize(
+    "way", ["raises", "nan", "huge", "size", "nothing", "text", "no workspace"]
+)
+def test_a_faulty_solver_brakes_the_loop_and_raises_nothing(
+    way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem = problem_of("screwing")
-    step = build_step(problem, Faulty(way))
-    stepper = Stepper(problem)
-    stepper._bind(step)
+    with_solver(monkeypatch, lambda: Faulty(way))
+    stepper = Stepper(problem, solver="mine 1.0")
     stepper.reset(twist=0.5 * problem.twist_limit.speed)
     sizes = [float(np.abs(stepper.step(comfort_of("screwing")).twist).max()) for _ in range(60)]
     assert stepper.step(comfort_of("screwing")).status == "braking"
     assert sizes[0] > 0
     assert sizes[-1] == 0.0
+
+
+@pytest.mark.parametrize(("way", "end"), [("interrupt", KeyboardInterrupt), ("exit", SystemExit)])
+def test_who_ends_the_program_within_a_solver_ends_it(
+    way: str, end: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Faulty, "__init__", lambda self: None)
+    monkeypatch.setattr(
+        Faulty, "workspace", lambda self, n, m, accuracy: FaultyWorkspace(way), raising=True
+    )
+    with_solver(monkeypatch, Faulty)
+    stepper = Stepper(problem_of("screwing"), solver="mine 1.0")
+    with pytest.raises(end):
+        stepper.step(comfort_of("screwing"))
+    monkeypatch.setattr(Faulty, "workspace", lambda self, n, m, accuracy: FaultyWorkspace("nan"))
+    assert stepper.brake().status == "braking"
+
+
+@pytest.mark.parametrize("way", ["raises", "nothing", "size"])
+def test_a_faulty_solver_is_compared_with_its_fault(
+    way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_solver(monkeypatch, lambda: Faulty(way))
+    found = compare(problem_of("desk"), ["mine 1.0"], steps=3, derive=0)
+    assert found.figures["mine 1.0"]["success_1e-3"] == 0.0
+    assert all(trial.fault for trial in found.trials)
+    assert way != "raises" or "ZeroDivisionError (division by zero)" in found.trials[0].fault
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: 5, "got 5, allowed a QpSolver"),
+        (lambda: 1 / 0, r"got ZeroDivisionError \(division by zero\) when it was made"),
+        (Faulty, "got TypeError"),
+        (5, "got TypeError"),
+        (type("Half", (QpSolver,), {}), "abstract"),
+    ],
+)
+def test_what_is_no_solver_is_said(made: Any, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_solver(monkeypatch, made)
+    with pytest.raises(InputError, match=said) as error:
+        solver_named("mine 1.0")
+    assert str(error.value).startswith("solver mine 1.0: got ")
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -96,6 +168,78 @@ def test_steppers_in_threads_do_not_disturb_each_other(name: str) -> None:
     np.testing.assert_array_equal(together, alone)
 
 
+@pytest.mark.parametrize("name", KINDS)
+def test_a_replay_in_another_process_gives_the_same_twists(name: str, tmp_path: Path) -> None:
+    """Also after another loop with QPs of the same size has left its traces here."""
+    rng, log, twists = np.random.default_rng(3), [], []
+    for number in range(2):
+        log.clear()
+        twists.clear()
+        stepper = Stepper(problem_of("screwing"), solver=name, log=log.append)
+        for _ in range(25):
+            posture = comfort_of("screwing") + (0.1 + 0.1 * number) * rng.normal(size=32)
+            twists.append(stepper.step(posture).twist)
+    path = tmp_path / "log.json"
+    path.write_text(json.dumps(log, default=lambda value: np.asarray(value).tolist()))
+    code = (
+        "import json, sys, numpy as np, ergoqp; log = json.load(open(sys.argv[1]));"
+        " steps = ergoqp.replay(ergoqp.load_problem('screwing'), log);"
+        " print(json.dumps([step.twist.tolist() for step in steps]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
+    )
+    here = [step.twist for step in ergoqp.replay(problem_of("screwing"), log)]
+    np.testing.assert_array_equal(json.loads(done.stdout), here)
+    np.testing.assert_array_equal(here, twists)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_cold_answer_depends_on_nothing_before(name: str) -> None:
+    qps = [qp for qps in samples() for qp, _ in qps]
+    session = {qp.size: open_session(name, *qp.size) for qp in qps}
+    for qp in qps:
+        alone = open_session(name, *qp.size).solve_qp(qp, warm=False)
+        np.testing.assert_array_equal(session[qp.size].solve_qp(qp, warm=False).x, alone.x)
+        session[qp.size].solve_qp(qp, warm=True)
+
+
+def test_steppers_made_in_threads_have_solvers_that_live() -> None:
+    problem = problem_of("screwing")
+
+    def run(_: int) -> str:
+        stepper = Stepper(problem, solver="proxqp")
+        gc.collect()
+        return stepper.step(comfort_of("screwing")).status
+
+    solver_module._KEPT.clear()
+    with ThreadPoolExecutor(4) as pool:
+        assert set(pool.map(run, range(8))) <= {"optimal", "settled"}
+
+
+def test_nobody_elses_lines_are_lost_while_a_loud_solver_runs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    steppers = [Stepper(problem_of("screwing"), solver="qpoases") for _ in range(2)]
+    before, stop = sys.stdout, threading.Event()
+
+    def run(stepper: Stepper) -> None:
+        while not stop.is_set():
+            stepper.step(comfort_of("screwing"))
+
+    threads = [threading.Thread(target=run, args=(stepper,)) for stepper in steppers]
+    for thread in threads:
+        thread.start()
+    for number in range(300):
+        print(number)
+        time.sleep(1e-4)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert sys.stdout is before
+    assert capsys.readouterr().out == "".join(f"{number}\n" for number in range(300))
+
+
 def test_the_step_function_outlives_who_made_it() -> None:
     function = step_function(problem_of("screwing"), "proxqp")
     gc.collect()
@@ -105,8 +249,7 @@ def test_the_step_function_outlives_who_made_it() -> None:
     assert not any(np.isnan(part.full()).any() for part in function(**given).values())
 
 
-# HPIPM gives up on so small a QP, and says so.
-@pytest.mark.parametrize("name", [name for name in installed_solvers() if name != "hpipm"])
+@pytest.mark.parametrize("name", installed_solvers())
 def test_a_bound_that_is_none_is_none(name: str) -> None:
     function = solver_named(name).function(2, 1)
     ends = [[-FREE], [FREE], [-FREE, -1.0], [FREE, FREE]]

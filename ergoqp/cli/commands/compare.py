@@ -49,6 +49,11 @@ def run_compare(
     screen.print(_sequences(found))
     screen.print(_exactness(found))
     screen.print(_times(found))
+    for name in found.figures:
+        faults = [one.fault for one in found.trials if one.solver == name and one.fault]
+        if faults:
+            words = f"{name} failed {len(faults)} sequences by itself, first with {faults[0]}"
+            screen.print(Text(words), soft_wrap=True)
     for name in found.missing:
         command = install_command("solvers")
         screen.print(Text(f"{name} is not installed: `{command}`"), soft_wrap=True)

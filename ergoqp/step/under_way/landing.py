@@ -95,7 +95,10 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
-        aside = ca.fabs(rows) @ ca.DM(robot.noise)
+        # What touches a region where the pose says that it is nearest has the noise twice: in how
+        # far it is, and in which direction. So far outside it is never measured inside.
+        astray = np.linalg.norm(robot.noise[:3]) * np.array(parts_of.tangents, float)
+        aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
         below, above = below + aside, above + aside
     parts = [found["total"], below, above]
     # A turn that is measured with an error is one that may have been done, or not.

@@ -77,6 +77,11 @@ class WayLayout:
         return [_bend(limit) for limit in self.limits for _ in limit.names]
 
     @property
+    def tangents(self) -> list[bool]:
+        """Whether the direction of each of them is read off the pose."""
+        return [getattr(limit, "tangent", False) for limit in self.limits for _ in limit.names]
+
+    @property
     def _sizes(self) -> list[int]:
         """Sizes of the parts, in the order of `Way`."""
         if not self.count:
