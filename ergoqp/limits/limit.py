@@ -184,6 +184,8 @@ class Limit(Protocol):
             ``"joints"``, ``"boundary"`` or ``"length"``. Places, optimum and checker know how to
             judge the package's own limit of that word, the first in a problem; all others, with the
             attribute or without, they judge by `rows` alone, see `ergoqp.limits.own_rows`.
+        breach: how being beyond an end is called, before the row's name; without the attribute it
+            is ``"outside"``, as of a box.
         state: names of the coordinates that it is about; without the attribute any serve.
         commanded: whether the twist must be the velocity of that state itself; without the
             attribute it need not.

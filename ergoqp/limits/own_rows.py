@@ -86,7 +86,9 @@ class OwnLimits:
         return np.minimum(below, above)
 
     def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
-        """Return the name of the first row that a place does not keep, or an empty text.
+        """Return the first row that a place does not keep, as ``"outside NAME"``, or an empty text.
+
+        A limit may say another word than outside, see `Limit.breach`.
 
         Args:
             pose: of the object (4, 4) [m].
@@ -97,7 +99,7 @@ class OwnLimits:
         for limit in self.limits if posture is not None else self.hard:
             for name, margin in zip(limit.names, self.margins(limit, stands_in, pose), strict=True):
                 if margin < -(limit.tolerance + _ROUNDING):
-                    return name
+                    return f"{getattr(limit, 'breach', 'outside')} {name}"
         return ""
 
     def judge(self) -> None:

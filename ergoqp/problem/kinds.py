@@ -132,6 +132,7 @@ def _check_limit(limit: Any) -> None:
         raise ProblemError(
             f"limits: holds of {first}: got {shown(holds)}, allowed {', '.join(KINDS)}, or None"
         )
+    check_text(f"limits: breach of {first}", getattr(limit, "breach", "outside"), ProblemError)
     returns = limit.returns
     if not isinstance(returns, (tuple, list, np.ndarray)) or len(returns) not in (1, len(names)):
         raise ProblemError(

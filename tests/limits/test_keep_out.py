@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from step_samples import problem_of
 
 import ergoqp
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.errors import InputError, OutOfReachError, ProblemError
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.limits import Ball, Box, HalfSpace, KeepOut
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
@@ -161,7 +161,9 @@ def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
     comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
     pose = np.array(problem.response.contact()(comfort)[0])
     region = Ball(tuple(pose[:3, 3] + [0.02, 0, 0]), 0.05)
-    stepper = Stepper(problem.replace(limits=[*problem.limits, KeepOut(region)]))
+    stepper = Stepper(problem.replace(limits=[*problem.limits, KeepOut(region, name="head")]))
+    assert stepper.step(comfort, pose).reason == "in head by 0.03 m, coming back"
+    stepper.reset()
     depths = []
     for _ in range(800):
         step = stepper.step(comfort, pose)
@@ -179,8 +181,33 @@ def test_the_best_place_is_out_of_the_region() -> None:
     limited = problem.replace(limits=[*problem.limits, KeepOut(region)])
     assert distance(region, free.pose[:3, 3]) < -0.07
     assert distance(region, ergoqp.optimise(limited, starts=3, seed=0).pose[:3, 3]) > -1e-5
-    with pytest.raises(InputError, match="which is outside keep out"):
+    with pytest.raises(InputError, match="which is in keep out, allowed where all limits hold"):
         Stepper(limited, guide=free.pose)
+
+
+def test_a_region_that_leaves_no_place_is_named() -> None:
+    problem = problem_of("screwing")
+    everywhere = problem.replace(limits=[*problem.limits, KeepOut(Ball((0, 0, 1), 5))])
+    with pytest.raises(
+        OutOfReachError, match=r"can be a start \((\d+ out of reach, )?\d+ in keep out"
+    ):
+        ergoqp.optimise(everywhere, starts=1)
+    comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    with pytest.raises(
+        OutOfReachError, match=r"a place that counts \(1 (in keep out|out of reach)\)"
+    ):
+        ergoqp.optimise(everywhere, comfort, starts=1)
+
+
+def test_one_that_the_object_cannot_leave_is_named() -> None:
+    problem = problem_of("screwing")
+    comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    pose = np.array(problem.response.contact()(comfort)[0])
+    up = [each for each in problem.limits if not isinstance(each, TwistLimit)]
+    region = HalfSpace((1, 0, 0), float(pose[0, 3]) + 0.05)
+    limits = [*up, TwistLimit(axes=("z",)), KeepOut(region, name="wall")]
+    step = Stepper(problem.replace(limits=limits)).step(comfort, pose)
+    assert "in wall by 0.05 m, and the object cannot move it" in step.reason
 
 
 def test_problem_files_have_regions(tmp_path) -> None:

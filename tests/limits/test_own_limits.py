@@ -203,7 +203,8 @@ def test_the_guide_is_not_a_place_behind_the_wall() -> None:
     Stepper(walled(pose[0, 3] - 0.01), guide=pose)
     with pytest.raises(
         InputError,
-        match=r"guide: got the place \(.*\) m, which is outside wall, allowed within all limits",
+        match=r"guide: got the place \(.*\) m, which is outside wall, allowed where all limits"
+        " hold",
     ):
         Stepper(walled(pose[0, 3] + 0.01), guide=pose)
 
