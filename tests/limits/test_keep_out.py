@@ -247,6 +247,26 @@ def test_the_checker_sees_who_goes_further_in(name: str) -> None:
     assert checker.max_violation["keep out"] == pytest.approx(0.002, abs=1e-7)
 
 
+class Wider(Ball):
+    """A ball of the user's own that reaches further than its radius."""
+
+    def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """So much less."""
+        distance, direction = super().nearest(point)
+        return distance - 0.1, direction
+
+
+def test_a_region_of_ones_own_is_checked_by_what_it_says() -> None:
+    base, still, pose = problem_of("screwing"), np.zeros(6), np.eye(4)
+    pose[:3, 3] = 0.5, 0.0, 1.2
+    region = Wider(tuple(pose[:3, 3] - [0.145, 0, 0]), 0.05)
+    checker = Checker(base.replace(limits=[*base.limits, KeepOut(region)]))
+    after = pose.copy()
+    after[0, 3] -= 0.003
+    names = checker.check(still, still, pose, None, np.zeros(32), base.dt, after=after)
+    assert names == ["keep out"]
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
