@@ -150,14 +150,18 @@ def attack(seed: int, n: int, steps: int, first_order: bool) -> Attack:
     rng = np.random.default_rng([seed, n])
     case = draw_case(n, rng)
     limit = TwistLimit(*rng.uniform([0.1, 0.1, 0.5, 0.5], [0.5, 0.5, 3.0, 3.0]))
-    kind = FirstOrder if first_order else OneClassBoundary
+    boundary = (
+        FirstOrder(case.model, hard=True, name="first order")
+        if first_order
+        else OneClassBoundary(case.model, hard=True)
+    )
     response = LinearResponse(case.model.coordinates.names, case.sensitivity, largest=1e3)
     found = Attack(ratios=[])
     for cost in (Outward(case.model), Waves(case.model, rng)):
         control = Control(
             comfort=0.0, rest_below=0.0, stall_after=1e6, effort_linear=0.1, effort_angular=0.1
         )
-        limits: list[Any] = [limit, kind(case.model, hard=True)]
+        limits: list[Any] = [limit, boundary]
         problem = Problem(cost=cost, response=response, limits=limits, control=control)
         _drive(problem, case, steps // 2, rng, found)
     return found

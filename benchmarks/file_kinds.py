@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.datasets.cache import cached_data
 from ergoqp.datasets.data import DataSet
 from ergoqp.errors import ErgoqpError

@@ -35,7 +35,8 @@ from numpy.typing import ArrayLike, NDArray
 from benchmarks.loops import ABOVE, DURATION, STILL, end_score
 from benchmarks.report import Report, run
 from ergoqp.coordinates import SCORED_JOINTS
-from ergoqp.costs.learned import LearnedCost, load_cost
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.load import load_cost
 from ergoqp.datasets.postures import posture_data
 from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import OneClassBoundary

@@ -2,11 +2,13 @@
 
 Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for the first
 two alone, as ``make check`` does. Imports within functions and for types alone are counted like all
-others; the facade ``ergoqp/__init__.py``, which names what there is and imports it when it is asked
-for, is no room.
+others, and so is every text that names a module, in a file that imports by text
+(``import_module``); the facade ``ergoqp/__init__.py``, which names what there is and imports it
+when it is asked for, is no room.
 
 - ``circles``: groups of files that import each other.
-- ``climbs``: imports of a room from one that is not on a lower floor of ``benchmarks/floors.toml``.
+- ``climbs``: imports of a room from one that is not on a lower floor of ``benchmarks/floors.toml``,
+  but among the files of the ground.
 - ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top
   of ``ergoqp/``.
 - ``long_lines``: lines of Python of more than 100 columns, in the whole project.
@@ -26,6 +28,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Final
 
@@ -49,17 +52,39 @@ def modules() -> dict[str, Path]:
 
 def imports(files: dict[str, Path]) -> dict[str, set[str]]:
     """Return which files each file imports from."""
-    return {name: set(_imported(path, files)) - {name} for name, path in files.items()}
+    return {name: set(_imported(name, files)) - {name} for name in files}
 
 
-def _imported(path: Path, files: dict[str, Path]) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def _imported(name: str, files: dict[str, Path]) -> Iterator[str]:
+    nodes = list(ast.walk(ast.parse(files[name].read_text(encoding="utf-8"))))
+    inside = name if files[name].stem == "__init__" else name.rpartition(".")[0]
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in files)
-        elif isinstance(node, ast.ImportFrom) and node.module in files:
+        elif isinstance(node, ast.ImportFrom):
+            module = resolve_name("." * node.level + (node.module or ""), inside)
             for alias in node.names:
-                within = f"{node.module}.{alias.name}"
-                yield within if within in files else node.module
+                within = f"{module}.{alias.name}"
+                yield from [each for each in (within, module) if each in files][:1]
+    if name != FACADE and any(_imports_by_text(node) for node in nodes):
+        texts = (node.value for node in nodes if isinstance(node, ast.Constant))
+        for text in texts:
+            if isinstance(text, str) and (module := _named(text, inside)) in files:
+                yield module
+
+
+def _imports_by_text(node: ast.AST) -> bool:
+    called = node.func if isinstance(node, ast.Call) else None
+    return getattr(called, "attr", getattr(called, "id", "")) in ("import_module", "__import__")
+
+
+def _named(text: str, inside: str) -> str:
+    """Return the module that a text such as ``"ergoqp.costs.svr:Svr"`` or ``".svr"`` may name."""
+    name = text.partition(":")[0]
+    try:
+        return resolve_name(name, inside) if name.strip(".") else ""
+    except ImportError:
+        return ""
 
 
 def circles(arrows: dict[str, set[str]]) -> list[list[str]]:

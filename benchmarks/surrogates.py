@@ -43,7 +43,8 @@ from ergoqp.coordinates import SCORED_JOINTS, Coordinates
 from ergoqp.costs.from_sklearn import from_sklearn
 from ergoqp.costs.gmr import Gmr
 from ergoqp.costs.ladder import OneClassLadder
-from ergoqp.costs.learned import LearnedCost, load_cost
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.load import load_cost
 from ergoqp.costs.neural import Neural
 from ergoqp.costs.quadratic import Quadratic
 from ergoqp.costs.quality import evaluation_time, quality_of

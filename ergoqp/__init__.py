@@ -21,7 +21,7 @@ from ergoqp.joints import JOINTS as JOINTS
 
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
-    from ergoqp.costs.learned import load_cost as load_cost
+    from ergoqp.costs.load import load_cost as load_cost
     from ergoqp.placing.optimise import optimise as optimise
     from ergoqp.problem.control import Control as Control
     from ergoqp.problem.problem import Problem as Problem
@@ -42,7 +42,7 @@ _LATER = {
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
     "compare": "ergoqp.comparison.compare",
-    "load_cost": "ergoqp.costs.learned",
+    "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem_files.load",
     "load_recording": "ergoqp.recordings.load",
     "optimise": "ergoqp.placing.optimise",

@@ -8,27 +8,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ergoqp.coordinates import Coordinates
-from ergoqp.errors import ModelError
-from ergoqp.learning.model_file import load_model, save_model
-
-KINDS: Final[dict[str, str]] = {
-    "quadratic": "ergoqp.costs.quadratic:Quadratic",
-    "gmr": "ergoqp.costs.gmr:Gmr",
-    "svr": "ergoqp.costs.svr:Svr",
-    "one_class_ladder": "ergoqp.costs.ladder:OneClassLadder",
-    "neural": "ergoqp.costs.neural:Neural",
-    "sklearn": "ergoqp.costs.from_sklearn:SklearnCost",
-}
-"""Where each kind of learned cost is; to add one, write the class and a line here."""
+from ergoqp.learning.model_file import save_model
 
 
 class LearnedCost(ABC):
@@ -40,7 +28,7 @@ class LearnedCost(ABC):
     data.
 
     Attributes:
-        name: of the kind, a key of `KINDS`.
+        name: of the kind, a key of `ergoqp.costs.load.KINDS`.
         dense: matrices stay matrices: thousands of kernels are never written out as scalars.
         coordinates: the inputs.
         minimum: V_min, the lowest score of the data [points].
@@ -148,44 +136,3 @@ class LearnedCost(ABC):
             "notes": dict(notes or {}),
         }
         save_model(path, header, arrays)
-
-
-def load_cost(path: Path | str) -> LearnedCost:
-    """Return the cost that :meth:`LearnedCost.save` wrote.
-
-    Raises:
-        ModelError: if the file is not there, cut, changed, or holds something else.
-    """
-    header, arrays = load_model(path)
-    kind = header.get("kind")
-    if kind not in KINDS:
-        raise ModelError(
-            f"{Path(path).name}: holds a model of kind {kind!r}, allowed {', '.join(KINDS)}"
-        )
-    module, name = KINDS[kind].split(":")
-    try:
-        make = getattr(import_module(module), name).from_parts
-        cost = make(header["settings"], arrays, header["coordinates"], header["minimum"])
-        # Arrays that do not fit to each other show when they are used.
-        if not np.isfinite(
-            cost(np.zeros((1, len(cost.coordinates.state))))
-        ).all() or not np.isfinite(cost.minimum):
-            raise ValueError("its value is not a number")
-        return cost
-    except (
-        KeyError,
-        TypeError,
-        ValueError,
-        IndexError,
-        AttributeError,
-        RuntimeError,
-        OverflowError,
-    ) as error:
-        raise ModelError(
-            f"{Path(path).name}: does not hold what a model of kind {kind!r} needs"
-            f" ({_last_line(error)})"
-        ) from None
-
-
-def _last_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[-1]

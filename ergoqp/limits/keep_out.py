@@ -154,6 +154,7 @@ class KeepOut:
     proven = False
     yield_zone = 0.0
     unit = "m"
+    breach = "in"
     returns = (True,)
     state = JOINTS
 

@@ -183,10 +183,12 @@ class Limit(Protocol):
             position then counts twice, so that the object is never measured inside.
         equality: whether the state stays on it exactly, by projection, as on `Surface`; without the
             attribute it does not. A problem has one at most.
-        holds: what of the world it holds, in a word, where places, optimum and checker know how to
-            judge that: ``"workspace"``, ``"tool axis"``, ``"joints"``, ``"boundary"`` or
-            ``"length"``. Without the attribute they go by `rows` alone, see
-            `ergoqp.limits.own_rows`.
+        holds: what of the world it holds, in a word: ``"workspace"``, ``"tool axis"``,
+            ``"joints"``, ``"boundary"`` or ``"length"``. Places, optimum and checker know how to
+            judge the package's own limit of that word, the first in a problem; all others, with the
+            attribute or without, they judge by `rows` alone, see `ergoqp.limits.own_rows`.
+        breach: how being beyond an end is called, before the row's name; without the attribute it
+            is ``"outside"``, as of a box.
         state: names of the coordinates that it is about; without the attribute any serve.
         commanded: whether the twist must be the velocity of that state itself; without the
             attribute it need not.

@@ -5,24 +5,35 @@ This is what each of them says of a place and a posture.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.errors import ErgoqpError, ProblemError
+from ergoqp.limits.arm_length import ArmLength
+from ergoqp.limits.joints import JointLimit
 from ergoqp.limits.limit import Limit, Situation, Surface
+from ergoqp.limits.one_class_boundary import OneClassBoundary
+from ergoqp.limits.workspace import AxisCone, WorkspaceBox
 
 _ROUNDING = 1e-6
+
+KINDS: Final[Mapping[str, type]] = {
+    kind.holds: kind for kind in (WorkspaceBox, AxisCone, JointLimit, OneClassBoundary, ArmLength)
+}
+"""What places, optimum and checker know how to judge, by what it holds; see `Limit.holds`."""
 
 
 @dataclass(frozen=True)
 class OwnLimits:
-    """The limits of a problem that are not the first to hold what they hold.
+    """The limits of a problem that nobody judges but by their `rows`.
 
-    They hold by their `rows` alone: distances to both ends where things are.
+    These are distances to both ends where things are. All are but the first of each of `KINDS`, and
+    that one too if a class of the user's has changed what it does.
 
     Attributes:
         every: all limits of the problem that are rows.
@@ -41,15 +52,20 @@ class OwnLimits:
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
         """The limits."""
-        judged: set[str] = set()
-        own = []
-        for limit in self.every:
-            holds = getattr(limit, "holds", None)
-            if holds is None or holds in judged:
-                own.append(limit)
-            else:
-                judged.add(holds)
-        return tuple(own)
+        return tuple(limit for limit in self.every if not self._known(limit))
+
+    def _known(self, limit: Limit) -> bool:
+        """Say whether a limit is what those who know its kind judge."""
+        kind = KINDS.get(getattr(limit, "holds", None) or "")
+        if kind is None or limit is not next((e for e in self.every if isinstance(e, kind)), None):
+            return False
+        own = type(limit)
+        return all(
+            getattr(own, name) is part
+            for name, part in vars(kind).items()
+            if not name.startswith("__")
+            and (callable(part) or isinstance(part, (property, cached_property)))
+        )
 
     @cached_property
     def hard(self) -> tuple[Limit, ...]:
@@ -70,7 +86,9 @@ class OwnLimits:
         return np.minimum(below, above)
 
     def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
-        """Return the name of the first row that a place does not keep, or an empty text.
+        """Return the first row that a place does not keep, as ``"outside NAME"``, or an empty text.
+
+        A limit may say another word than outside, see `Limit.breach`.
 
         Args:
             pose: of the object (4, 4) [m].
@@ -81,7 +99,7 @@ class OwnLimits:
         for limit in self.limits if posture is not None else self.hard:
             for name, margin in zip(limit.names, self.margins(limit, stands_in, pose), strict=True):
                 if margin < -(limit.tolerance + _ROUNDING):
-                    return name
+                    return f"{getattr(limit, 'breach', 'outside')} {name}"
         return ""
 
     def judge(self) -> None:

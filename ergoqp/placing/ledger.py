@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 
 from ergoqp.files.cache import digest_of
+from ergoqp.files.content import content_of
 from ergoqp.files.text import json_of
 from ergoqp.joints import JOINTS
-from ergoqp.limits import OneClassBoundary, TwistLimit
+from ergoqp.limits import OneClassBoundary
 from ergoqp.placing.optimum import Trial
 from ergoqp.placing.person_values import response_as_dict
 from ergoqp.placing.start import PlaceTask
-from ergoqp.problem.problem import Problem
 from ergoqp.simulation.robot import moved
 
 FILE = "optimum_starts.jsonl"
 """Name of the file in a folder of results."""
 
-VERSION = 1
+VERSION = 2
 """Of the method: trials of another one are not taken over."""
 
-_PROBES = 16
+_PROBES = 64
 
 
 class Ledger:
@@ -79,16 +79,19 @@ class Ledger:
 def key_of(task: PlaceTask) -> str:
     """Return what a trial depends on besides its number, as a short text.
 
-    Cost and learned boundary are known by what they say of a few postures, whatever they are made
-    of.
+    Cost and limits are known by the fields that they are made of and, as code may change without
+    them, by what they say of some postures and places.
     """
     problem, begin = task.problem, task.begin
-    postures = np.random.default_rng(7).uniform(-0.5, 1.0, (_PROBES, len(JOINTS)))
     content = {
         "version": VERSION,
-        "cost": [problem.cost.name, np.asarray(problem.cost(postures)).tolist()],
+        "cost": [
+            problem.cost.name,
+            content_of(problem.cost),
+            np.asarray(problem.cost(_postures(task))).tolist(),
+        ],
         "task": [dict(problem.task), asdict(problem.method)],
-        "limits": [_content(problem, limit, postures) for limit in problem.limits],
+        "limits": [[content_of(limit), _said(task, limit)] for limit in problem.limits],
         "person": response_as_dict(task.person.response),
         "begin": [part.tolist() for part in (begin.posture, begin.pose, begin.grasp, begin.soles)],
         "options": [task.mode, task.solver, task.seed, task.tau_deg],
@@ -96,22 +99,24 @@ def key_of(task: PlaceTask) -> str:
     return digest_of(content)
 
 
-def _content(problem: Problem, limit: Any, postures: np.ndarray) -> list[Any]:
-    name, own = type(limit).__name__, problem.own_limits
+def _postures(task: PlaceTask) -> np.ndarray:
+    """Some from near comfort, where data are, to far from it (n, 32) [rad]."""
+    far = np.linspace(0.02, 1.0, _PROBES)[:, None]
+    drawn = np.random.default_rng(7).uniform(-1.0, 1.0, (_PROBES, len(JOINTS)))
+    return task.person.response.comfort + far * drawn
+
+
+def _said(task: PlaceTask, limit: Any) -> list[Any]:
+    """What a limit says of some postures and places; nothing where its fields say everything."""
+    own = task.problem.own_limits
     if any(limit is each for each in own.limits):
-        poses = [
-            moved(begin, np.array([0.1, -0.2, 0.3, 0.1, 0.2, -0.1]))
-            for begin in (np.eye(4), np.diag([1.0, -1, -1, 1]))
-        ]
+        turns = np.random.default_rng(8).uniform(-np.pi, np.pi, (_PROBES, 6))
+        places = [moved(np.eye(4), turn / [2, 2, 2, 1, 1, 1]) for turn in turns]
         return [
-            name,
-            [own.margins(limit, posture, pose).tolist() for posture in postures for pose in poses],
+            own.margins(limit, posture, pose).tolist()
+            for posture, pose in zip(_postures(task), places, strict=True)
         ]
     if isinstance(limit, OneClassBoundary):
         measure = limit.measure()
-        return [
-            name,
-            limit.tolerance,
-            [float(np.ravel(np.array(measure(posture)))[0]) for posture in postures],
-        ]
-    return [name, limit.axes if isinstance(limit, TwistLimit) else asdict(limit)]
+        return [float(np.ravel(np.array(measure(posture)))[0]) for posture in _postures(task)]
+    return []

@@ -161,7 +161,7 @@ def _solve(
     trials = {
         number: trial
         for number, trial in (ledger.trials if ledger else {}).items()
-        if number < starts
+        if number < starts and _stands(task.problem, trial)
     }
     missing = [number for number in range(starts) if number not in trials]
     for trial in trials_of(key, task, missing, jobs, scheduler):
@@ -171,6 +171,11 @@ def _solve(
         if progress is not None:
             progress(len(trials) / starts)
     return [trials[number] for number in range(starts)]
+
+
+def _stands(problem: Problem, trial: Trial) -> bool:
+    """Say whether the limits still allow where a start of a former run ended."""
+    return not trial.reba or not problem.own_limits.broken(trial.pose, trial.posture)
 
 
 def _best(problem: Problem, trials: Sequence[Trial]) -> Trial:

@@ -215,8 +215,7 @@ class StartSolver:
             boundary.tolerance + _SLACK
         ):
             return "outside the learned boundary"
-        name = problem.own_limits.broken(pose, posture)
-        return f"outside {name}" if name else ""
+        return problem.own_limits.broken(pose, posture)
 
 
 def _since(begin: float) -> float:

@@ -14,6 +14,7 @@ from ergoqp.arguments import check_kind, check_number, check_text, flag, names_o
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.limits import TwistLimit
 from ergoqp.limits.limit import RECOVERY_TIMES
+from ergoqp.limits.own_rows import KINDS
 from ergoqp.problem.control import Control
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.sheets.options import Method
@@ -53,6 +54,20 @@ _MEMBERS: Final = {
 See `ergoqp.costs.cost`, `ergoqp.responses.response` and `ergoqp.limits.limit`.
 """
 
+FIGURES: Final = (
+    "speed",
+    "acceleration",
+    "jerk",
+    "axes",
+    "workspace",
+    "tool axis",
+    "joint range",
+    "joint rate",
+    "boundary",
+    "arm length",
+)
+"""Names of what `ergoqp.simulation.check` counts besides rows."""
+
 _JOINTS: Final = 32
 _LARGEST: Final = 1e6
 """Beyond this points, distances and tolerances are a slip."""
@@ -71,6 +86,12 @@ def check_kinds(problem: Any) -> None:
     for limit in problem.limits:
         if not isinstance(limit, TwistLimit):
             _check_limit(limit)
+    rows = [name for limit in problem.own_limits.limits for name in limit.names]
+    if taken := [name for name in rows if name in FIGURES]:
+        raise ProblemError(
+            f"limits: got a row named {taken[0]!r}, allowed other names than those of the checker's"
+            f" own figures: {', '.join(FIGURES)}"
+        )
     check_number("dt", problem.dt, *PERIODS, "s", ProblemError)
     for what, term, kind in (
         ("control", problem.control, Control),
@@ -106,6 +127,12 @@ def _check_limit(limit: Any) -> None:
         check_number(
             f"limits: {what} of {first}", getattr(limit, what), low, high, error=ProblemError
         )
+    holds = getattr(limit, "holds", None)
+    if holds is not None and not (isinstance(holds, str) and holds in KINDS):
+        raise ProblemError(
+            f"limits: holds of {first}: got {shown(holds)}, allowed {', '.join(KINDS)}, or None"
+        )
+    check_text(f"limits: breach of {first}", getattr(limit, "breach", "outside"), ProblemError)
     returns = limit.returns
     if not isinstance(returns, (tuple, list, np.ndarray)) or len(returns) not in (1, len(names)):
         raise ProblemError(

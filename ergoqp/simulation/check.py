@@ -5,9 +5,10 @@ It judges from what was sent and measured alone.
 It shares no code with the step. What it checks: every twist against speed, acceleration and axes;
 the object's pose after each period against workspace and cone; the model person's predicted posture
 against joint ranges and rates and against the boundary of the data; elbow and wrist against the
-forearm's length; the contact point against regions to keep out of; and limits of the user's own by
-the distances that they declare, which is all that anybody knows of them. What was outside may only
-come in, and what is in stays in: the object's pose is never further out than it ever was.
+forearm's length; the contact point against regions to keep out of; and limits and regions of the
+user's own by the distances that they declare, which is all that anybody knows of them. What was
+outside may only come in, and what is in stays in: the object's pose is never further out than it
+ever was.
 """
 
 from __future__ import annotations
@@ -255,7 +256,8 @@ class Checker:
 
 def _inside(limit: Limit, point: np.ndarray) -> float | None:
     """How deep a point (3,) is in a region to keep out of [m]; None: it is not known here."""
-    match limit.region if isinstance(limit, KeepOut) else None:
+    region = limit.region if isinstance(limit, KeepOut) and type(limit) is KeepOut else None
+    match region if type(region) in (HalfSpace, Ball, Box) else None:
         case HalfSpace(normal, offset):
             return offset - float(np.dot(normal, point))
         case Ball(centre, radius):

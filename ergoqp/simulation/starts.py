@@ -5,6 +5,8 @@ It is found in a fraction of a second.
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from ergoqp.errors import InputError, OutOfReachError
@@ -32,8 +34,8 @@ def awkward_start(
         places: how many to try.
 
     Raises:
-        InputError: if the problem has no workspace or no tool axis, or the person reaches none of
-            the places.
+        InputError: if the problem has no workspace or no tool axis, or none of the places is one
+            that the person reaches and the limits allow.
     """
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     if box is None or cone is None:
@@ -47,17 +49,21 @@ def awkward_start(
     rotations = tilted_frames(cone, problem.twist_limit.axes, TURNS)
     comfort = person.response.comfort
     soles, grasp = person.stand(comfort), person.grasp(comfort)
-    postures = []
+    postures, notes = [], []
     for _ in range(places):
         pose = np.eye(4)
         pose[:3, 3] = rng.uniform(lower + inset, upper - inset)
         pose[:3, :3] = rotations[rng.integers(len(rotations))]
         posture, reached = person.settle(comfort, pose, grasp, soles)
-        if reached and not problem.own_limits.broken(pose, posture):
+        note = problem.own_limits.broken(pose, posture) if reached else "out of reach"
+        if note:
+            notes.append(note)
+        else:
             postures.append(posture)
     if not postures:
+        words = ", ".join(f"{count} {note}" for note, count in sorted(Counter(notes).items()))
         raise OutOfReachError(
-            f"problem {problem.name}: the person reaches none of {places} places of the workspace;"
-            " enlarge it"
+            f"problem {problem.name}: none of {places} places of the workspace can be a start"
+            f" ({words}); enlarge the workspace or loosen the limits"
         )
     return postures[int(np.argmax(problem.assess(np.array(postures)).final))]

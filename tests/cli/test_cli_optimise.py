@@ -83,7 +83,10 @@ def own_problem(lower, upper, direction):
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (([2, 2, 2], [3, 3, 3], [1, 0, 0]), "the person reaches none of"),
+        (
+            ([2, 2, 2], [3, 3, 3], [1, 0, 0]),
+            "none of 40 places of the workspace can be a start (40 out of reach)",
+        ),
         (([1.0, 0, 0], [0.5, 1, 1], [1, 0, 0]), "allowed lower <= upper"),
         (([0, 0, 0], [1, 1, 1], [0, 0, 0]), "allowed any vector from 1e-9"),
     ],

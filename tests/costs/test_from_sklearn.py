@@ -28,7 +28,7 @@ from sklearn.svm import SVR, OneClassSVM
 
 from ergoqp.coordinates import REPORT_JOINTS
 from ergoqp.costs.from_sklearn import from_sklearn
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.errors import ModelError
 
 NAMES = REPORT_JOINTS[:4]

@@ -12,7 +12,7 @@ from sklearn.mixture import GaussianMixture
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.gmr import Gmr, bic_curve
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.errors import MissingExtraError, ModelError

@@ -7,7 +7,7 @@ import pytest
 
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.costs.neural import Neural
 from ergoqp.costs.quality import quality_of
 from ergoqp.costs.smooth_reba import SmoothReba

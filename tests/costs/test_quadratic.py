@@ -9,7 +9,7 @@ import pytest
 
 from ergoqp.coordinates import FOREARM
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.costs.quadratic import Quadratic
 from ergoqp.costs.quality import quality_of
 from ergoqp.datasets.data import DataSet

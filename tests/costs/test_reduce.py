@@ -9,7 +9,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVR
 
 from ergoqp.costs.from_sklearn import from_sklearn
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.costs.reduce import reduced
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet

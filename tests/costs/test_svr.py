@@ -8,7 +8,7 @@ import pytest
 from ergoqp import reba
 from ergoqp.coordinates import REPORT_JOINTS, Coordinates
 from ergoqp.costs.cost import Cost
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.sampler import balanced_postures

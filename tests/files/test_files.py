@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.errors import ErgoqpError, InputError, ModelError
 from ergoqp.files.npz import LARGEST, read_npz
 from ergoqp.files.text import json_of, read_json, read_toml

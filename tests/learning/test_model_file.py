@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.costs.quadratic import Quadratic
 from ergoqp.errors import ModelError
 from ergoqp.learning.model_file import FORMAT, load_model, save_model

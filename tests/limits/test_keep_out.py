@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from step_samples import problem_of
 
 import ergoqp
-from ergoqp.errors import InputError, ProblemError
+from ergoqp.errors import InputError, OutOfReachError, ProblemError
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.limits import Ball, Box, HalfSpace, KeepOut
+from ergoqp.limits import Ball, Box, HalfSpace, KeepOut, TwistLimit
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem, problem_from_dict
@@ -192,7 +192,9 @@ def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
     comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
     pose = np.array(problem.response.contact()(comfort)[0])
     region = Ball(tuple(pose[:3, 3] + [0.02, 0, 0]), 0.05)
-    stepper = Stepper(problem.replace(limits=[*problem.limits, KeepOut(region)]))
+    stepper = Stepper(problem.replace(limits=[*problem.limits, KeepOut(region, name="head")]))
+    assert stepper.step(comfort, pose).reason == "in head by 0.03 m, coming back"
+    stepper.reset()
     depths = []
     for _ in range(800):
         step = stepper.step(comfort, pose)
@@ -210,8 +212,33 @@ def test_the_best_place_is_out_of_the_region() -> None:
     limited = problem.replace(limits=[*problem.limits, KeepOut(region)])
     assert distance(region, free.pose[:3, 3]) < -0.07
     assert distance(region, ergoqp.optimise(limited, starts=3, seed=0).pose[:3, 3]) > -1e-5
-    with pytest.raises(InputError, match="which is outside keep out"):
+    with pytest.raises(InputError, match="which is in keep out, allowed where all limits hold"):
         Stepper(limited, guide=free.pose)
+
+
+def test_a_region_that_leaves_no_place_is_named() -> None:
+    problem = problem_of("screwing")
+    everywhere = problem.replace(limits=[*problem.limits, KeepOut(Ball((0, 0, 1), 5))])
+    with pytest.raises(
+        OutOfReachError, match=r"can be a start \((\d+ out of reach, )?\d+ in keep out"
+    ):
+        ergoqp.optimise(everywhere, starts=1)
+    comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    with pytest.raises(
+        OutOfReachError, match=r"a place that counts \(1 (in keep out|out of reach)\)"
+    ):
+        ergoqp.optimise(everywhere, comfort, starts=1)
+
+
+def test_one_that_the_object_cannot_leave_is_named() -> None:
+    problem = problem_of("screwing")
+    comfort = np.asarray(problem.response.comfort)  # type: ignore[attr-defined]
+    pose = np.array(problem.response.contact()(comfort)[0])
+    up = [each for each in problem.limits if not isinstance(each, TwistLimit)]
+    region = HalfSpace((1, 0, 0), float(pose[0, 3]) + 0.05)
+    limits = [*up, TwistLimit(axes=("z",)), KeepOut(region, name="wall")]
+    step = Stepper(problem.replace(limits=limits)).step(comfort, pose)
+    assert "in wall by 0.05 m, and the object cannot move it" in step.reason
 
 
 def test_problem_files_have_regions(tmp_path) -> None:
@@ -249,6 +276,26 @@ def test_the_checker_sees_who_goes_further_in(name: str) -> None:
         assert ("keep out" in names) == broken
         assert distance(region, after[:3, 3]) == pytest.approx(-further, abs=1e-7)
     assert checker.max_violation["keep out"] == pytest.approx(0.002, abs=1e-7)
+
+
+class Wider(Ball):
+    """A ball of the user's own that reaches further than its radius."""
+
+    def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """So much less."""
+        distance, direction = super().nearest(point)
+        return distance - 0.1, direction
+
+
+def test_a_region_of_ones_own_is_checked_by_what_it_says() -> None:
+    base, still, pose = problem_of("screwing"), np.zeros(6), np.eye(4)
+    pose[:3, 3] = 0.5, 0.0, 1.2
+    region = Wider(tuple(pose[:3, 3] - [0.145, 0, 0]), 0.05)
+    checker = Checker(base.replace(limits=[*base.limits, KeepOut(region)]))
+    after = pose.copy()
+    after[0, 3] -= 0.003
+    names = checker.check(still, still, pose, None, np.zeros(32), base.dt, after=after)
+    assert names == ["keep out"]
 
 
 @pytest.mark.parametrize(

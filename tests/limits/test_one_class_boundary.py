@@ -74,7 +74,7 @@ def test_only_the_whole_row_stays_inside(case, kind):
     problem = outward(
         case.model,
         TwistLimit(0.8, 0.8, 0.8, 0.8),
-        kind(case.model, hard=True),
+        kind(case.model, hard=True, name="edge"),
         response=LinearResponse(names, largest=100.0),
     )
     stepper = Stepper(problem, dt=0.05)

@@ -4,15 +4,15 @@ starts and the checker."""
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
 import pytest
 from step_samples import Held, bold_of, comfort_of, held_pose, near_comfort, problem_of
 
-from ergoqp.errors import InputError
-from ergoqp.limits import Rows, Situation, WorkspaceBox
+from ergoqp.errors import InputError, ProblemError
+from ergoqp.limits import Ball, KeepOut, Rows, Situation, WorkspaceBox
 from ergoqp.limits.limit import straight_margins
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
@@ -53,6 +53,17 @@ class HalfSpace:
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Exact: it is straight."""
         return straight_margins(self.rows(situation), displacement, situation)
+
+
+@dataclass(frozen=True)
+class Said(HalfSpace):
+    """One that says in a word what it holds."""
+
+    holds: object = None
+
+    def __init__(self, normal: tuple[float, float, float], least: float, holds: object) -> None:
+        super().__init__(normal, least)
+        object.__setattr__(self, "holds", holds)
 
 
 @dataclass(frozen=True)
@@ -112,12 +123,88 @@ def test_a_second_box_is_own() -> None:
     assert problem.replace(limits=[*problem.limits, second]).own_limits.limits == (second,)
 
 
+def test_a_box_whose_rows_are_others_is_judged_by_them_too() -> None:
+    problem = problem_of("screwing")
+    first, *others = sorted(problem.limits, key=lambda each: not isinstance(each, WorkspaceBox))
+
+    @dataclass(frozen=True)
+    class Narrow(WorkspaceBox):
+        def rows(self, situation: Situation) -> Rows:
+            """Half of it."""
+            rows = super().rows(situation)
+            return replace(rows, above=rows.above - 0.1)
+
+    class Named(WorkspaceBox):
+        names = ("named x", "named y", "named z")
+
+    narrow = Narrow(first.lower, first.upper)
+    assert problem.replace(limits=[narrow, *others]).own_limits.limits == (narrow,)
+    named = Named(first.lower, first.upper)
+    # Places look at the first box there is: the second is judged by nobody else.
+    assert problem.replace(limits=[named, *others]).own_limits.limits == ()
+    assert problem.replace(limits=[named, first, *others]).own_limits.limits == (first,)
+
+
+@pytest.mark.parametrize("holds", ["workspace", "joints"])
+def test_a_word_for_what_it_holds_judges_nothing_by_itself(holds: str) -> None:
+    """A wall that said to hold the workspace, and stood first, was judged by nobody."""
+    pose = held_pose("screwing")
+    wall, problem = Said((1.0, 0.0, 0.0), float(pose[0, 3]) + 0.05, holds), problem_of("screwing")
+    problem = problem.replace(limits=[wall, *problem.limits])
+    assert problem.own_limits.limits == (wall,)
+    with pytest.raises(InputError, match="which is outside wall"):
+        Stepper(problem, guide=pose)
+    after = pose.copy()
+    after[0, 3] -= 0.01
+    broken = Checker(problem).check(
+        np.zeros(6), np.zeros(6), pose, None, np.zeros(32), 0.01, after=after
+    )
+    assert broken == ["wall"]
+
+
+@pytest.mark.parametrize("holds", ["height", "", 5, ["workspace"]])
+def test_a_word_that_nobody_knows_is_refused(holds: object) -> None:
+    problem = problem_of("screwing")
+    with pytest.raises(
+        ProblemError,
+        match=r"^limits: holds of wall: got .*, allowed workspace, tool axis, joints, boundary,"
+        " length, or None$",
+    ):
+        problem.replace(limits=[*problem.limits, Said((1.0, 0.0, 0.0), 0.1, holds)])
+
+
+FIGURES = ["speed", "acceleration", "axes", "jerk", "workspace", "tool axis", "joint range"]
+FIGURES += ["joint rate", "boundary", "arm length"]
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_no_row_is_named_like_a_figure_of_the_checker(figure: str) -> None:
+    """It switched that figure off."""
+    problem = problem_of("screwing")
+    with pytest.raises(
+        ProblemError,
+        match=f"^limits: got a row named '{figure}', allowed other names than those of the"
+        " checker's own figures: ",
+    ):
+        problem.replace(limits=[*problem.limits, KeepOut(Ball((5, 5, 5), 0.1), name=figure)])
+
+
+def test_these_are_all_figures_of_the_checker() -> None:
+    found = {
+        name
+        for problem in ("screwing", "screwing_learned", "forearm")
+        for name in Checker(problem_of(problem)).units
+    }
+    assert found == set(FIGURES)
+
+
 def test_the_guide_is_not_a_place_behind_the_wall() -> None:
     pose = held_pose("screwing")
     Stepper(walled(pose[0, 3] - 0.01), guide=pose)
     with pytest.raises(
         InputError,
-        match=r"guide: got the place \(.*\) m, which is outside wall, allowed within all limits",
+        match=r"guide: got the place \(.*\) m, which is outside wall, allowed where all limits"
+        " hold",
     ):
         Stepper(walled(pose[0, 3] + 0.01), guide=pose)
 

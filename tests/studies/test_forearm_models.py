@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ergoqp.coordinates import FOREARM
-from ergoqp.costs.learned import load_cost
+from ergoqp.costs.load import load_cost
 from ergoqp.human.forearm import forearm_length
 from ergoqp.learning.one_class import load_one_class
 from ergoqp.paths import data_folder

@@ -16,7 +16,8 @@ from rich.text import Text
 from ergoqp.arguments import LARGEST_SEED, check_whole
 from ergoqp.cli.commands.common import console, make_folder, working, writing
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
-from ergoqp.costs.learned import KINDS, LearnedCost
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.load import KINDS
 from ergoqp.costs.quality import Quality, cross_validate, evaluation_time, quality_of
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data

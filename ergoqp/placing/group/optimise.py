@@ -180,8 +180,8 @@ def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
     ]
     if nowhere:
         raise InputError(
-            f"group: {', '.join(nowhere)} cannot reach any place of the workspace; move it, or"
-            " leave them out"
+            f"group: {', '.join(nowhere)} cannot reach any place of the workspace that the limits"
+            " allow; move it, or leave them out"
         )
     there = int(np.argmax((grid.scores > 0).sum(axis=0)))
     left = [

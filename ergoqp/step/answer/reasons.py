@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.joints import JOINTS, spoken
+from ergoqp.limits import Limit
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.account import Account
 from ergoqp.step.answer.causes import Cause, Status
@@ -51,11 +52,16 @@ def reason_of(
         return "; ".join([*said, *log])
     parts = []
     names = problem.row_names
+    limits = [limit for limit in problem.row_limits for _ in limit.names]
+
+    def beyond(row: int) -> str:
+        return _beyond(limits[row], names[row], margins[row])
+
     outside = np.flatnonzero(account("outside") > 0.5).tolist()
-    if outside:
-        parts.append(
-            "outside, coming back: " + ", ".join(_beyond(names[i], margins[i]) for i in outside)
-        )
+    if usual := [beyond(i) for i in outside if not hasattr(limits[i], "breach")]:
+        parts.append("outside, coming back: " + ", ".join(usual))
+    if called := [beyond(i) for i in outside if hasattr(limits[i], "breach")]:
+        parts.append(", ".join(called) + ", coming back")
     if status == Status.relaxed:
         used = [names[i] for i in np.flatnonzero(account("slack") > 1e-6)]
         parts.append(
@@ -86,7 +92,7 @@ def reason_of(
             why = "and did not come back in twice the time that this should take: given up"
         else:
             why = "measured beyond its end, where it is held"
-        parts.append(f"{_beyond(names[i], margins[i])}, {why}")
+        parts.append(f"{beyond(i)}, {why}")
     return "; ".join([*parts, *log])
 
 
@@ -157,7 +163,9 @@ def _bad_posture(problem: Problem, posture: np.ndarray) -> str:
     )
 
 
-def _beyond(name: str, margin: float) -> str:
+def _beyond(limit: Limit, name: str, margin: float) -> str:
+    if called := getattr(limit, "breach", ""):
+        return f"{called} {name} by {-margin:.3g} {limit.unit}"
     if name in JOINTS:
         return f"{spoken(name)} by {np.degrees(-margin):.1f} deg"
     return f"{name} by {-margin:.3g}"

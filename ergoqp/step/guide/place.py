@@ -113,10 +113,10 @@ def _check_place(problem: Problem, pose: np.ndarray) -> None:
                 f"guide: got a tool axis {angle:.1f} deg from the middle of its cone, allowed"
                 f" {allowed}"
             )
-    if name := problem.own_limits.broken(pose):
+    if broken := problem.own_limits.broken(pose):
         raise InputError(
-            f"guide: got the place {_short(place)} m, which is outside {name}, allowed within all"
-            " limits"
+            f"guide: got the place {_short(place)} m, which is {broken}, allowed where all limits"
+            " hold"
         )
 
 

@@ -1,0 +1,64 @@
+"""The kinds of learned cost there are, and a learned cost from its file."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.errors import ModelError
+from ergoqp.learning.model_file import load_model
+
+KINDS: Final[dict[str, str]] = {
+    "quadratic": "ergoqp.costs.quadratic:Quadratic",
+    "gmr": "ergoqp.costs.gmr:Gmr",
+    "svr": "ergoqp.costs.svr:Svr",
+    "one_class_ladder": "ergoqp.costs.ladder:OneClassLadder",
+    "neural": "ergoqp.costs.neural:Neural",
+    "sklearn": "ergoqp.costs.from_sklearn:SklearnCost",
+}
+"""Where each kind of learned cost is; to add one, write the class and a line here."""
+
+
+def load_cost(path: Path | str) -> LearnedCost:
+    """Return the cost that :meth:`LearnedCost.save` wrote.
+
+    Raises:
+        ModelError: if the file is not there, cut, changed, or holds something else.
+    """
+    header, arrays = load_model(path)
+    kind = header.get("kind")
+    if kind not in KINDS:
+        raise ModelError(
+            f"{Path(path).name}: holds a model of kind {kind!r}, allowed {', '.join(KINDS)}"
+        )
+    module, name = KINDS[kind].split(":")
+    try:
+        make = getattr(import_module(module), name).from_parts
+        cost = make(header["settings"], arrays, header["coordinates"], header["minimum"])
+        # Arrays that do not fit to each other show when they are used.
+        if not np.isfinite(
+            cost(np.zeros((1, len(cost.coordinates.state))))
+        ).all() or not np.isfinite(cost.minimum):
+            raise ValueError("its value is not a number")
+        return cost
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        IndexError,
+        AttributeError,
+        RuntimeError,
+        OverflowError,
+    ) as error:
+        raise ModelError(
+            f"{Path(path).name}: does not hold what a model of kind {kind!r} needs"
+            f" ({_last_line(error)})"
+        ) from None
+
+
+def _last_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[-1]
