@@ -8,7 +8,7 @@ import numpy as np
 import osqp
 
 from ergoqp.solvers.patterns import GrowingPattern
-from ergoqp.solvers.sequence import Qp
+from ergoqp.solvers.sequence import Array, Qp
 from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver
 
@@ -64,10 +64,11 @@ class _OsqpWorkspace:
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from x, multipliers and step size of the last QP."""
-        if not warm:
-            self._forget()
         P, A = np.triu(qp.H), np.concatenate([qp.A, np.eye(self._n)])
         lower, upper = np.concatenate([qp.lower, qp.low]), np.concatenate([qp.upper, qp.high])
+        if not warm:
+            # What was not zero in earlier QPs must not show.
+            self._narrow(P, A)
         grown = [self._P.grow(P), self._A.grow(A)]
         if self._solver is None or any(grown):
             made = osqp.OSQP()
@@ -76,6 +77,9 @@ class _OsqpWorkspace:
             )
             self._solver = made
         else:
+            if not warm:
+                self._solver.update_settings(rho=_RHO)
+                self._solver.warm_start(x=np.zeros(self._n), y=np.zeros(self._m + self._n))
             self._solver.update(
                 q=qp.g, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A)
             )
@@ -94,3 +98,7 @@ class _OsqpWorkspace:
     def _forget(self) -> None:
         self._P, self._A = GrowingPattern(), GrowingPattern()
         self._solver: Any = None
+
+    def _narrow(self, P: Array, A: Array) -> None:
+        if not (self._P.holds_only(P) and self._A.holds_only(A)):
+            self._forget()

@@ -33,6 +33,10 @@ class GrowingPattern:
         self._ends = np.concatenate([[0], np.cumsum(self._mask.sum(axis=0))])
         return True
 
+    def holds_only(self, matrix: Array) -> bool:
+        """Return whether the pattern is that of this matrix alone."""
+        return np.array_equal(self._mask, matrix != 0)
+
     def values(self, matrix: Array) -> Array:
         """Return the entries of a matrix in the pattern, column by column."""
         return matrix[self._rows, self._columns]

@@ -149,8 +149,8 @@ class Hpipm(PluginSolver):
 
         Its tolerance is for each product of multiplier and distance, and there are many.
         """
-        # Below that it gives up before it is there, where several ends are near.
-        tolerance = max(accuracy / 100, 1e-8)
+        # Far below that it gives up before it is there; where many ends are near, here already.
+        tolerance = max(accuracy / 1000, 1e-11)
         names = ("res_g_max", "res_b_max", "res_d_max", "res_m_max")
         return {
             "N": 0,

@@ -135,7 +135,9 @@ def test_no_rows_and_no_bounds_are_allowed() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(4, 4))
     H, g, free = root @ root.T + np.eye(4), rng.normal(size=4), np.full(4, np.inf)
-    for name in INSTALLED:
+    # HPIPM has no iteration without an inequality, and says that it failed.
+    assert not open_session("hpipm", 4, 0).solve(H, g, np.zeros((0, 4)), [], [], -free, free).found
+    for name in (name for name in INSTALLED if name != "hpipm"):
         answer = open_session(name, 4, 0).solve(H, g, np.zeros((0, 4)), [], [], -free, free)
         np.testing.assert_allclose(answer.x, -np.linalg.solve(H, g), atol=1e-5, err_msg=name)
 
