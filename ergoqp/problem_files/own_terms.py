@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, create_model
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, InputError
 from ergoqp.problem_files.tables import CostTable, FileTable, LimitsTable, ResponseTable, Table
-from ergoqp.registry import own_term, registered
+from ergoqp.registry import check_free, own_term, registered
 
 _PARTS = {"cost": CostTable, "limits": LimitsTable, "response": ResponseTable}
 _KINDS = {"cost": "cost", "limits": "limit", "response": "response"}
@@ -26,13 +26,15 @@ def file_table(raw: Mapping[str, Any]) -> type[FileTable]:
         raw: the file's tables.
 
     Raises:
-        InputError: if an own term cannot be imported, or does not say what it is made with.
+        InputError: if an own term cannot be imported, does not say what it is made with, or has the
+            name of another.
     """
     keys: dict[str, Any] = {}
     for part, table in _PARTS.items():
         given = raw.get(part)
-        named = set(given) - set(table.model_fields) if isinstance(given, Mapping) else set()
-        found = {name: own_term(_KINDS[part], name) for name in named & own_names(part)}
+        named, known = set(given) if isinstance(given, Mapping) else set(), set(table.model_fields)
+        check_free(_KINDS[part], named & known)
+        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own_names(part)}
         if found:
             own: dict[str, Any] = {
                 name: (_table_of(name, term) | None, None) for name, term in found.items()

@@ -31,7 +31,7 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
-from ergoqp.registry import own_term, registered
+from ergoqp.registry import check_free, own_term, registered
 
 READERS: Final[dict[str, Callable[[Path], JointMotion]]] = {".bvh": read_bvh}
 """File name ending -> reader. An own one is an entry point, see `ergoqp.registry`."""
@@ -123,6 +123,7 @@ def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
 def _reader(path: Path) -> Callable[[Path], JointMotion]:
     ending = path.suffix.lower()
     if ending in READERS:
+        check_free("reader", [ending[1:]])
         return READERS[ending]
     own = [f".{name}" for name in registered("reader")]
     if ending in own:
