@@ -23,7 +23,7 @@ from ergoqp.limits import Limit, TwistLimit, WorkspaceBox
 from ergoqp.limits.own_rows import OwnLimits
 from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
-from ergoqp.problem.kinds import check_kinds
+from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -72,6 +72,7 @@ class Problem:
             raise ProblemError(str(error)) from None
         check_kinds(self)
         self._check_state()
+        check_expression(self.cost, len(self.coordinates))
         count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
         if count != 1:
             raise ProblemError(f"limits: got {count} twist limits, allowed exactly one")

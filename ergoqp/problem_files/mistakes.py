@@ -9,6 +9,8 @@ from typing import Any, Final, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from ergoqp.problem_files.tables import keys_of
+
 _USUAL: Final[dict[str, tuple[float, float, str]]] = {
     "limits.twist.linear_speed": (0.005, 1.0, "m/s"),
     "limits.twist.angular_speed": (0.02, 4.0, "rad/s"),
@@ -67,8 +69,8 @@ def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
     """Return the keys of the table at a path."""
     for part in path:
         if isinstance(part, str):
-            table = next(_tables(table.model_fields[part].annotation))
-    return list(table.model_fields)
+            table = next(_tables(table.model_fields[keys_of(table)[part]].annotation))
+    return list(keys_of(table))
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:

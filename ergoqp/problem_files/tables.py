@@ -52,13 +52,23 @@ class PointsTable(Table):
     """Elbow and wrist of the right arm are the state, and the twist their velocities."""
 
 
-def _given(table: Table) -> list[str]:
-    """Return the keys of a table that a file names."""
-    return [key for key in type(table).model_fields if getattr(table, key) is not None]
+def keys_of(table: type[BaseModel]) -> dict[str, str]:
+    """Return the attribute that holds each key of a table.
+
+    A key that a user's own code gives its name may be one that pydantic's tables have already: its
+    attribute is called otherwise.
+    """
+    return {field.alias or name: name for name, field in table.model_fields.items()}
+
+
+def given_tables(table: Table) -> dict[str, Any]:
+    """Return what a file says under each key of a table that it names."""
+    found = {key: getattr(table, name) for key, name in keys_of(type(table)).items()}
+    return {key: each for key, each in found.items() if each is not None}
 
 
 def _either(table: Table, word: str) -> str:
-    *most, last = type(table).model_fields
+    *most, last = keys_of(type(table))
     return f"{', '.join(most)} {word} {last}"
 
 
@@ -70,7 +80,7 @@ class ResponseTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(_given(self)) != 1:
+        if len(given_tables(self)) != 1:
             raise ValueError(f"exactly one of {_either(self, 'and')} is allowed")
         return self
 
@@ -102,7 +112,7 @@ class CostTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(_given(self)) > 1:
+        if len(given_tables(self)) > 1:
             raise ValueError(f"only one of {_either(self, 'and')} is allowed")
         return self
 
