@@ -6,11 +6,13 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
+
+_CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
 
 
 def as_in_files(hint: Any) -> Any:
@@ -29,7 +31,7 @@ def as_in_files(hint: Any) -> Any:
         return Annotated[tuple[parts] if parts else tuple, BeforeValidator(_as_tuple)]
     if kind in (Union, UnionType):
         return Union[parts]  # noqa: UP007  # of types that are known only now
-    if kind in (list, dict, Sequence, Mapping) and parts:
+    if kind in _CONTAINERS and parts:
         return kind[parts]
     return hint
 
