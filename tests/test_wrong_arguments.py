@@ -36,6 +36,7 @@ from ergoqp.simulation.people import Senses
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
+from ergoqp.step.function import step_function
 from ergoqp.step.guide.place import Guide
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import WholeBody
@@ -153,6 +154,11 @@ LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
         lambda **given: Stepper(problem_of("screwing"), **given),
         {},
         ("solver", "compiled", "dt", "log", "guide"),
+    ),
+    "step_function": (
+        step_function,
+        {"problem": problem_of("screwing")},
+        ("problem", "solver", "compiled", "guided"),
     ),
     "simulate": (
         simulate,
