@@ -225,8 +225,23 @@ def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
         boundary = limits["one_class_boundary"]
         boundary["model"] = load_one_class(find_model(boundary["model"], folder))
     listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
-    made = [LIMITS[kind](**values) for kind, several in listed.items() for values in several]
+    made = [
+        _limit(kind, values, f"limits.{kind}.{i}" if isinstance(limits[kind], list) else kind)
+        for kind, several in listed.items()
+        for i, values in enumerate(several)
+    ]
     return [*made, *(build_own("limits", name, table) for name, table in own.items())]
+
+
+def _limit(kind: str, values: dict[str, Any], where: str) -> Any:
+    """Make a limit; of several of a kind, a mistake says which."""
+    try:
+        return LIMITS[kind](**values)
+    except InputError as error:
+        words = str(error)
+        if words.startswith(kind):
+            words = f"{where}{words.removeprefix(kind)}"
+        raise InputError(words) from None
 
 
 def find_model(name: str, folder: Path) -> Path:

@@ -5,7 +5,16 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, Literal, Self, get_type_hints
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    create_model,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from ergoqp.limits import AXES
 from ergoqp.problem.control import Control
@@ -241,6 +250,18 @@ def _as_list(value: Any) -> Any:
     return [value] if isinstance(value, dict) else value
 
 
+def _named(regions: list[KeepOutTable] | None) -> list[KeepOutTable] | None:
+    """Refuse two regions of one name: each is a row of the step."""
+    names = [region.name for region in regions or ()]
+    if doubled := [name for name in names if names.count(name) > 1]:
+        raise PydanticCustomError(
+            "names",
+            "Input should be regions each with a `name` of its own, and not two of {name}",
+            {"name": repr(doubled[0])},
+        )
+    return regions
+
+
 class BoundaryTable(Table):
     """See `ergoqp.limits.OneClassBoundary`."""
 
@@ -258,7 +279,9 @@ class LimitsTable(Table):
     workspace: WorkspaceTable | None = None
     tool_axis: ToolAxisTable | None = None
     point_speed: PointSpeedTable | None = None
-    keep_out: Annotated[list[KeepOutTable] | None, BeforeValidator(_as_list)] = None
+    keep_out: Annotated[
+        list[KeepOutTable] | None, BeforeValidator(_as_list), AfterValidator(_named)
+    ] = None
     arm_length: ArmLengthTable | None = None
     one_class_boundary: BoundaryTable | None = None
 
