@@ -36,7 +36,8 @@ class Region(Protocol):
         """Return the distance of a point (3,) [m] and the direction (3,) in which it grows.
 
         The distance is that to the nearest point of the region, negative inside. The direction is a
-        unit vector; where several serve, it is one of them.
+        unit vector; where several serve, it is one of them. `KeepOut` looks at a few points whether
+        it is.
         """
         ...
 

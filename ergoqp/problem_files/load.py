@@ -35,6 +35,7 @@ from ergoqp.paths import data_folder
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.keys import given_tables
 from ergoqp.problem_files.mistakes import listed, mistakes, unusual
 from ergoqp.problem_files.own_terms import build_own, file_table, own_tables
 from ergoqp.problem_files.tables import (
@@ -45,7 +46,6 @@ from ergoqp.problem_files.tables import (
     SmoothRebaTable,
     TaskTable,
     TwistTable,
-    given_tables,
 )
 from ergoqp.responses import IkResponse, LinearResponse, Response
 from ergoqp.sheets.reba import Method

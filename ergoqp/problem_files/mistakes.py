@@ -9,7 +9,7 @@ from typing import Any, Final, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from ergoqp.problem_files.tables import keys_of
+from ergoqp.problem_files.keys import keys_of
 
 _USUAL: Final[dict[str, tuple[float, float, str]]] = {
     "limits.twist.linear_speed": (0.005, 1.0, "m/s"),

@@ -11,16 +11,9 @@ from pydantic import Field, PydanticUserError, create_model
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, InputError
 from ergoqp.problem.kinds import check_response
+from ergoqp.problem_files.keys import given_tables, keys_of
 from ergoqp.problem_files.own_types import as_in_files
-from ergoqp.problem_files.tables import (
-    CostTable,
-    FileTable,
-    LimitsTable,
-    ResponseTable,
-    Table,
-    given_tables,
-    keys_of,
-)
+from ergoqp.problem_files.tables import CostTable, FileTable, LimitsTable, ResponseTable, Table
 from ergoqp.registry import check_free, own_term, registered
 
 _PARTS = {"cost": CostTable, "limits": LimitsTable, "response": ResponseTable}

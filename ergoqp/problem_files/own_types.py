@@ -12,6 +12,8 @@ import numpy as np
 from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
+from ergoqp.problem_files.keys import as_tuple
+
 _CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
 
 
@@ -28,16 +30,12 @@ def as_in_files(hint: Any) -> Any:
     if kind is Path:
         return Annotated[Path, BeforeValidator(_as_path)]
     if kind is tuple:
-        return Annotated[tuple[parts] if parts else tuple, BeforeValidator(_as_tuple)]
+        return Annotated[tuple[parts] if parts else tuple, BeforeValidator(as_tuple)]
     if kind in (Union, UnionType):
         return Union[parts]  # noqa: UP007  # of types that are known only now
     if kind in _CONTAINERS and parts:
         return kind[parts]
     return hint
-
-
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _as_path(value: Any) -> Any:

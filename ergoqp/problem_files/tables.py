@@ -18,6 +18,16 @@ from pydantic_core import PydanticCustomError
 
 from ergoqp.limits import AXES
 from ergoqp.problem.control import Control
+from ergoqp.problem_files.keys import (
+    NotNegative,
+    Number,
+    Positive,
+    Vector,
+    as_list,
+    as_tuple,
+    given_tables,
+    keys_of,
+)
 from ergoqp.sheets.reba import Method
 
 
@@ -27,16 +37,8 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_as_tuple)]
 Side = Literal["right", "left"]
-Pair = Annotated[tuple[bool, bool], BeforeValidator(_as_tuple)]
+Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
 class IkTable(Table):
@@ -46,7 +48,7 @@ class IkTable(Table):
     stance: Literal["standing", "seated"] = "standing"
     seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
     hands: Annotated[
-        tuple[Side, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=2)
+        tuple[Side, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=2)
     ] = ("right",)
     tool: Literal["along", "thumb"] = "along"
     free_about_tool: bool = True
@@ -59,21 +61,6 @@ class IkTable(Table):
 
 class PointsTable(Table):
     """Elbow and wrist of the right arm are the state, and the twist their velocities."""
-
-
-def keys_of(table: type[BaseModel]) -> dict[str, str]:
-    """Return the attribute that holds each key of a table.
-
-    A key that a user's own code gives its name may be one that pydantic's tables have already: its
-    attribute is called otherwise.
-    """
-    return {field.alias or name: name for name, field in table.model_fields.items()}
-
-
-def given_tables(table: Table) -> dict[str, Any]:
-    """Return what a file says under each key of a table that it names."""
-    found = {key: getattr(table, name) for key, name in keys_of(type(table)).items()}
-    return {key: each for key, each in found.items() if each is not None}
 
 
 def _either(table: Table, word: str) -> str:
@@ -97,11 +84,11 @@ class ResponseTable(Table):
 class SmoothRebaTable(Table):
     """The sheet made smooth, see `ergoqp.costs.SmoothReba`."""
 
-    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
         1.5,
         12.0,
     )
-    weights: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+    weights: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
         0.8,
         0.2,
     )
@@ -165,7 +152,7 @@ class TwistTable(Table):
     angular_acceleration: Positive = 2.50
     axes: Annotated[
         tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...],
-        BeforeValidator(_as_tuple),
+        BeforeValidator(as_tuple),
         Field(min_length=1),
     ] = AXES
 
@@ -173,7 +160,7 @@ class TwistTable(Table):
 class JointsTable(Table):
     """See `ergoqp.limits.JointLimit`."""
 
-    ranges_deg: dict[str, Annotated[tuple[Number, Number], BeforeValidator(_as_tuple)]] = {}
+    ranges_deg: dict[str, Annotated[tuple[Number, Number], BeforeValidator(as_tuple)]] = {}
     rate_deg: Positive = 90.0
     yield_zone_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     tolerance_deg: Annotated[float, Field(ge=0, le=20)] = 2.0
@@ -246,10 +233,6 @@ class KeepOutTable(Table):
         return self
 
 
-def _as_list(value: Any) -> Any:
-    return [value] if isinstance(value, dict) else value
-
-
 def _named(regions: list[KeepOutTable] | None) -> list[KeepOutTable] | None:
     """Refuse two regions of one name: each is a row of the step."""
     names = [region.name for region in regions or ()]
@@ -280,7 +263,7 @@ class LimitsTable(Table):
     tool_axis: ToolAxisTable | None = None
     point_speed: PointSpeedTable | None = None
     keep_out: Annotated[
-        list[KeepOutTable] | None, BeforeValidator(_as_list), AfterValidator(_named)
+        list[KeepOutTable] | None, BeforeValidator(as_list), AfterValidator(_named)
     ] = None
     arm_length: ArmLengthTable | None = None
     one_class_boundary: BoundaryTable | None = None
