@@ -6,12 +6,15 @@ It is said when the problem is made, and not in the loop.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, check_text, flag, names_of, shown
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.limits import TwistLimit
 from ergoqp.limits.limit import RECOVERY_TIMES
@@ -107,7 +110,10 @@ def _check_members(what: str, term: Any, kind: str) -> None:
 
 
 def check_expression(cost: Any, size: int) -> None:
-    """Check that the expression of a cost is a number of the state, and of nothing else.
+    """Check that the expression of an own cost is a number of the state, and of nothing else.
+
+    What the package's costs, and the kinds of `LearnedCost`, need for theirs they keep once they
+    are asked for it, and not all of that can be sent to another process: they are not asked here.
 
     Args:
         cost: with the members of one.
@@ -116,9 +122,12 @@ def check_expression(cost: Any, size: int) -> None:
     Raises:
         ProblemError: if it is not, with what it raised.
     """
+    if isinstance(cost, (SmoothReba, LearnedCost)):
+        return
     state = ca.MX.sym("q", size)
     try:
-        found = cost.expression(state)
+        # A copy: an own cost may keep something too.
+        found = copy(cost).expression(state)
         if scalar := getattr(found, "shape", None) == (1, 1):
             function = ca.Function("cost", [state], [found])
             if not getattr(cost, "dense", False):
