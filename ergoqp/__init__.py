@@ -12,6 +12,7 @@ What needs CasADi or MuJoCo is imported when it is first used; so are the packag
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,9 @@ _LATER = {
     "simulate": "ergoqp.simulation.simulate",
     "step_function": "ergoqp.step.function",
 }
+
+_EXTRAS = {"whole_body": "mink"}
+"""Folders that cannot be imported without the package of an extra."""
 
 __all__ = [
     "JOINTS",
@@ -91,5 +95,10 @@ def _folders() -> set[str]:
 
 
 def __dir__() -> list[str]:
-    """List the public names, those not imported yet included."""
-    return sorted({*globals(), *__all__, *_folders()})
+    """List the public names, those not imported yet included.
+
+    What `help` and `inspect.getmembers` find here they import: a folder whose extra is missing,
+    which says so when it is asked for, is left out.
+    """
+    missing = {folder for folder, package in _EXTRAS.items() if find_spec(package) is None}
+    return sorted({*globals(), *__all__, *_folders()} - missing)

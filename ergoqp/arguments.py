@@ -85,8 +85,14 @@ def check_whole(
     Raises:
         ErgoqpError: `error`, if it is none, or is not from `least` to `most`.
     """
-    if isinstance(value, bool) or not (isinstance(value, Integral) and least <= int(value) <= most):
-        allowed = f"of at least {least}" if most == MOST_WHOLE else f"from {least} to {most}"
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not (whole and least <= int(value) <= most):
+        above = whole and int(value) > most
+        allowed = (
+            f"of at least {least}"
+            if most == MOST_WHOLE and not above
+            else f"from {least} to {most}"
+        )
         raise error(f"{what}: got {shown(value)}, allowed a whole number {allowed}")
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import sys
 from pathlib import Path
 
 
@@ -65,8 +66,8 @@ def install_command(extra: str) -> str:
         extra: its name in pyproject.toml.
 
     Returns:
-        The command for the checkout that the package was installed from, where it is still there,
-        else for an index.
+        The command for the interpreter that runs, and for the checkout that the package was
+        installed from, where it is still there, else for an index.
     """
     # Only who lacks something waits for these.
     from importlib.metadata import PackageNotFoundError, distribution
@@ -83,4 +84,6 @@ def install_command(extra: str) -> str:
         # What others built and packed again, as conda does, names a folder of theirs.
         if Path(folder).is_dir():
             source, option = folder, "-e " if origin["dir_info"].get("editable") else ""
-    return f"pip install {option}{shlex.quote(f'{source}[{extra}]')}"
+    # Of several interpreters it is the running one that lacks it.
+    python = shlex.quote(sys.executable or "python")
+    return f"{python} -m pip install {option}{shlex.quote(f'{source}[{extra}]')}"

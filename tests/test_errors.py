@@ -2,11 +2,20 @@
 
 import importlib.metadata
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
 from ergoqp.errors import MissingExtraError, install_command
+
+PIP = "'/my own/python' -m pip install"
+
+
+@pytest.fixture(autouse=True)
+def own_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interpreter whose path needs quotes."""
+    monkeypatch.setattr(sys, "executable", "/my own/python")
 
 
 @pytest.fixture
@@ -31,7 +40,8 @@ def came_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 def test_from_an_index(came_from):
     came_from(None)
     assert str(MissingExtraError("a picture", "learn", "matplotlib")) == (
-        "a picture needs the package 'matplotlib': install it with `pip install 'ergoqp[learn]'`"
+        "a picture needs the package 'matplotlib': install it with"
+        " `'/my own/python' -m pip install 'ergoqp[learn]'`"
     )
 
 
@@ -40,12 +50,12 @@ def test_from_a_checkout(came_from, tmp_path, information, option):
     checkout = tmp_path / "a checkout"
     checkout.mkdir()
     came_from({"url": checkout.as_uri(), "dir_info": information})
-    assert install_command("learn") == f"pip install {option}'{checkout}[learn]'"
+    assert install_command("learn") == f"{PIP} {option}'{checkout}[learn]'"
 
 
 def test_a_checkout_that_is_gone_and_a_wheel_are_as_an_index(came_from, tmp_path):
     came_from({"url": (tmp_path / "gone").as_uri(), "dir_info": {"editable": True}})
-    assert install_command("learn") == "pip install 'ergoqp[learn]'"
+    assert install_command("learn") == f"{PIP} 'ergoqp[learn]'"
 
 
 def test_without_an_installation(monkeypatch):
@@ -53,4 +63,11 @@ def test_without_an_installation(monkeypatch):
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "distribution", nowhere)
-    assert install_command("learn") == "pip install 'ergoqp[learn]'"
+    assert install_command("learn") == f"{PIP} 'ergoqp[learn]'"
+
+
+@pytest.mark.parametrize("executable", ["", None])
+def test_where_python_does_not_know_its_own_path(came_from, monkeypatch, executable):
+    monkeypatch.setattr(sys, "executable", executable)
+    came_from(None)
+    assert install_command("learn") == "python -m pip install 'ergoqp[learn]'"

@@ -118,6 +118,26 @@ def test_a_recording_is_read_by_the_own_reader(on_path, tmp_path):
         load_recording(tmp_path / "bad.centres")
 
 
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", r"got the first line '', allowed time name\.x"),
+        (b"\xff\xfe\x00", r"got byte 0, which is not UTF-8, allowed a text"),
+        (b"time", r"got the first line 'time', allowed"),
+        (b"time a.x a.y\n1 2 3\n", r"got the first line 'time a\.x a\.y', allowed"),
+        (b"time a.x a.y a.z\n", r"got 0 frames that do not fit the first line, allowed at least"),
+        (b"time a.x a.y a.z\n1 2\n", r"got 1 frames that do not fit .* each of 4 numbers"),
+        (b"time a.x a.y a.z\n1 2 3 4\n1 2\n", r"got setting an array element"),
+        (None, r"got No such file"),
+    ],
+)
+def test_the_own_reader_refuses_what_is_no_such_file(on_path, tmp_path, content, sentence):
+    if content is not None:
+        (tmp_path / "bad.centres").write_bytes(content)
+    with pytest.raises(RecordingError, match=rf"^bad\.centres: {sentence}"):
+        load_recording(tmp_path / "bad.centres")
+
+
 def test_mistakes_in_their_tables_are_sentences(on_path):
     base = {"response": {"ik": {}}}
     with pytest.raises(ProblemError, match=r"limits\.ceiling\.height: got nothing, required"):

@@ -169,6 +169,29 @@ def test_public_names():
         ergoqp.nonsense  # noqa: B018
 
 
+def test_every_folder_is_a_package_and_reachable():
+    package = ROOT / "ergoqp"
+    folders = {path.parent for path in package.rglob("*.py")}
+    assert [str(each) for each in folders if not (each / "__init__.py").is_file()] == []
+    for folder in sorted(each.name for each in folders if each.parent == package):
+        if folder == "whole_body":
+            pytest.importorskip("mink")
+        assert getattr(ergoqp, folder).__name__ == f"ergoqp.{folder}"
+
+
+def test_help_needs_no_extra():
+    """What is listed is imported by `help`: what needs a package that is missing is not listed."""
+    code = (
+        "import sys; sys.modules['mink'] = None\n"
+        "import inspect, pydoc, ergoqp\n"
+        "names = dict(inspect.getmembers(ergoqp))\n"
+        "print('limits' in names, 'whole_body' in names, len(pydoc.render_doc(ergoqp)) > 1000)\n"
+        "try: ergoqp.whole_body\n"
+        "except ergoqp.errors.MissingExtraError as error: print('whole-body' in str(error))\n"
+    )
+    assert call(sys.executable, "-c", code, cwd=ROOT) == "True False True\nTrue\n"
+
+
 def test_import_is_light():
     heavy = ("casadi", "mujoco", "pydantic", "typer", "viser")
     code = f"import sys, ergoqp; print([name for name in {heavy} if name in sys.modules])"

@@ -36,6 +36,7 @@ from ergoqp.simulation.people import Senses
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.simulate import simulate
+from ergoqp.step.function import step_function
 from ergoqp.step.guide.place import Guide
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import WholeBody
@@ -153,6 +154,11 @@ LOOPS: dict[str, tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = {
         lambda **given: Stepper(problem_of("screwing"), **given),
         {},
         ("solver", "compiled", "dt", "log", "guide"),
+    ),
+    "step_function": (
+        step_function,
+        {"problem": problem_of("screwing")},
+        ("problem", "solver", "compiled", "guided"),
     ),
     "simulate": (
         simulate,
@@ -386,6 +392,10 @@ class Bowl:
         return 1 + (np.atleast_2d(postures) ** 2).sum(axis=1)
 
 
+def fails(q: Any) -> Any:
+    raise ValueError("no such joint")
+
+
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
@@ -401,6 +411,14 @@ class Bowl:
             {"expression": lambda q: q},
             "cost: got the expression MX(q) of bowl, allowed a scalar of CasADi",
         ),
+        (
+            {"expression": fails},
+            "cost: got ValueError (no such joint) from the expression of bowl, allowed a scalar",
+        ),
+        (
+            {"expression": lambda q: ca.MX.sym("r")},
+            "cost: got RuntimeError (",
+        ),
     ],
 )
 def test_a_cost_of_ones_own_is_judged_before_the_loop(
@@ -409,7 +427,7 @@ def test_a_cost_of_ones_own_is_judged_before_the_loop(
     bowl = Bowl()
     for name, value in changed.items():
         setattr(bowl, name, value)
-    said = answer(lambda: Stepper(Problem(**terms(cost=bowl))), {})
+    said = answer(Problem, terms(cost=bowl))
     assert said is not None
     assert said.startswith(sentence)
 

@@ -22,6 +22,12 @@ _SAME: Final = 1e-9
 _LARGEST: Final = 1e3
 """Beyond this a length is a slip [m]."""
 
+_SAMPLES: Final = ((0.31, -0.42, 1.13), (-1.7, 2.3, 0.2), (0.04, 0.07, -0.9))
+"""Where a region of the user's own is looked at [m]."""
+
+_UNIT: Final = 1e-6
+"""By so much the length of a unit vector may be off."""
+
 
 class Region(Protocol):
     """A convex part of the world."""
@@ -30,7 +36,8 @@ class Region(Protocol):
         """Return the distance of a point (3,) [m] and the direction (3,) in which it grows.
 
         The distance is that to the nearest point of the region, negative inside. The direction is a
-        unit vector; where several serve, it is one of them.
+        unit vector; where several serve, it is one of them. `KeepOut` looks at a few points whether
+        it is.
         """
         ...
 
@@ -165,6 +172,8 @@ class KeepOut:
                 f"keep_out region: got {shown(self.region)}, allowed a HalfSpace, Box or Ball of"
                 " ergoqp.limits.keep_out"
             )
+        if not isinstance(self.region, (HalfSpace, Ball, Box)):
+            _check_nearest(self.region)
         check_text("keep_out name", self.name)
         check_number("keep_out tolerance", self.tolerance, 0.0, 1.0)
         check_number("keep_out recovery_time", self.recovery_time, *RECOVERY_TIMES, "s")
@@ -195,6 +204,33 @@ class KeepOut:
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
         """Return the smallest distance to that half-space's edge on the way to a displacement."""
         return straight_margins(self.rows(situation), displacement, situation)
+
+
+def _check_nearest(region: Region) -> None:
+    """Check at a few points that a region of the user's own gives a distance and a unit vector."""
+    point = ca.SX.sym("point", 3)
+    try:
+        distance, direction = region.nearest(point)
+        nearest = ca.Function("nearest", [point], [distance, ca.norm_2(direction)])
+        lengths = [float(nearest(at)[1]) for at in _SAMPLES]
+        shapes = distance.shape, direction.shape
+    except Exception as error:  # whatever the code of a user's own region does
+        words = (str(error).strip().splitlines() or [""])[-1][:100]
+        raise InputError(
+            f"keep_out region: got {type(error).__name__} ({words}) from nearest of"
+            f" {shown(region)}, allowed a distance and a direction (3,) of CasADi"
+        ) from None
+    if shapes != ((1, 1), (3, 1)):
+        raise InputError(
+            f"keep_out region: got shapes {shapes[0]} and {shapes[1]} from nearest of"
+            f" {shown(region)}, allowed a distance (1, 1) and a direction (3, 1)"
+        )
+    for at, length in zip(_SAMPLES, lengths, strict=True):
+        if not abs(length - 1) < _UNIT:
+            raise InputError(
+                f"keep_out region: got a direction of length {length:g} at {at} from"
+                f" {shown(region)}, allowed a unit vector everywhere"
+            )
 
 
 def _three(what: str, value: Any) -> np.ndarray:

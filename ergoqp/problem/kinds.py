@@ -6,11 +6,15 @@ It is said when the problem is made, and not in the loop.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any, Final
 
+import casadi as ca
 import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, check_text, flag, names_of, shown
+from ergoqp.costs.learned import LearnedCost
+from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.limits import TwistLimit
 from ergoqp.limits.limit import RECOVERY_TIMES
@@ -82,7 +86,7 @@ def check_kinds(problem: Any) -> None:
     _check_members("cost", problem.cost, "cost")
     check_text("cost.name", problem.cost.name, ProblemError)
     check_number("cost.minimum", problem.cost.minimum, -_LARGEST, _LARGEST, error=ProblemError)
-    _check_members("response", problem.response, "response")
+    check_response("response", problem.response)
     for limit in problem.limits:
         if not isinstance(limit, TwistLimit):
             _check_limit(limit)
@@ -106,6 +110,73 @@ def check_kinds(problem: Any) -> None:
             f"name: got {problem.name!r}, allowed one that a folder can have, without /"
         )
     check_kind("title", problem.title, str, "a text", ProblemError)
+
+
+def _check_members(what: str, term: Any, kind: str) -> None:
+    """Check that a term has what its protocol asks for."""
+    lacking = [
+        name for name in _MEMBERS[kind] if not (hasattr(type(term), name) or hasattr(term, name))
+    ]
+    if not callable(term) and "__call__" in _MEMBERS[kind]:
+        lacking.append("__call__")
+    if isinstance(term, type) or lacking:
+        found = (
+            ""
+            if isinstance(term, type) or len(lacking) == len(_MEMBERS[kind])
+            else f" without {', '.join(lacking)}"
+        )
+        raise ProblemError(
+            f"{what}: got {shown(term)}{found}, allowed a {kind} with {', '.join(_MEMBERS[kind])}"
+        )
+
+
+def check_expression(cost: Any, size: int) -> None:
+    """Check that the expression of an own cost is a number of the state, and of nothing else.
+
+    What the package's costs, and the kinds of `LearnedCost`, need for theirs they keep once they
+    are asked for it, and not all of that can be sent to another process: they are not asked here.
+
+    Args:
+        cost: with the members of one.
+        size: number of entries of the state.
+
+    Raises:
+        ProblemError: if it is not, with what it raised.
+    """
+    if isinstance(cost, (SmoothReba, LearnedCost)):
+        return
+    state = ca.MX.sym("q", size)
+    try:
+        # A copy: an own cost may keep something too.
+        found = copy(cost).expression(state)
+        if scalar := getattr(found, "shape", None) == (1, 1):
+            function = ca.Function("cost", [state], [found])
+            if not getattr(cost, "dense", False):
+                function.expand()  # as the step does
+    except Exception as error:  # whatever the code of a user's own cost does
+        words = (str(error).strip().splitlines() or [""])[-1][:120]
+        raise ProblemError(
+            f"cost: got {type(error).__name__} ({words}) from the expression of {cost.name},"
+            " allowed a scalar of CasADi"
+        ) from None
+    if not scalar:
+        raise ProblemError(
+            f"cost: got the expression {shown(found)} of {cost.name}, allowed a scalar of CasADi"
+        )
+
+
+def check_response(what: str, response: Any) -> None:
+    """Check that a response is one, and names its state.
+
+    Args:
+        what: it is, for the message.
+        response: anything.
+
+    Raises:
+        ProblemError: if it is none.
+    """
+    _check_members(what, response, "response")
+    names_of(f"{what} coordinates", response.coordinates, "names of the state", ProblemError)
 
 
 def _check_limit(limit: Any) -> None:
@@ -141,24 +212,6 @@ def _check_limit(limit: Any) -> None:
         )
     for each in returns:
         flag(f"limits: returns of {first}", each, ProblemError)
-
-
-def _check_members(what: str, term: Any, kind: str) -> None:
-    """Check that a term has what its protocol asks for."""
-    lacking = [
-        name for name in _MEMBERS[kind] if not (hasattr(type(term), name) or hasattr(term, name))
-    ]
-    if not callable(term) and "__call__" in _MEMBERS[kind]:
-        lacking.append("__call__")
-    if isinstance(term, type) or lacking:
-        found = (
-            ""
-            if isinstance(term, type) or len(lacking) == len(_MEMBERS[kind])
-            else f" without {', '.join(lacking)}"
-        )
-        raise ProblemError(
-            f"{what}: got {shown(term)}{found}, allowed a {kind} with {', '.join(_MEMBERS[kind])}"
-        )
 
 
 def _check_task(task: Any, method: Method) -> None:

@@ -19,11 +19,11 @@ from ergoqp.costs.cost import Cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.joints import JOINTS
-from ergoqp.limits import Limit, TwistLimit, WorkspaceBox
+from ergoqp.limits import KeepOut, Limit, TwistLimit, WorkspaceBox
 from ergoqp.limits.own_rows import OwnLimits
 from ergoqp.limits.stop import Stop
 from ergoqp.problem.control import Control
-from ergoqp.problem.kinds import check_kinds
+from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import LinearResponse, Response
 from ergoqp.sheets.reba import Assessment, Method, assess
@@ -72,13 +72,16 @@ class Problem:
             raise ProblemError(str(error)) from None
         check_kinds(self)
         self._check_state()
+        check_expression(self.cost, len(self.coordinates))
         count = sum(isinstance(limit, TwistLimit) for limit in self.limits)
         if count != 1:
             raise ProblemError(f"limits: got {count} twist limits, allowed exactly one")
         names = [name for limit in self.row_limits for name in limit.names]
         if doubled := sorted({name for name in names if names.count(name) > 1}):
+            regions = any(isinstance(limit, KeepOut) for limit in self.row_limits)
+            hint = " (a KeepOut takes a `name`)" if regions else ""
             raise ProblemError(
-                f"limits: got more than one row named {', '.join(doubled)}, allowed one each"
+                f"limits: got more than one row named {', '.join(doubled)}, allowed one each{hint}"
             )
         self._check_room()
         self.own_limits.judge()

@@ -6,12 +6,14 @@ Each comes with its key, what was found and what is allowed.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import ValidationError
 
 from ergoqp.arguments import path_of, shown
+from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.load import load_cost
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, ProblemError
@@ -34,6 +36,7 @@ from ergoqp.paths import data_folder
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.keys import given_tables
 from ergoqp.problem_files.mistakes import listed, mistakes, unusual
 from ergoqp.problem_files.own_terms import build_own, file_table, own_tables
 from ergoqp.problem_files.tables import (
@@ -64,8 +67,53 @@ def _keep_out(name: str, tolerance: float, recovery_time: float, **regions: Any)
     return KeepOut(_REGIONS[kind](**values), tolerance, recovery_time, name)
 
 
+def _ik(stature: float, **keys: Any) -> IkResponse:
+    """Return a person of average proportions who follows."""
+    return IkResponse(body=Body.of_stature(stature), **keys)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What a file says beside a cost's own table.
+
+    Attributes:
+        file: the whole file.
+        sheet: the options that the sheet is read with, the method among them.
+        folder: that paths are relative to.
+    """
+
+    file: FileTable
+    sheet: dict[str, Any]
+    folder: Path
+
+
+def _smooth_reba(given: _Given, **keys: Any) -> SmoothReba:
+    """Return the sheet, as the task has it, made smooth."""
+    return SmoothReba(**keys, **given.sheet)
+
+
+def _learned(given: _Given, model: str) -> LearnedCost:
+    """Return the cost that a file holds."""
+    # What a cost has learned it knows: other options than those of its data would be silently
+    # ignored.
+    if given.file.task != TaskTable():
+        raise ProblemError(
+            "cost.learned: got options in [task], allowed none: the cost was learned without them"
+        )
+    return load_cost(find_model(model, given.folder))
+
+
 # Registration: one line per kind of term; the table's fields are the keyword arguments.
-_LIMITS: Final[dict[str, Callable[..., Any]]] = {
+COSTS: Final[dict[str, Callable[..., Any]]] = {
+    "smooth_reba": _smooth_reba,
+    "learned": _learned,
+}
+"""Costs by the names of their tables; each takes first what else the file says."""
+
+RESPONSES: Final[dict[str, Callable[..., Response]]] = {"ik": _ik, "points": LinearResponse}
+"""Responses by the names of their tables."""
+
+LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "twist": TwistLimit,
     "joints": JointLimit,
     "workspace": WorkspaceBox,
@@ -75,7 +123,7 @@ _LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "arm_length": ArmLength,
     "one_class_boundary": OneClassBoundary,
 }
-
+"""Limits by the names of their tables."""
 
 TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")
 """The problems of a person and the sheet itself: what all figures of closed loops are about."""
@@ -131,13 +179,13 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
 
 
 def _build(file: FileTable, name: str, folder: Path) -> Problem:
-    task = file.task.model_dump()
-    method = Method(**task.pop("method"))
     response = _response(file.response)
     # Who sits is scored as one who sits: one key, not two.
-    task["seated"] = getattr(response, "stance", None) == "seated"
+    seated = getattr(response, "stance", None) == "seated"
+    task = file.task.model_dump() | {"seated": seated}
+    method = Method(**task.pop("method"))
     return Problem(
-        cost=_cost(file, method, task, folder),
+        cost=_cost(file, {**task, "method": method}, folder),
         response=response,
         limits=_limits(file, folder, tuple(response.coordinates) == JOINTS),
         dt=file.dt,
@@ -151,35 +199,22 @@ def _build(file: FileTable, name: str, folder: Path) -> Problem:
 
 
 def _response(table: ResponseTable) -> Response:
-    if table.points is not None:
-        return LinearResponse()
-    if table.ik is None:
-        name, own = next(iter(own_tables(table).items()))
+    for name, own in own_tables(table).items():
         return build_own("response", name, own)
-    ik = table.ik.model_dump()
-    return IkResponse(body=Body.of_stature(ik.pop("stature")), **ik)
+    ((name, keys),) = given_tables(table).items()
+    return RESPONSES[name](**keys.model_dump())
 
 
-def _cost(file: FileTable, method: Method, task: dict[str, Any], folder: Path) -> Any:
-    if file.cost.learned is not None:
-        # What a cost has learned it knows: other options than those of its data would be silently
-        # ignored.
-        if file.task != TaskTable():
-            raise ProblemError(
-                "cost.learned: got options in [task], allowed none: the cost was learned without"
-                " them"
-            )
-        return load_cost(find_model(file.cost.learned.model, folder))
+def _cost(file: FileTable, sheet: dict[str, Any], folder: Path) -> Any:
     for name, own in own_tables(file.cost).items():
         return build_own("cost", name, own)
-    return SmoothReba(
-        **(file.cost.smooth_reba or SmoothRebaTable()).model_dump(), method=method, **task
-    )
+    ((name, keys),) = (given_tables(file.cost) or {"smooth_reba": SmoothRebaTable()}).items()
+    return COSTS[name](_Given(file, sheet, folder), **keys.model_dump())
 
 
 def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
     own = own_tables(file.limits)
-    limits = file.limits.model_dump(exclude_none=True, exclude=set(own))
+    limits = file.limits.model_dump(exclude_none=True, include=set(LIMITS))
     if of_person:
         # A person always has joints, and an object always a largest speed.
         limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
@@ -191,8 +226,23 @@ def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
         boundary = limits["one_class_boundary"]
         boundary["model"] = load_one_class(find_model(boundary["model"], folder))
     listed = {kind: one if isinstance(one, list) else [one] for kind, one in limits.items()}
-    made = [_LIMITS[kind](**values) for kind, several in listed.items() for values in several]
+    made = [
+        _limit(kind, values, f"limits.{kind}.{i}" if isinstance(limits[kind], list) else kind)
+        for kind, several in listed.items()
+        for i, values in enumerate(several)
+    ]
     return [*made, *(build_own("limits", name, table) for name, table in own.items())]
+
+
+def _limit(kind: str, values: dict[str, Any], where: str) -> Any:
+    """Make a limit; of several of a kind, a mistake says which."""
+    try:
+        return LIMITS[kind](**values)
+    except InputError as error:
+        words = str(error)
+        if words.startswith(kind):
+            words = f"{where}{words.removeprefix(kind)}"
+        raise InputError(words) from None
 
 
 def find_model(name: str, folder: Path) -> Path:

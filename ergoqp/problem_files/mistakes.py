@@ -9,6 +9,8 @@ from typing import Any, Final, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from ergoqp.problem_files.keys import keys_of
+
 _USUAL: Final[dict[str, tuple[float, float, str]]] = {
     "limits.twist.linear_speed": (0.005, 1.0, "m/s"),
     "limits.twist.angular_speed": (0.02, 4.0, "rad/s"),
@@ -22,6 +24,11 @@ _USUAL: Final[dict[str, tuple[float, float, str]]] = {
     "limits.tool_axis.half_angle_deg": (3.2, 170.0, "deg"),
     "limits.joints.rate_deg": (6.3, 720.0, "deg/s"),
     "cost.smooth_reba.taus_deg": (0.1, 45.0, "deg"),
+    "limits.keep_out.ball.centre": (-10.0, 10.0, "m"),
+    "limits.keep_out.ball.radius": (0.005, 5.0, "m"),
+    "limits.keep_out.box.lower": (-10.0, 10.0, "m"),
+    "limits.keep_out.box.upper": (-10.0, 10.0, "m"),
+    "limits.keep_out.half_space.offset": (-10.0, 10.0, "m"),
     "task.load_kg": (0.0, 50.0, "kg"),
 }
 """What is usual beside a person: beyond it a unit was mistaken, as a rule."""
@@ -67,8 +74,8 @@ def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
     """Return the keys of the table at a path."""
     for part in path:
         if isinstance(part, str):
-            table = next(_tables(table.model_fields[part].annotation))
-    return list(table.model_fields)
+            table = next(_tables(table.model_fields[keys_of(table)[part]].annotation))
+    return list(keys_of(table))
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -104,12 +111,7 @@ def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
         if key not in known
     ]
     for key, (low, high, unit) in _USUAL.items():
-        value = _value(raw, key)
-        strange = [
-            each
-            for each in np.ravel([] if value is None else value).tolist()
-            if not low <= each <= high
-        ]
+        strange = [each for each in _numbers(_value(raw, key)) if not low <= each <= high]
         if strange and key not in meant:
             found.append(
                 f"{key}: got {strange[0]:g}, usual are {low:g} to {high:g} {unit}{_if_meant(key)}"
@@ -128,11 +130,13 @@ def _if_meant(key: str) -> str:
     return f'; if it is meant, name it in the first lines: unusual = ["{key}"]'
 
 
-def _value(raw: dict[str, Any], key: str) -> Any:
-    value: Any = raw
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
-    return value
+def _value(raw: Any, key: str) -> Any:
+    """Return what is under a key, of an array of tables in each of them."""
+    if isinstance(raw, list):
+        return [_value(each, key) for each in raw]
+    first, _, rest = key.partition(".")
+    value = raw.get(first) if isinstance(raw, dict) else None
+    return _value(value, rest) if rest else value
 
 
 def _numbers(value: Any) -> Iterator[float]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import Annotated, Any, get_type_hints
+from typing import Any, get_type_hints
 
-from pydantic import BeforeValidator, create_model
+from pydantic import Field, PydanticUserError, create_model
 
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, InputError
+from ergoqp.problem.kinds import check_response
+from ergoqp.problem_files.keys import given_tables, keys_of
+from ergoqp.problem_files.own_types import as_in_files
 from ergoqp.problem_files.tables import CostTable, FileTable, LimitsTable, ResponseTable, Table
-from ergoqp.registry import own_term, registered
+from ergoqp.registry import check_free, own_term, registered
 
 _PARTS = {"cost": CostTable, "limits": LimitsTable, "response": ResponseTable}
 _KINDS = {"cost": "cost", "limits": "limit", "response": "response"}
@@ -26,20 +29,20 @@ def file_table(raw: Mapping[str, Any]) -> type[FileTable]:
         raw: the file's tables.
 
     Raises:
-        InputError: if an own term cannot be imported, or does not say what it is made with.
+        InputError: if an own term cannot be imported, does not say what it is made with, or has the
+            name of another.
     """
-    keys: dict[str, Any] = {}
+    parts: dict[str, Any] = {}
     for part, table in _PARTS.items():
         given = raw.get(part)
-        named = set(given) - set(table.model_fields) if isinstance(given, Mapping) else set()
-        found = {name: own_term(_KINDS[part], name) for name in named & own_names(part)}
+        named, known = set(given) if isinstance(given, Mapping) else set(), set(table.model_fields)
+        check_free(_KINDS[part], named & known)
+        found = {name: own_term(_KINDS[part], name) for name in (named - known) & own_names(part)}
         if found:
-            own: dict[str, Any] = {
-                name: (_table_of(name, term) | None, None) for name, term in found.items()
-            }
-            larger = create_model(table.__name__, __base__=table, **own)
-            keys[part] = (larger, FileTable.model_fields[part].default)
-    return create_model("FileTable", __base__=FileTable, **keys) if keys else FileTable
+            own = {name: (_table_of(name, term) | None, None) for name, term in found.items()}
+            larger = _with_keys(table.__name__, table, own)
+            parts[part] = (larger, FileTable.model_fields[part].default)
+    return create_model("FileTable", __base__=FileTable, **parts) if parts else FileTable
 
 
 def own_names(part: str) -> set[str]:
@@ -50,8 +53,7 @@ def own_names(part: str) -> set[str]:
 def own_tables(table: Table) -> dict[str, Table]:
     """Return the tables of own terms that a part of a file names: those that no class declares."""
     known = next(kind for kind in _PARTS.values() if isinstance(table, kind)).model_fields
-    given = {key: getattr(table, key) for key in type(table).model_fields if key not in known}
-    return {key: each for key, each in given.items() if each is not None}
+    return {key: each for key, each in given_tables(table).items() if key not in known}
 
 
 def build_own(part: str, name: str, table: Table) -> Any:
@@ -60,8 +62,13 @@ def build_own(part: str, name: str, table: Table) -> Any:
     Raises:
         InputError: if it does not take them, with what it raised.
     """
+    said = {
+        key: getattr(table, attribute)
+        for key, attribute in keys_of(type(table)).items()
+        if attribute in table.model_fields_set
+    }
     try:
-        return own_term(_KINDS[part], name)(**table.model_dump(exclude_unset=True))
+        made = own_term(_KINDS[part], name)(**said)
     except ErgoqpError:
         raise
     except Exception as error:  # whatever the code of a user's own term does
@@ -70,6 +77,10 @@ def build_own(part: str, name: str, table: Table) -> Any:
             f"{part}.{name}: got {type(error).__name__} ({words}), allowed what"
             f" {own_term(_KINDS[part], name)!r:.80} takes"
         ) from None
+    if part == "response":
+        # Its state says which limits there are before the problem is made, which checks the others.
+        check_response(f"{part}.{name}", made)
+    return made
 
 
 def _table_of(name: str, term: Any) -> type[Table]:
@@ -88,11 +99,24 @@ def _table_of(name: str, term: Any) -> type[Table]:
             raise InputError(
                 f"{name}: got the parameter {parameter}, allowed only ones that a file can name"
             )
-        default = ... if parameter.default is parameter.empty else parameter.default
-        held = Annotated[hints.get(key, Any), BeforeValidator(_as_tuple)]
-        keys[key] = (held, default)
-    return create_model(f"{name} table", __base__=Table, **keys)
+        keys[key] = (
+            as_in_files(hints.get(key, Any)),
+            ... if parameter.default is parameter.empty else None,
+        )
+        try:
+            _with_keys(name, Table, {key: keys[key]})
+        except PydanticUserError:
+            raise InputError(
+                f"{name}: got the parameter {parameter!s:.80}, allowed numbers, texts,"
+                " lists and arrays of them, and tables"
+            ) from None
+    return _with_keys(name, Table, keys)
 
 
-def _as_tuple(value: Any) -> Any:
-    return tuple(map(_as_tuple, value)) if isinstance(value, list) else value
+def _with_keys(name: str, base: type[Table], keys: Mapping[str, tuple[Any, Any]]) -> Any:
+    """Return a table with more keys: of each the type and the default, `...` where required."""
+    fields: dict[str, Any] = {
+        f"own_{i}": (kind, Field(default, alias=key))
+        for i, (key, (kind, default)) in enumerate(keys.items())
+    }
+    return create_model(f"{name} table", __base__=base, **fields)

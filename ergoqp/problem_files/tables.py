@@ -5,10 +5,29 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, Literal, Self, get_type_hints
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    create_model,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from ergoqp.limits import AXES
 from ergoqp.problem.control import Control
+from ergoqp.problem_files.keys import (
+    NotNegative,
+    Number,
+    Positive,
+    Vector,
+    as_list,
+    as_tuple,
+    given_tables,
+    keys_of,
+)
 from ergoqp.sheets.reba import Method
 
 
@@ -18,16 +37,8 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_as_tuple)]
 Side = Literal["right", "left"]
-Pair = Annotated[tuple[bool, bool], BeforeValidator(_as_tuple)]
+Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
 class IkTable(Table):
@@ -37,7 +48,7 @@ class IkTable(Table):
     stance: Literal["standing", "seated"] = "standing"
     seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
     hands: Annotated[
-        tuple[Side, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=2)
+        tuple[Side, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=2)
     ] = ("right",)
     tool: Literal["along", "thumb"] = "along"
     free_about_tool: bool = True
@@ -52,13 +63,8 @@ class PointsTable(Table):
     """Elbow and wrist of the right arm are the state, and the twist their velocities."""
 
 
-def _given(table: Table) -> list[str]:
-    """Return the keys of a table that a file names."""
-    return [key for key in type(table).model_fields if getattr(table, key) is not None]
-
-
 def _either(table: Table, word: str) -> str:
-    *most, last = type(table).model_fields
+    *most, last = keys_of(type(table))
     return f"{', '.join(most)} {word} {last}"
 
 
@@ -70,7 +76,7 @@ class ResponseTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(_given(self)) != 1:
+        if len(given_tables(self)) != 1:
             raise ValueError(f"exactly one of {_either(self, 'and')} is allowed")
         return self
 
@@ -78,11 +84,11 @@ class ResponseTable(Table):
 class SmoothRebaTable(Table):
     """The sheet made smooth, see `ergoqp.costs.SmoothReba`."""
 
-    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+    taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
         1.5,
         12.0,
     )
-    weights: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+    weights: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
         0.8,
         0.2,
     )
@@ -102,7 +108,7 @@ class CostTable(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(_given(self)) > 1:
+        if len(given_tables(self)) > 1:
             raise ValueError(f"only one of {_either(self, 'and')} is allowed")
         return self
 
@@ -146,7 +152,7 @@ class TwistTable(Table):
     angular_acceleration: Positive = 2.50
     axes: Annotated[
         tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...],
-        BeforeValidator(_as_tuple),
+        BeforeValidator(as_tuple),
         Field(min_length=1),
     ] = AXES
 
@@ -154,7 +160,7 @@ class TwistTable(Table):
 class JointsTable(Table):
     """See `ergoqp.limits.JointLimit`."""
 
-    ranges_deg: dict[str, Annotated[tuple[Number, Number], BeforeValidator(_as_tuple)]] = {}
+    ranges_deg: dict[str, Annotated[tuple[Number, Number], BeforeValidator(as_tuple)]] = {}
     rate_deg: Positive = 90.0
     yield_zone_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
     tolerance_deg: Annotated[float, Field(ge=0, le=20)] = 2.0
@@ -227,8 +233,16 @@ class KeepOutTable(Table):
         return self
 
 
-def _as_list(value: Any) -> Any:
-    return [value] if isinstance(value, dict) else value
+def _named(regions: list[KeepOutTable] | None) -> list[KeepOutTable] | None:
+    """Refuse two regions of one name: each is a row of the step."""
+    names = [region.name for region in regions or ()]
+    if doubled := [name for name in names if names.count(name) > 1]:
+        raise PydanticCustomError(
+            "names",
+            "Input should be regions each with a `name` of its own, and not two of {name}",
+            {"name": repr(doubled[0])},
+        )
+    return regions
 
 
 class BoundaryTable(Table):
@@ -248,7 +262,9 @@ class LimitsTable(Table):
     workspace: WorkspaceTable | None = None
     tool_axis: ToolAxisTable | None = None
     point_speed: PointSpeedTable | None = None
-    keep_out: Annotated[list[KeepOutTable] | None, BeforeValidator(_as_list)] = None
+    keep_out: Annotated[
+        list[KeepOutTable] | None, BeforeValidator(as_list), AfterValidator(_named)
+    ] = None
     arm_length: ArmLengthTable | None = None
     one_class_boundary: BoundaryTable | None = None
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Final
@@ -15,7 +14,6 @@ from ergoqp.arguments import path_of
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
-from ergoqp.recordings.bvh.read import read_bvh
 from ergoqp.recordings.fitting.axes import find_unit, find_up, to_world
 from ergoqp.recordings.fitting.centre_model import BASE, CentreModel
 from ergoqp.recordings.fitting.hands import place_hands
@@ -27,14 +25,10 @@ from ergoqp.recordings.fitting.person import (
     suggested_stature,
 )
 from ergoqp.recordings.fitting.posture_fit import fit
-from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
+from ergoqp.recordings.readers import read_motion
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
-from ergoqp.registry import own_term, registered
-
-READERS: Final[dict[str, Callable[[Path], JointMotion]]] = {".bvh": read_bvh}
-"""File name ending -> reader. An own one is an entry point, see `ergoqp.registry`."""
 
 _UPRIGHT: Final = math.radians(2)  # a neck that leans less at rest is not worth a sentence
 
@@ -50,7 +44,7 @@ def load_recording(
     """Read a motion-capture file and fit the body to it.
 
     Args:
-        path: the recording; its ending tells the format (see `READERS`).
+        path: the recording; its ending tells the format (see `ergoqp.recordings.readers`).
         person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None
             to measure the segment lengths in the recording itself.
         unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature
@@ -72,7 +66,7 @@ def load_recording(
     _check_arguments(unit_to_m, up)
     naming = None if mapping is None else read_mapping(Path(mapping))
     body = None if person is None else given_person(person)
-    motion = _reader(path)(path)
+    motion = read_motion(path)
     named = named_centres(motion, naming, path.name)
     centres = named.paths
     assumptions = [f"The joints are named as in the {named.title} skeleton.", *motion.notes]
@@ -118,20 +112,6 @@ def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
         raise InputError(f"unit_to_m: got {unit_to_m!r}, allowed a length in metres above 0")
     if up not in (None, "y", "z"):
         raise InputError(f"up: got {up!r}, allowed 'y', 'z' or None")
-
-
-def _reader(path: Path) -> Callable[[Path], JointMotion]:
-    ending = path.suffix.lower()
-    if ending in READERS:
-        return READERS[ending]
-    own = [f".{name}" for name in registered("reader")]
-    if ending in own:
-        return own_term("reader", ending[1:])
-    if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
-        raise RecordingError(f"{str(path)!r} is a folder, allowed the recording file itself")
-    raise RecordingError(
-        f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join([*READERS, *own])}"
-    )
 
 
 def _vertical(

@@ -13,7 +13,7 @@ from typing import Final
 
 from ergoqp.arguments import shown
 from ergoqp.errors import InputError, MissingExtraError
-from ergoqp.registry import own_term, registered
+from ergoqp.registry import check_free, own_term, registered
 from ergoqp.solvers.session import Session
 from ergoqp.solvers.solver import QpSolver as QpSolver
 
@@ -55,22 +55,24 @@ def solver_named(name: str) -> QpSolver:
     """Return a solver by its name.
 
     Raises:
-        InputError: if there is none of that name.
+        InputError: if there is none of that name, or two.
         MissingExtraError: if it is not installed.
     """
     own, more = registered("solver"), ()
     if isinstance(name, str):
         if name in SOLVERS:
+            check_free("solver", [name])
             return _listed(name)
-        if name in own:
-            return _own(name)
         if find_spec("qpsolvers") is not None:
             from qpsolvers import available_solvers as more
 
             if name in more:
                 from ergoqp.solvers.from_qpsolvers import Offered
 
+                check_free("solver", [name])
                 return Offered(name)
+        if name in own:
+            return _own(name)
     names = dict.fromkeys([*SOLVERS, *more, *own])
     raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(names)}")
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from ergoqp.arguments import check_kind, flag
 from ergoqp.errors import InputError
 from ergoqp.expressions.linear import by_name, is_set, once, scalars, vectors
 from ergoqp.native.compiled import compiled as machine_code
@@ -43,9 +44,12 @@ def step_function(
             `ergoqp.step.guide.pull`.
 
     Raises:
-        InputError: if the solver is unknown, or not the one that is compiled.
+        InputError: if the problem is none, a flag is none, or the solver is unknown, or not the one
+            that is compiled.
         CompilerError: if there is no C compiler.
     """
+    check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+    compiled, guided = flag("compiled", compiled), flag("guided", guided)
     chosen = solver_named(solver)
     if not compiled:
         return build_step(problem, chosen, guided=guided)

@@ -71,11 +71,26 @@ def test_a_population_has_a_row_each(ergoqp, tmp_path):
         (("--people", "1.7", "--load-kg", "nan"), "load_kg: got nan"),
         (("--people", "1.7", "--hands", "three"), "hands: got 'three', allowed right, left, both"),
         (("--people", "1.7", "--starts", "0"), "starts: got 0, allowed"),
+        (("--people", "1.7", "--starts", "101"), "starts: got 101, allowed"),
+        (("--people", "1.7", "--jobs", "0"), "jobs: got 0, allowed a whole number of at least 1"),
+        (("--people", "1.7", "--seed", "-1"), "seed: got -1, allowed a whole number of at least 0"),
         (("--people", "1.7", "--person", "1.8"), "--person"),
     ],
 )
 def test_mistakes_of_groups(ergoqp, arguments, words):
-    assert words in mistake(ergoqp("group", "desk", *arguments))
+    outcome = ergoqp("group", "desk", *arguments)
+    assert words in mistake(outcome)
+    if words.startswith(("starts", "jobs", "seed")):  # before any work is spoken of
+        assert " ..." not in outcome.err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("run", "desk"), ("optimise", "desk"), ("group", "desk", "--people", "2")],
+)
+def test_a_seed_that_is_too_large_is_told_the_largest(ergoqp, command):
+    said = mistake(ergoqp(*command, "--seed", "99999999999999999999"))
+    assert "seed: got 99999999999999999999, allowed a whole number from 0 to 922337203685" in said
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -259,6 +260,83 @@ def test_problem_files_have_regions(tmp_path) -> None:
     one["limits"]["keep_out"] = {}
     with pytest.raises(ProblemError, match="exactly one of half_space, ball and box"):
         problem_from_dict(one, "own")
+
+
+def regions_of(*regions: dict[str, Any]) -> dict[str, Any]:
+    return {"response": {"ik": {}}, "limits": {"keep_out": list(regions)}}
+
+
+BALL = {"centre": [0.1, 0.0, 1.6], "radius": 0.2}
+FLAT = {"lower": [0.4, -1.0, 1.3], "upper": [0.9, 1.0, 1.2]}
+
+
+def test_regions_of_one_name_are_told_to_take_one_each() -> None:
+    words = r"limits\.keep_out: got .*, allowed regions each with a `name` of its own, and not two"
+    with pytest.raises(ProblemError, match=words):
+        problem_from_dict(regions_of({"ball": BALL}, {"ball": BALL}), "own")
+    problem, keep = problem_of("screwing"), KeepOut(Ball((0, 0, 5), 0.1))
+    with pytest.raises(ProblemError, match=r"row named keep out, allowed one each \(a KeepOut"):
+        problem.replace(limits=[*problem.limits, keep, keep])
+
+
+def test_a_mistake_in_a_region_says_which() -> None:
+    words = r"own: limits\.keep_out\.1: got lower .* not below upper"
+    with pytest.raises(ProblemError, match=words):
+        problem_from_dict(regions_of({"ball": BALL}, {"name": "shelf", "box": FLAT}), "own")
+    words = r"own: limits\.keep_out\.0 normal: got .*, allowed any vector but zero"
+    with pytest.raises(ProblemError, match=words):
+        problem_from_dict(
+            regions_of({"half_space": {"normal": [0.0, 0.0, 0.0], "offset": 0.0}}), "own"
+        )
+
+
+@pytest.mark.parametrize(
+    ("region", "key", "value"),
+    [
+        ({"ball": BALL | {"radius": 250.0}}, "ball.radius", "250"),
+        ({"ball": BALL | {"centre": [100.0, 0.0, 1.6]}}, "ball.centre", "100"),
+        (
+            {"box": {"lower": [400.0, -1.0, 0.0], "upper": [900.0, 1.0, 1.0]}},
+            "box.lower",
+            "400",
+        ),
+        ({"half_space": {"normal": [0.0, 0.0, 1.0], "offset": 700.0}}, "half_space.offset", "700"),
+    ],
+)
+def test_millimetres_are_noticed_unless_they_are_meant(
+    region: dict[str, Any], key: str, value: str
+) -> None:
+    raw = regions_of({"name": "first", "ball": BALL}, region)
+    with pytest.raises(ProblemError, match=rf"limits\.keep_out\.{key}: got {value}, usual are"):
+        problem_from_dict(raw, "own")
+    meant = [f"limits.keep_out.{key}", "limits.keep_out.box.upper"]
+    problem_from_dict(raw | {"unusual": meant}, "own")
+
+
+class Own:
+    """A region of one's own."""
+
+    def __init__(self, nearest: Any) -> None:
+        self.nearest = nearest
+
+
+@pytest.mark.parametrize(
+    ("nearest", "sentence"),
+    [
+        (lambda p: (p[2], ca.DM([0, 0, 2])), "got a direction of length 2 at"),
+        (lambda p: (ca.sumsqr(p), 2 * p), "got a direction of length"),
+        (lambda p: (p[2], ca.DM([0, 0, np.nan])), "got a direction of length nan"),
+        (lambda p: (p, ca.DM([0, 0, 1])), r"got shapes \(3, 1\) and \(3, 1\) from nearest"),
+        (lambda p: 5, r"got TypeError \(.*\) from nearest of .*, allowed a distance"),
+        (lambda: 5, "got TypeError"),
+    ],
+)
+def test_a_region_of_ones_own_gives_a_distance_and_a_unit_vector(
+    nearest: Any, sentence: str
+) -> None:
+    with pytest.raises(InputError, match=rf"keep_out region: {sentence}"):
+        KeepOut(Own(nearest))
+    KeepOut(Own(lambda p: (p[2], ca.SX(ca.DM([0, 0, 1])))))
 
 
 @pytest.mark.parametrize("name", REGIONS)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from step_samples import NAMES, Held, comfort_of, held_pose, problem_of
@@ -14,6 +16,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits import JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.problem.control import Control
 from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
 from ergoqp.step.stepper import Stepper
 
 
@@ -52,6 +55,30 @@ def test_replace_changes_one_term_and_leaves_the_rest() -> None:
     assert other.response is problem.response
     assert problem.dt == 0.01
     assert Stepper(other).dt == 0.002
+
+
+@pytest.mark.parametrize("name", ["screwing", "screwing_learned", "forearm"])
+def test_a_problem_can_be_sent_to_another_process(name: str) -> None:
+    assert pickle.loads(pickle.dumps(load_problem(name))).name == name
+
+
+class Keeps:
+    """A cost of one's own that keeps its symbols."""
+
+    name, minimum = "keeps", 1.0
+
+    def expression(self, q: ca.MX) -> ca.MX:
+        self.kept = q
+        return 1 + ca.sumsqr(q)
+
+    def __call__(self, postures: Any) -> np.ndarray:
+        return 1 + (np.atleast_2d(postures) ** 2).sum(axis=1)
+
+
+def test_judging_a_cost_leaves_nothing_in_it() -> None:
+    cost = Keeps()
+    problem_of("screwing").replace(cost=cost)
+    assert not hasattr(cost, "kept")
 
 
 def test_limits_are_found_by_their_kind() -> None:

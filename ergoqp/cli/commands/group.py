@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ergoqp.arguments import MOST_WHOLE, check_whole
 from ergoqp.cli.commands.common import (
     console,
     counted,
@@ -23,7 +24,7 @@ from ergoqp.cli.commands.common import (
 )
 from ergoqp.cli.commands.population import numbers_of
 from ergoqp.errors import InputError
-from ergoqp.placing.group.optimise import best_for_group
+from ergoqp.placing.group.optimise import MOST_STARTS, best_for_group
 from ergoqp.placing.group.optimum import GroupOptimum
 from ergoqp.placing.group.people import Person, drawn_people, read_people
 from ergoqp.placing.group.search import Objective
@@ -68,6 +69,12 @@ def group(
         raise InputError(
             f"--objective: got {objective!r}, allowed {', '.join(get_args(Objective))}"
         )
+    for name, number, least, most in (
+        ("starts", starts, 1, MOST_STARTS),
+        ("seed", seed, 0, MOST_WHOLE),
+        ("jobs", jobs, 1, MOST_WHOLE),
+    ):
+        check_whole(name, number, least, most)
     problem = variant(load_person_problem(problem_name), hands=hands, load_kg=load_kg)
     crew = _people(problem, people, seed)
     folder = make_folder(out, f"group-{problem.name}")

@@ -31,6 +31,8 @@ SPACING = 0.15
 """Distance of the grid's places [m]; the search goes on between them."""
 STARTS = 4
 """Places of the grid from which the search goes on."""
+MOST_STARTS = 100
+"""Beyond this a number of starts is a slip."""
 OWN_STARTS = 2
 """The same for the best place of one person."""
 
@@ -78,7 +80,7 @@ def best_for_group(
         raise InputError(
             f"objective: got {shown(objective)}, allowed {', '.join(get_args(Objective))}"
         )
-    check_whole("starts", starts, 1, 100)
+    check_whole("starts", starts, 1, MOST_STARTS)
     begin = time.perf_counter()
     crew = read_people(problem, people)
     tell = progress or (lambda share: None)

@@ -11,8 +11,6 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.arguments import shown
-from ergoqp.errors import ProblemError
 from ergoqp.expressions.linear import is_set
 from ergoqp.problem.problem import Problem
 from ergoqp.step.model import StepModel
@@ -69,11 +67,6 @@ def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
         # What dense costs have.
         return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue]
     value = problem.cost.expression(q)
-    if getattr(value, "shape", None) != (1, 1):
-        raise ProblemError(
-            f"cost: got the expression {shown(value)} of {problem.cost.name}, allowed a scalar of"
-            " CasADi"
-        )
     return value, ca.gradient(value, q)
 
 
