@@ -153,7 +153,8 @@ def journey(
 
 def half_way() -> np.ndarray:
     problem = problem_of("screwing")
-    return np.array(problem.response.contact()(problem.response.comfort)[0])[:3, 3] + GOAL / 2  # type: ignore[attr-defined]
+    comfort = problem.response.comfort  # type: ignore[attr-defined]
+    return np.array(problem.response.contact()(comfort)[0])[:3, 3] + GOAL / 2
 
 
 @pytest.mark.parametrize("radius", [0.015, 0.04, 0.1])
