@@ -251,5 +251,5 @@ class TestAwkwardStart:
     def test_nowhere_to_reach(self, problem):
         box = WorkspaceBox((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))
         limits = [box if isinstance(limit, type(box)) else limit for limit in problem.limits]
-        with pytest.raises(InputError, match="reaches none"):
+        with pytest.raises(InputError, match="none of 3 places of the workspace can be a start"):
             awkward_start(problem.replace(limits=limits), sample_person(problem, 0), 0, places=3)
