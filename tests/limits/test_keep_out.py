@@ -23,7 +23,9 @@ from ergoqp.simulation.check import Checker
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.step.guide.place import Guide
 from ergoqp.step.guide.trial import THERE, TRIAL
+from ergoqp.step.model import StepModel
 from ergoqp.step.stepper import Stepper
+from ergoqp.step.under_way.landing import _hard_rows
 
 REGIONS = {
     "half_space": HalfSpace((1, -2, 0.5), 0.1),
@@ -129,7 +131,10 @@ GOAL = np.array([0.05, 0.25, 0.0])
 
 
 def journey(
-    region: HalfSpace | Ball | Box, given: dict[str, float], average: float | None, kept: bool
+    region: HalfSpace | Ball | Box,
+    given: dict[str, float],
+    average: float | None,
+    kept: bool = True,
 ) -> list[float]:
     """Distances from a region of an object that is drawn by `GOAL`, straight through it."""
     base = problem_of("screwing")
@@ -184,9 +189,30 @@ def test_noise_as_large_as_the_region_turns_nothing_round(shape: str, noise: flo
         else Box(tuple(middle - half[shape]), tuple(middle + half[shape]))
     )
     kept = journey(region, {"pose_noise": noise}, None, kept=True)
-    assert 0 < min(kept) < 5 * noise
+    assert np.sqrt(3) * noise < min(kept) < 5 * noise
     # From one sample to the next it goes through the thinnest.
     assert min(journey(region, {"pose_noise": noise}, None, kept=False)) < noise / 4
+
+
+def test_a_plane_does_not_turn_with_the_noise() -> None:
+    """So noise counts once there, and twice where the direction is read off the pose."""
+    plane, ball = HalfSpace((0, 0, 1), 0.0), Ball((0, 0, 0), 0.1)
+    assert [KeepOut(region).tangent for region in (plane, ball)] == [False, True]
+
+
+def test_the_half_space_is_that_of_where_the_object_is_and_not_where_it_lands() -> None:
+    ball = Ball(tuple(half_way()), 0.05)
+    problem = problem_of("screwing")
+    limits = [*problem.limits, KeepOut(ball)]
+    model = StepModel(problem.replace(limits=limits, robot=DeclaredRobot(**LATE)))
+    comfort = problem.response.comfort  # type: ignore[attr-defined]
+    pose = np.array(problem.response.contact()(comfort)[0])
+    total = np.array([0.03, -0.02, 0.04, 0.0, 0.1, 0.0])
+    landed, rows = (np.array(part) for part in _hard_rows(model)(pose, total))
+    np.testing.assert_allclose(landed[:3, 3], pose[:3, 3] + total[:3])
+    away = pose[:3, 3] - half_way()
+    row = rows[model.under_way.names.index("keep out")]
+    np.testing.assert_allclose(row, [*(away / np.linalg.norm(away)), 0, 0, 0], atol=1e-9)
 
 
 def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
