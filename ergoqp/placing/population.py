@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, Final
+from pathlib import Path
+from typing import Final
 
 from ergoqp.arguments import as_tuple, check_real, shown
 from ergoqp.costs.smooth_reba import SmoothReba
@@ -83,17 +84,28 @@ class Found:
 
 def best_of_population(
     people: Iterable[tuple[str, Problem]],
+    starts: int = 32,
+    seed: int = 0,
+    jobs: int = 1,
+    mode: str = "stackelberg",
+    solver: str = "ipopt",
     *,
+    scheduler: str | None = None,
+    out: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
-    **options: Any,
 ) -> list[Found]:
     """Return everybody's own best place; see `ergoqp.placing.optimise.optimise`.
 
     Args:
         people: (label, problem), as `population` yields them.
+        starts: for each, as in `optimise`.
+        seed: as there.
+        jobs: as there.
+        mode: as there.
+        solver: as there.
+        scheduler: as there.
+        out: folder that makes the study resumable, as there.
         progress: called with the share that is done.
-        options: of `optimise`, the same for all, such as `starts`, `jobs` and `out`; the last makes
-            the study resumable.
 
     Raises:
         InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a
@@ -105,7 +117,17 @@ def best_of_population(
         if progress is not None:
             progress(number / len(everybody))
         try:
-            found.append(Found(label, optimise(problem, **options)))
+            best = optimise(
+                problem,
+                starts=starts,
+                seed=seed,
+                jobs=jobs,
+                mode=mode,
+                solver=solver,
+                scheduler=scheduler,
+                out=out,
+            )
+            found.append(Found(label, best))
         except OutOfReachError as nowhere:
             found.append(Found(label, None, str(nowhere)))
     if progress is not None:
