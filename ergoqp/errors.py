@@ -59,6 +59,11 @@ class ModelError(ErgoqpError):
     """
 
 
+def in_words(error: BaseException) -> str:
+    """Return what code of the user's raised, in a few words: its kind and what it says."""
+    return f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
+
+
 def install_command(extra: str) -> str:
     """Return the command that adds an extra to this installation.
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final
 
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, in_words
 
 GROUPS: Final = {
     "cost": "ergoqp.costs",
@@ -60,9 +60,8 @@ def own_term(kind: str, name: str) -> Any:
     try:
         return found.load()
     except Exception as error:  # whatever the user's package does when it is imported
-        words = " ".join(str(error).split())[:100]
         raise InputError(
-            f"{kind} {name}: got {type(error).__name__} ({words}) from {found.value}, allowed an"
+            f"{kind} {name}: got {in_words(error)} from {found.value}, allowed an"
             f" entry point of {GROUPS[kind]} that can be imported"
         ) from None
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.errors import ErgoqpError, ProblemError
+from ergoqp.errors import ErgoqpError, ProblemError, in_words
 from ergoqp.limits.arm_length import ArmLength
 from ergoqp.limits.joints import JointLimit
 from ergoqp.limits.limit import Limit, Situation, Surface
@@ -116,10 +116,8 @@ class OwnLimits:
             except ErgoqpError:
                 raise
             except Exception as error:  # whatever the code of a user's own limit does
-                words = " ".join(str(error).split())[:100]
                 raise ProblemError(
-                    f"limits: rows of {first}: got {type(error).__name__} ({words}), allowed"
-                    f" {allowed}"
+                    f"limits: rows of {first}: got {in_words(error)}, allowed {allowed}"
                 ) from None
             if found != [len(limit.names)] * 2:
                 raise ProblemError(

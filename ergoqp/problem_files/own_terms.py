@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 from pydantic import Field, PydanticUserError, create_model
 
 from ergoqp.arguments import shown
-from ergoqp.errors import ErgoqpError, InputError
+from ergoqp.errors import ErgoqpError, InputError, in_words
 from ergoqp.problem.kinds import check_response
 from ergoqp.problem_files.keys import given_tables, keys_of
 from ergoqp.problem_files.own_types import as_in_files
@@ -72,9 +72,8 @@ def build_own(part: str, name: str, table: Table) -> Any:
     except ErgoqpError:
         raise
     except Exception as error:  # whatever the code of a user's own term does
-        words = " ".join(str(error).split())[:100]
         raise InputError(
-            f"{part}.{name}: got {type(error).__name__} ({words}), allowed what"
+            f"{part}.{name}: got {in_words(error)}, allowed what"
             f" {own_term(_KINDS[part], name)!r:.80} takes"
         ) from None
     if part == "response":

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from ergoqp.arguments import shown
-from ergoqp.errors import ErgoqpError, RecordingError
+from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.recordings.bvh.read import read_bvh
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.registry import check_free, own_term, registered
@@ -50,9 +50,8 @@ def _own_motion(path: Path, reader: Any) -> JointMotion:
     except ErgoqpError as error:
         raise RecordingError(f"{path.name}: {error}") from None
     except Exception as error:  # whatever the code of a user's own reader does
-        words = " ".join(str(error).split())[:100]
         raise RecordingError(
-            f"{path.name}: got {type(error).__name__} ({words}), allowed what {shown(reader)} reads"
+            f"{path.name}: got {in_words(error)}, allowed what {shown(reader)} reads"
         ) from None
     if lacking:
         raise RecordingError(

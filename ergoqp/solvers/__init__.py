@@ -6,13 +6,15 @@ The same names serve the control step and the comparison. Adding one is a file a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Final
+from typing import Any, Final
 
 from ergoqp.arguments import shown
-from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.errors import InputError, MissingExtraError, in_words
 from ergoqp.registry import check_free, own_term, registered
 from ergoqp.solvers.session import Session
 from ergoqp.solvers.solver import QpSolver as QpSolver
@@ -70,22 +72,27 @@ def solver_named(name: str) -> QpSolver:
                 from ergoqp.solvers.from_qpsolvers import Offered
 
                 check_free("solver", [name])
-                return Offered(name)
+                return _made(Offered, name, name)
         if name in own:
             return _own(name)
     names = dict.fromkeys([*SOLVERS, *more, *own])
     raise InputError(f"solver: got {shown(name)}, allowed one of {', '.join(names)}")
 
 
+@cache
+def _made(make: Callable[..., Any], name: str, *given: str) -> Any:
+    """Make a solver once: what it is called by stays as long as it does."""
+    return make(*given)
+
+
 def _own(name: str) -> QpSolver:
-    made = own_term("solver", name)
+    make = own_term("solver", name)
     try:
-        solver = made()
+        solver = _made(make, name)
     except Exception as error:  # whatever the user's package does
-        words = f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
         raise InputError(
-            f"solver {name}: got {words} when it was made, allowed a QpSolver that is made of"
-            " nothing"
+            f"solver {name}: got {in_words(error)} when it was made, allowed a QpSolver that is"
+            " made of nothing"
         ) from None
     if not isinstance(solver, QpSolver):
         raise InputError(f"solver {name}: got {shown(solver)}, allowed a QpSolver")
@@ -99,7 +106,7 @@ def _listed(name: str) -> QpSolver:
     try:
         if find_spec(one.package) is None:
             raise ImportError(name=one.package)
-        return getattr(import_module(f"ergoqp.solvers.{module}"), kind)()
+        return _made(getattr(import_module(f"ergoqp.solvers.{module}"), kind), name)
     except ImportError as error:
         package = error.name or one.package
         raise MissingExtraError(f"solver {name!r}", "solvers", package) from None
@@ -127,5 +134,6 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
     try:
         return Session(name, n, m, lambda: solver.workspace(n, m, accuracy))
     except Exception as error:  # an own solver's
-        words = f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
-        raise InputError(f"solver {name}: got {words}, allowed a workspace for any size") from None
+        raise InputError(
+            f"solver {name}: got {in_words(error)}, allowed a workspace for any size"
+        ) from None

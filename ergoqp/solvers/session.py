@@ -14,7 +14,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, in_words
 from ergoqp.solvers.sequence import PARTS, Array, Qp
 
 FLAGS: Final = ("solved", "infeasible", "stopped", "failed", "not a number", "bounds cross")
@@ -130,7 +130,7 @@ class Session:
             sizes = [np.shape(part) for part in (answer.x, answer.rows, answer.box)]
             fault = "" if sizes == self._sizes else f"an answer of the shapes {sizes}"
         except Exception as error:  # whatever a solver does with its data
-            answer, fault = None, f"{type(error).__name__} ({' '.join(str(error).split())[:100]})"
+            answer, fault = None, in_words(error)
         seconds = time.perf_counter() - start
         if answer is None or fault:
             self._workspace, self.fault = None, self.fault or fault

@@ -22,8 +22,8 @@ So residuals stay numbers.
 _ACCURACY: Final = 1e-7
 """What solvers are set to in the step, which accepts residuals below 1e-6."""
 
-_KEPT: Final[dict[tuple[type[QpSolver], str, int, int], NumericFunction]] = {}
-"""CasADi does not keep the Python part of a callback alive."""
+_KEPT: Final[dict[tuple[int, int, int], NumericFunction]] = {}
+"""By solver and size: CasADi does not keep the Python part of a callback alive."""
 
 _INTERRUPTS: Final[dict[int, BaseException]] = {}
 """What was to end the program while a solver ran, by thread: CasADi would make another of it."""
@@ -74,9 +74,10 @@ class QpSolver(abc.ABC):
                 given = [np.zeros(n), np.zeros(m), np.zeros(n)]
             return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
 
-        # In one go, for threads that ask at the same time.
+        # In one go, for threads that ask at the same time. What is kept keeps the solver: no other
+        # has its id.
         made = NumericFunction("solver", n, m, answer)
-        return _KEPT.setdefault((type(self), name, n, m), made).expression()
+        return _KEPT.setdefault((id(self), n, m), made).expression()
 
 
 def passing_on(call: Callable[[], object]) -> Callable[[], None]:

@@ -62,6 +62,7 @@ class FaultyWorkspace:
                 np.full(n, np.inf), np.full(m, -np.inf), np.zeros(n), "solved"
             ),
             "size": lambda: QpAnswer(np.full(n + 1, 0.1), np.zeros(m), np.zeros(n), "solved"),
+            "tenth": lambda: QpAnswer(np.full(n, 0.1), np.zeros(m), np.zeros(n), "solved"),
             "nothing": lambda: None,
             "raises": lambda: 1 / 0,
             "text": lambda: QpAnswer(*(np.full(k, "x") for k in (n, m, n)), "solved"),
@@ -74,6 +75,7 @@ class FaultyWorkspace:
 
 def with_solver(monkeypatch: pytest.MonkeyPatch, solver: Any) -> None:
     """Register a solver as if a package did: under the name ``mine 1.0``."""
+    solvers._made.cache_clear()
     monkeypatch.setattr(solvers, "registered", lambda kind: ("mine 1.0",))
     monkeypatch.setattr(solvers, "own_term", lambda kind, name: solver)
 
@@ -92,6 +94,16 @@ def test_a_faulty_solver_brakes_the_loop_and_raises_nothing(
     assert stepper.step(comfort_of("screwing")).status == "braking"
     assert sizes[0] > 0
     assert sizes[-1] == 0.0
+
+
+def test_solvers_of_one_class_and_name_are_not_taken_for_each_other() -> None:
+    """A cold one that fails first, and then one that answers."""
+    qp = [np.eye(2), [-3.0, 4.0], [[1.0, 1.0]], [-FREE], [FREE], [-FREE, -FREE], [FREE, FREE]]
+    found = []
+    for way in ("raises", "tenth"):
+        function = Faulty(way).function(2, 1)
+        found.append(function.call([ca.DM(part) for part in qp])[0].full().ravel().tolist())
+    assert found == [[0.0, 0.0], [0.1, 0.1]]
 
 
 @pytest.mark.parametrize(("way", "end"), [("interrupt", KeyboardInterrupt), ("exit", SystemExit)])
