@@ -47,9 +47,9 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits import AXES, JointLimit
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.loop import Start, Trace, run_loop, start_at
-from ergoqp.simulation.people import Senses, sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.loop import Trace, run_loop
+from ergoqp.simulation.people.alike import Alike, Start, sample_person
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
@@ -132,18 +132,16 @@ class Biased(Stepper):
 
 
 def follows(
-    problem: Problem, stepper: Stepper, person: Follower, start: Start, bias: np.ndarray, seed: int
+    problem: Problem, stepper: Stepper, person: Alike, start: Start, bias: np.ndarray, seed: int
 ) -> tuple[bool, bool, bool, bool]:
     """Return (ends worse by the sensors, ends worse in truth, never rests, moves) for a loop."""
     trace = run_loop(
         problem,
-        person,
-        start,
+        person.holding(start, Senses(drift_deg=0.0)),
         duration=20.0,
         seed=seed,
-        stepper=Biased(stepper, bias),
-        senses=Senses(drift_deg=0.0),
-        stop_when_still=2.0,  # type: ignore[arg-type]
+        controller=Biased(stepper, bias),
+        stop_when_still=2.0,
     )
     ends = [person.settle(start.posture, start.pose, start.grasp, start.soles)[0]]
     rest, reached = person.settle(trace.postures[-1], trace.poses[-1], start.grasp, start.soles)
@@ -189,7 +187,7 @@ def following_of(name: str, people: range, count: int) -> list[tuple[tuple, tupl
     steppers, found = (Stepper(problem), Stepper(bare)), []
     for seed in people:
         person, rng = sample_person(problem, seed), np.random.default_rng([seed, 9])
-        start = start_at(person, awkward_start(problem, person, seed, 10))
+        start = person.start_at(awkward_start(problem, person, seed, 10))
         for size in np.radians(SIZES_DEG):
             for number in range(count):
                 bias = rng.uniform(-size, size, len(JOINTS))
@@ -216,7 +214,7 @@ def narrow_of(name: str, seeds: range) -> tuple[int, int, int, int]:
     count = still = both = needless = 0
     for seed in seeds:
         rng, person = np.random.default_rng([seed, 10]), sample_person(problem, seed)
-        start = start_at(person, awkward_start(problem, person, seed, 10))
+        start = person.start_at(awkward_start(problem, person, seed, 10))
         chosen = rng.choice(
             [joint for joint in problem.joints], min(16, len(problem.joints)), replace=False
         )
@@ -238,7 +236,9 @@ def narrow_of(name: str, seeds: range) -> tuple[int, int, int, int]:
         ]
         gone = []
         for each in (problem.replace(limits=limits), without_rows(problem)):
-            trace = run_loop(each, person, start, duration=6.0, seed=seed, stepper=Stepper(each))
+            trace = run_loop(
+                each, person.holding(start), duration=6.0, seed=seed, controller=Stepper(each)
+            )
             gone.append(has_gone(trace))
         count, still, both = count + 1, still + (not gone[0]), both + (not gone[0] and not gone[1])
         needless += not gone[0] and gone[1] and could_go(problem, start.posture, ranges)

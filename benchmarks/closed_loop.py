@@ -34,9 +34,9 @@ from benchmarks.report import Report, run
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Start, Trace
-from ergoqp.simulation.people import Senses, frames, sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.loop import Trace
+from ergoqp.simulation.people.alike import Alike, Start, sample_person
+from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.simulation.robot import moved
 from ergoqp.step.stepper import Stepper
 
@@ -86,7 +86,7 @@ def _plain_way(problem: Problem):
     senses = Senses()
     follow = 1.0 - float(np.exp(-problem.dt / senses.hand_time))
 
-    def loop(person: Follower, start: Start, steps: int, seed: int) -> tuple[int, float]:
+    def loop(person: Alike, start: Start, steps: int, seed: int) -> tuple[int, float]:
         checker = Checker(problem)
         errors = frames(senses, problem.dt, np.random.default_rng([seed, 2]))
         posture, pose, twist = start.posture, start.pose, np.zeros(6)

@@ -46,7 +46,7 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.stepper import Stepper
 
 PROBLEM = "screwing"
@@ -149,11 +149,10 @@ def loops(cost: str, per_score: int, people: int, starts: int) -> tuple[str, Fou
             checker = Checker(problem)
             trace = run_loop(
                 problem,
-                person,
-                start,
+                person.holding(start),
                 duration=DURATION,
                 seed=1000 * seed + number,
-                stepper=stepper,
+                controller=stepper,
                 checker=checker,
                 stop_when_still=STILL,
             )

@@ -45,8 +45,8 @@ from benchmarks.loops import (
 from benchmarks.report import Report, run
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.loop import Start, Trace
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.loop import Trace
+from ergoqp.simulation.people.alike import Start, sample_person
 from ergoqp.step.guide.trial import BACK, THERE
 from ergoqp.step.stepper import Stepper
 

@@ -22,8 +22,8 @@ from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import draw_starts, frame_of, workspace_map
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import Start, Trace, power_above, run_loop, settle_time
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
+from ergoqp.simulation.people.alike import Alike, Start
 from ergoqp.step.stepper import Stepper
 
 DURATION = 30.0
@@ -57,7 +57,7 @@ Beside = Callable[[Start, int, Trace], None]
 """Told of every loop: its start, its seed and its trace."""
 
 
-def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
+def optimum_of(problem: Problem, person: Alike | None) -> Optimum:
     """Return the best place for a person at ease (None: the model), as by ``ergoqp optimise``."""
     response = person_of(problem) if person is None else person.response
     return optimise(problem, response.comfort, person=person)
@@ -66,7 +66,7 @@ def optimum_of(problem: Problem, person: Follower | None) -> Optimum:
 def run_loops(
     loops: Loops,
     problem: Problem,
-    person: Follower,
+    person: Alike,
     person_seed: int,
     count: int,
     stepper: Stepper,
@@ -95,11 +95,10 @@ def run_loops(
         try:
             trace = run_loop(
                 problem,
-                person,
-                start,
+                person.holding(start),
                 duration=DURATION,
                 seed=seed,
-                stepper=stepper,
+                controller=stepper,
                 checker=checker,
                 stop_when_still=STILL,
             )
@@ -127,7 +126,7 @@ def run_loops(
 
 
 def end_score(
-    problem: Problem, person: Follower, start: Start, posture: np.ndarray, pose: np.ndarray
+    problem: Problem, person: Alike, start: Start, posture: np.ndarray, pose: np.ndarray
 ) -> int:
     """Return the exact score of the rest posture where the object is now.
 
@@ -137,7 +136,7 @@ def end_score(
     return int(problem.assess(rest if reached else posture).final[0])
 
 
-def placed_score(problem: Problem, person: Follower, start: Start, pose: np.ndarray) -> int:
+def placed_score(problem: Problem, person: Alike, start: Start, pose: np.ndarray) -> int:
     """Exact score of the rest posture where the object is carried straight to a pose.
 
     Nothing but the person's reach limits the carrying.

@@ -51,7 +51,7 @@ from ergoqp.placing.start import RESIDUAL
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.loop import run_loop
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
@@ -93,11 +93,10 @@ def cases_of_person(name: str, person_seed: int, count: int) -> tuple[str, Cases
         optimum = optimise(problem, start.posture, **options)
         trace = run_loop(
             problem,
-            person,
-            start,
+            person.holding(start),
             duration=DURATION,
             seed=seed,
-            stepper=stepper,
+            controller=stepper,
             stop_when_still=STILL,
         )
         chosen = next(trial for trial in optimum.trials if trial.pose is optimum.pose)

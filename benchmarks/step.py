@@ -45,8 +45,8 @@ from benchmarks.step_phases import phases_us
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.loop import run_loop, start_at
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.loop import run_loop
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.step.program.data import qp_data
 from ergoqp.step.stepper import Stepper
 
@@ -84,9 +84,9 @@ def trajectory(problem: Problem, stepper: Stepper, duration: float) -> Recorder:
         posture = person.response.comfort + np.radians(15) * np.random.default_rng(seed).normal(
             size=32
         )
-        start = start_at(person, np.clip(posture, LOWER, UPPER))
+        start = person.start_at(np.clip(posture, LOWER, UPPER))
         half = duration / 2
-        run_loop(problem, person, start, duration=half, seed=seed, stepper=recorder)  # type: ignore
+        run_loop(problem, person.holding(start), duration=half, seed=seed, controller=recorder)  # type: ignore
     return recorder
 
 

@@ -59,8 +59,8 @@ from benchmarks.tracking_loops import drive, driven, stepper_of
 from benchmarks.tracking_robots import NONE, Case, cases
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.loop import run_loop, start_at
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.loop import run_loop
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
@@ -125,14 +125,13 @@ def people_of(name: str, seeds: range, duration: float) -> tuple[int, int]:
         stepper = Stepper(problem)
         for seed in seeds:
             person = sample_person(problem, seed)
-            start = start_at(person, awkward_start(problem, person, seed, 10))
+            start = person.start_at(awkward_start(problem, person, seed, 10))
             trace = run_loop(
                 problem,
-                person,
-                start,
+                person.holding(start),
                 duration=duration,
                 seed=seed,
-                stepper=stepper,
+                controller=stepper,
                 stop_when_still=2.0,
             )
             rest, reached = person.settle(

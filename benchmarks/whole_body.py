@@ -51,8 +51,8 @@ from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people import Senses, sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike, sample_person
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 from ergoqp.whole_body import Robot, WholeBody, load_robot
@@ -144,7 +144,7 @@ def _with_distance(
     found: Found,
     problem: Problem,
     whole: WholeBody,
-    person: Follower,
+    person: Alike,
     posture: np.ndarray,
     duration: float,
     seed: int,
@@ -270,7 +270,7 @@ def _times(report: Report, duration: float) -> None:
         report.figure(name, float(np.median(times.whole_us)), meaning)
 
 
-def _first_loop(problem: Problem) -> tuple[WholeBody, Follower, np.ndarray]:
+def _first_loop(problem: Problem) -> tuple[WholeBody, Alike, np.ndarray]:
     # IkResponse.
     person = sample_person(problem, 0, body=problem.response.body)  # pyright: ignore
     posture = awkward_start(problem, person, 0, PLACES)

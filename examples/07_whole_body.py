@@ -8,7 +8,7 @@ Needs the extra ``mink``: ``pip install 'ergoqp[mink]'``.
 import numpy as np
 
 import ergoqp
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import WholeBody
 from ergoqp.whole_body.loop import run_whole_body

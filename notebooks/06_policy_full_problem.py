@@ -15,7 +15,7 @@ from matplotlib import pyplot as plt
 
 from ergoqp import load_problem
 from ergoqp.simulation.best_place import workspace_map
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.studies.policy import RadialFeatures, angles_deg, solve, train, twists_of, unit_twists
 
 problem = load_problem("screwing")

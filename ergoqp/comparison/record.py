@@ -20,8 +20,8 @@ from ergoqp.human.forearm import forearm_points
 from ergoqp.joints import JOINTS
 from ergoqp.limits import ArmLength, OneClassBoundary
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.loop import run_loop, start_at
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.loop import run_loop
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.solvers.daqp import Daqp
@@ -176,7 +176,12 @@ def _run(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
         )
         return
     person = sample_person(problem, seed)
-    start = start_at(person, awkward_start(problem, person, seed, _PLACES))
+    start = person.start_at(awkward_start(problem, person, seed, _PLACES))
     run_loop(
-        problem, person, start, duration=duration, seed=seed, stepper=stepper, stop_when_still=STILL
+        problem,
+        person.holding(start),
+        duration=duration,
+        seed=seed,
+        controller=stepper,
+        stop_when_still=STILL,
     )

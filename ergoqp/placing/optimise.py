@@ -24,7 +24,7 @@ from ergoqp.placing.workers import trials_of
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.inputs import read_posture
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 from ergoqp.simulation.starts import awkward_start
 
 Progress = Callable[[float], None]
@@ -41,7 +41,7 @@ def optimise(
     solver: str = "ipopt",
     *,
     pose: ArrayLike | None = None,
-    person: Follower | Body | None = None,
+    person: Alike | Body | None = None,
     tau_deg: float = FINAL_TAU_DEG,
     scheduler: str | None = None,
     out: str | Path | None = None,
@@ -52,7 +52,7 @@ def optimise(
 
     The leader places the object, the follower comes to rest (`ergoqp.placing.rest`): one nonlinear
     program by the follower's conditions of optimality, with the smooth score made narrower step by
-    step, from many places. Every start ends with the verdict of `Follower.settle` and the exact
+    step, from many places. Every start ends with the verdict of `Alike.settle` and the exact
     sheet. The best by the exact score is taken, then the one with the lowest cost.
 
     Args:
@@ -131,17 +131,17 @@ def optimise(
     )
 
 
-def _follower(problem: Problem, person: Follower | Body | None) -> Follower:
+def _follower(problem: Problem, person: Alike | Body | None) -> Alike:
     response = problem.response
     if not isinstance(response, IkResponse) or tuple(problem.coordinates) != JOINTS:
         kind = type(response).__name__
         raise InputError(
             f"problem {problem.name}: got a response of type {kind}, allowed IkResponse: a person's"
         )
-    if isinstance(person, Follower):
+    if isinstance(person, Alike):
         return person
-    check_kind("person", person, (Body, type(None)), "a Follower, a Body or None")
-    return Follower(response if person is None else replace(response, body=person))
+    check_kind("person", person, (Body, type(None)), "a person alike, a Body or None")
+    return Alike(response if person is None else replace(response, body=person))
 
 
 def _solve(

@@ -8,7 +8,7 @@ A person who holds an object comes to rest at
     stay, l <= q <= u
 
 with c the comfort posture, B the weight of balance and e what is missing between grips and object,
-without turning about a free tool: the fixed point of `ergoqp.simulation.person.Follower.settle`,
+without turning about a free tool: the fixed point of `ergoqp.simulation.people.alike.Alike.settle`,
 where damping d makes the hands yield by less than a millimetre. With the multiplier y = e/d^2 of
 the hands and m of the soles the conditions are
 

@@ -12,8 +12,7 @@ from ergoqp.placing.group.search import Placing
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import outward, settle_in_order
-from ergoqp.simulation.loop import Start
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike, Start
 
 SPACING: Final = 0.05
 """Distance of the places of a slice [m]."""
@@ -49,7 +48,7 @@ class Slice:
 
 def slices_through(
     problem: Problem,
-    people: Sequence[Follower],
+    people: Sequence[Alike],
     pose: np.ndarray,
     *,
     starts: Sequence[Start] | None = None,
@@ -113,9 +112,7 @@ def _values(placing: Placing, number: int, spacing: float) -> np.ndarray:
     )
 
 
-def _scores(
-    problem: Problem, person: Follower, poses: np.ndarray, start: Start | None
-) -> np.ndarray:
+def _scores(problem: Problem, person: Alike, poses: np.ndarray, start: Start | None) -> np.ndarray:
     order = outward(person, poses, None if start is None else start.pose)
     postures, reached = settle_in_order(person, poses[order], start)
     scores = np.zeros(len(poses), dtype=int)

@@ -18,8 +18,7 @@ from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.optimum import Trial
 from ergoqp.placing.program import Program, Solution, smooth_cost
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.loop import Start
-from ergoqp.simulation.person import REACHED, REACHED_ANGLE, Follower
+from ergoqp.simulation.people.alike import REACHED, REACHED_ANGLE, Alike, Start
 
 FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""
@@ -66,7 +65,7 @@ class PlaceTask:
     """
 
     problem: Problem
-    person: Follower
+    person: Alike
     begin: Start
     mode: str
     solver: str
@@ -222,7 +221,7 @@ def _since(begin: float) -> float:
     return time.perf_counter() - begin
 
 
-def begin_from(person: Follower, posture: np.ndarray, pose: ArrayLike | None) -> Start:
+def begin_from(person: Alike, posture: np.ndarray, pose: ArrayLike | None) -> Start:
     """Return how a person holds an object that is at `pose` (4, 4), None: where the posture has it.
 
     Raises:

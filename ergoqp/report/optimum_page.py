@@ -22,7 +22,7 @@ from ergoqp.report.charts.score_map import AXES, COLOURS, Spot, score_map
 from ergoqp.report.charts.strips import segments_chart
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
 from ergoqp.simulation.options import options_of
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 
 MODES = {
     "stackelberg": "the person comes to rest by their own comfort",
@@ -53,7 +53,7 @@ def write_optimum_page(
         MissingExtraError: if jinja2 is not installed.
         OSError: if the file cannot be written.
     """
-    follower, stature = Follower(optimum.response), optimum.response.body.stature
+    follower, stature = Alike(optimum.response), optimum.response.body.stature
     before, after = (_segments(problem, q) for q in (optimum.posture_before, optimum.posture))
     page = Page(
         title=f"Best place: {optimum.title}",
@@ -154,7 +154,7 @@ def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
 
 
 def _figure(
-    follower: Follower,
+    follower: Alike,
     posture: np.ndarray,
     segments: dict[str, int],
     pose: np.ndarray,
@@ -185,7 +185,7 @@ def _facts(optimum: Optimum) -> list[tuple[str, str]]:
     return facts
 
 
-def _map(optimum: Optimum, problem: Problem, follower: Follower, jobs: int) -> Section:
+def _map(optimum: Optimum, problem: Problem, follower: Alike, jobs: int) -> Section:
     held = begin_from(follower, optimum.posture_before, optimum.pose_before)
     start = replace(held, posture=optimum.posture, pose=optimum.pose)
     slices = slices_through(problem, [follower], optimum.pose, starts=[start], jobs=jobs)

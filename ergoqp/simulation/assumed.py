@@ -8,15 +8,15 @@ from ergoqp.joints import spoken
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses.ik import IkResponse
-from ergoqp.simulation.people import Senses
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.person import Person
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.guide.place import Guide
 
 
 def about_person(
     model: IkResponse,
-    person: Follower,
+    person: Person,
     senses: Senses,
     unobserved: tuple[str, ...],
     place: Guide | None,
@@ -30,7 +30,7 @@ def about_person(
         unobserved: joints that are not seen.
         place: that the step is drawn to.
     """
-    own = person.response.body
+    own = person.body
     sentences = [
         (
             f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay"
@@ -41,7 +41,7 @@ def about_person(
         f"The controller reckons with its own nominal person of {model.body.stature:.2f} m.",
         (
             "The hand holds the object at the start as the posture has it, and keeps hold of it;"
-            f" {person.response.footing}."
+            f" {person.footing}."
         ),
     ]
     if place is not None:

@@ -11,8 +11,7 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.files.cache import CacheEntry, digest_of
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.loop import Start, start_at
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike, Start
 
 SPACING = 0.10
 """Distance of the places looked at [m]."""
@@ -42,7 +41,7 @@ class Map:
 
 
 def workspace_map(
-    problem: Problem, person: Follower, *, spacing: float = SPACING, cache: bool = True
+    problem: Problem, person: Alike, *, spacing: float = SPACING, cache: bool = True
 ) -> Map:
     """Return the person's map, from the cache when the same was computed before.
 
@@ -70,7 +69,7 @@ def _allowed(problem: Problem, found: Map) -> Map:
     return replace(found, scores=np.where(broken, 0, found.scores))
 
 
-def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
+def _compute(problem: Problem, person: Alike, spacing: float) -> Map:
     poses = workspace_poses(problem, spacing)
     poses = poses[outward(person, poses)]
     postures, reached = settle_in_order(person, poses)
@@ -81,7 +80,7 @@ def _compute(problem: Problem, person: Follower, spacing: float) -> Map:
 
 
 def settle_in_order(
-    person: Follower, poses: np.ndarray, start: Start | None = None
+    person: Alike, poses: np.ndarray, start: Start | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rest postures (n, 32) [rad] at poses (n, 4, 4), and which are reached (n,).
 
@@ -89,7 +88,7 @@ def settle_in_order(
 
     The object is held as in `start`, whose posture is the first to settle from; None: comfort.
     """
-    start = start or start_at(person, person.response.comfort)
+    start = start or person.start_at(person.response.comfort)
     postures, reached = np.zeros((len(poses), len(start.posture))), np.zeros(len(poses), dtype=bool)
     features = np.array([_features(pose) for pose in poses])
     for i, pose in enumerate(poses):
@@ -101,7 +100,7 @@ def settle_in_order(
     return postures, reached
 
 
-def outward(person: Follower, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
+def outward(person: Alike, poses: np.ndarray, home: np.ndarray | None = None) -> np.ndarray:
     """Return the order (n,) in which poses (n, 4, 4) are settled: outward from `home`.
 
     If None, `home` is where comfort holds the object.
@@ -168,7 +167,7 @@ def turn_about(axis: int, angle: float) -> np.ndarray:
 
 
 def draw_starts(
-    problem: Problem, person: Follower, count: int, seed: int, at_least: int, tries: int = 2000
+    problem: Problem, person: Alike, count: int, seed: int, at_least: int, tries: int = 2000
 ) -> list[Start]:
     """Return starts at rest in random reachable workspace places that score at least `at_least`.
 
@@ -204,12 +203,12 @@ def draw_starts(
     return starts
 
 
-def _grips(person: Follower, posture: np.ndarray) -> np.ndarray:
+def _grips(person: Alike, posture: np.ndarray) -> np.ndarray:
     contact = person.contact(posture)[0]
     return np.stack([contact @ grip for grip in person.grasp(posture)])
 
 
-def _key(problem: Problem, person: Follower, spacing: float) -> str:
+def _key(problem: Problem, person: Alike, spacing: float) -> str:
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     response = person.response
     content = {

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people import Senses, frames
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.person import LET_GO, Holding
+from ergoqp.simulation.people.senses import frames
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
 
 LONGEST = 3600.0
 """Longest run [s]."""
-
-LET_GO = 0.12
-"""A grip this far behind has let go [m]: more than the delay explains at any allowed speed."""
 
 
 @dataclass
@@ -37,33 +34,58 @@ class Trace:
     twists: list[np.ndarray] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     step_time: list[float] = field(default_factory=list)
+    forces: list[np.ndarray] = field(default_factory=list)
+    slips: list[int] = field(default_factory=list)
+    unbalanced: list[bool] = field(default_factory=list)
     let_go: float | None = None
+    fell: float | None = None
+
+    def add(self, now: float, person: Holding, step: Step) -> None:
+        """Append a sample."""
+        self.time.append(now)
+        self.postures.append(person.posture)
+        self.base_poses.append(person.base)
+        self.poses.append(person.pose)
+        self.twists.append(step.twist)
+        self.steps.append(step)
+        self.forces.append(person.force)
+        self.slips.append(person.slipped)
+        self.unbalanced.append(person.unbalanced)
+        if person.fallen and self.fell is None:
+            self.fell = now
 
 
-@dataclass(frozen=True)
-class Start:
-    """A loop's start: a posture, how it holds the object, where that is, where the soles stand."""
+class Controller(Protocol):
+    """What says how the object moves: a `Stepper`, or who is compared with it."""
 
-    posture: np.ndarray
-    pose: np.ndarray
-    grasp: np.ndarray
-    soles: np.ndarray
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        ...
 
+    def reset(self) -> None:
+        """Begin a loop."""
+        ...
 
-def start_at(person: Follower, posture: np.ndarray) -> Start:
-    """Return the start in which the person holds the object in a given posture (32,) [rad]."""
-    return Start(posture, person.contact(posture)[0], person.grasp(posture), person.stand(posture))
+    def step(
+        self,
+        posture: np.ndarray,
+        pose: np.ndarray,
+        *,
+        age: float,
+        observed: np.ndarray | None,
+    ) -> Step:
+        """Return the twist for what is measured now; see `Stepper.step`."""
+        ...
 
 
 def run_loop(
     problem: Problem,
-    person: Follower,
-    start: Start,
+    person: Holding,
     *,
     duration: float,
     seed: int,
-    stepper: Stepper | None = None,
-    senses: Senses | None = None,
+    controller: Controller | None = None,
     observed: np.ndarray | None = None,
     checker: Checker | None = None,
     stop_when_still: float | None = None,
@@ -73,65 +95,54 @@ def run_loop(
 
     Args:
         problem: the task; its model of the person is not the person's.
-        person: who follows.
-        start: where everything is at time 0.
+        person: who follows, as they hold the object at time 0; goes on from there.
         duration: [s].
         seed: of noise and lost frames.
-        stepper: of this problem, reset here; None: a new one.
-        senses: what lies between person and controller.
+        controller: of this problem, reset here; None: a new `Stepper`.
         observed: (32,) bool, joints that the sensors see; None: all.
         checker: judges every step; None: nobody does.
         stop_when_still: end early after resting for this long [s].
         robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn
             by the seed.
     """
-    senses = senses or Senses()
-    stepper = stepper or Stepper(problem)
-    stepper.reset()
-    dt, posture, pose = stepper.dt, start.posture.copy(), start.pose.copy()
+    controller = controller or Stepper(problem)
+    controller.reset()
+    dt = controller.dt
     rng = np.random.default_rng([seed, 7])
-    arm = SimulatedRobot(robot or RobotKind.of(problem.robot, rng), pose, rng)
-    late = deque([pose] * (1 + round(senses.delay / dt)))
-    follow = 1.0 - float(np.exp(-dt / senses.hand_time))
-    errors = frames(senses, dt, np.random.default_rng([seed, 2]))
+    arm = SimulatedRobot(robot or RobotKind.of(problem.robot, rng), person.pose, rng)
+    errors = frames(person.senses, dt, np.random.default_rng([seed, 2]))
     trace, previous, age, still = Trace(), np.zeros(6), 0.0, 0.0
-    measured = posture.copy()
+    measured = person.posture.copy()
     for number in range(round(duration / dt)):
         error, arrives = next(errors)
         age = 0.0 if arrives or number == 0 else age + dt
         if age == 0.0:
-            measured = posture + error
+            measured = person.posture + error
         begin = time.perf_counter()
-        step = stepper.step(measured, arm.measured_pose(), age=age, observed=observed)
+        step = controller.step(measured, arm.measured_pose(), age=age, observed=observed)
         trace.step_time.append(time.perf_counter() - begin)
-        trace.time.append(number * dt)
-        trace.postures.append(posture)
-        trace.base_poses.append(person.contact(posture)[1])
-        trace.poses.append(pose)
-        trace.twists.append(step.twist)
-        trace.steps.append(step)
-        for after in arm.execute(step.twist, dt):
-            pose = after
+        trace.add(number * dt, person, step)
+        before = arm.pose
+        for _ in arm.execute(step.twist, dt):
+            pass
         if checker is not None:
             stops = step.status in ("braking", "invalid")
             checker.check(
                 step.twist,
                 previous,
-                trace.poses[-1],
+                before,
                 measured,
                 step.posture_rate,
                 dt,
                 observed,
                 step.slack,
-                pose,
+                arm.pose,
                 stops,
             )
         previous = step.twist
-        late.append(pose)
-        followed = late.popleft()
-        held = np.hstack([followed @ grip for grip in start.grasp])
-        posture, distance, _ = person.move(posture, held, start.soles, follow, dt)
-        if distance > LET_GO and trace.let_go is None and number * dt > 1.0:
+        person.follow(arm.pose, dt)
+        arm.see(person.pose)
+        if person.gap > LET_GO and trace.let_go is None and number * dt > 1.0:
             trace.let_go = number * dt
         still = still + dt if step.status == "settled" and not step.twist.any() else 0.0
         if stop_when_still is not None and still >= stop_when_still:

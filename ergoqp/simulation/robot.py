@@ -116,6 +116,11 @@ class SimulatedRobot:
             way, self.velocity = target * seconds, target.copy()
         self.pose = moved(self.pose, way)
 
+    def see(self, pose: np.ndarray) -> None:
+        """Measure where the object truly is (4, 4) [m]: a soft robot does not decide it alone."""
+        time, _, velocity = self._seen.pop()
+        self._seen.append((time, pose, velocity))
+
     def measured_pose(self) -> np.ndarray:
         """Return the pose as it is measured now (4, 4) [m]: as old as it is, with its error."""
         pose = self._seen[0][1]

@@ -56,6 +56,12 @@ class Run:
             stayed where it was: what the robot is to be compared with.
         settle: when the object came to rest for good [s], None if it was still moving at the end.
         guide: the place that the control step was given to be drawn to, None without one.
+        follower: kind of the person, one of `ergoqp.simulation.people.KINDS`.
+        forces: of the object on the hands, at the contact frame, world-aligned, shape (n, 6) [N,
+            N m]; not finite for people without mass.
+        slips: how often a hand slipped on the object.
+        fell: when the person fell [s], None if never.
+        unbalanced: share of the time with the centre of mass outside what carries the person.
     """
 
     problem: str
@@ -89,6 +95,11 @@ class Run:
     reba_standing_still: int = 0
     settle: float | None = None
     guide: Guide | None = None
+    follower: str = "alike"
+    forces: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    slips: int = 0
+    fell: float | None = None
+    unbalanced: float = 0.0
 
     def save(self, folder: str | Path) -> Path:
         """Write ``run.json``, what the run comes down to, and ``run.npz``, every array of it.

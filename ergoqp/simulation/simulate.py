@@ -19,10 +19,11 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture
-from ergoqp.simulation.loop import Start, outside_of_range, run_loop, settle_time, start_at
+from ergoqp.simulation.loop import outside_of_range, run_loop, settle_time
 from ergoqp.simulation.options import options_of
-from ergoqp.simulation.people import Senses, sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people import KINDS, person_of_kind
+from ergoqp.simulation.people.person import Person
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.step.guide.place import read_guide
@@ -40,7 +41,8 @@ def simulate(
     duration: float = 20.0,
     seed: int = 0,
     *,
-    person: Follower | Body | None = None,
+    person: Person | Body | None = None,
+    follower: str = "alike",
     observed: ArrayLike | None = None,
     recording: str | Path | None = None,
     start_time: float | None = None,
@@ -58,6 +60,7 @@ def simulate(
         duration: of the loop [s].
         seed: of the person, of noise and of lost frames.
         person: who follows, or their body; None: drawn with the seed.
+        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`.
         observed: (32,) bool, False for joints that the controller does not see; None: all are seen.
         recording: name of the recording that the posture comes from, for the report.
         start_time: when it was taken there [s].
@@ -80,7 +83,8 @@ def simulate(
     check_numbers(problem, duration, seed)
     none = type(None)
     for what, value, kind, allowed in (
-        ("person", person, (Follower, Body, none), "a Follower, a Body or None"),
+        ("person", person, (Person, Body, none), "a Person, a Body or None"),
+        ("follower", follower, str, f"one of {', '.join(KINDS)}"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
         ("senses", senses, (Senses, none), "Senses or None"),
         ("recording", recording, (str, Path, none), "the name of a recording or None"),
@@ -98,21 +102,24 @@ def simulate(
         )
     start_posture, beyond = read_posture(posture)
     seen = read_observed(observed)
-    follower = person if isinstance(person, Follower) else sample_person(problem, seed, person)
-    start = start_at(follower, start_posture)
+    who = person if isinstance(person, Person) else person_of_kind(follower, problem, seed, person)
+    senses = senses or who.senses
+    start = who.hold(start_posture, senses, seed)
+    unmoved = start.copy()
+    unmoved.rest(unmoved.pose)
     checker = _Watched(problem, progress, round(duration / problem.dt))
     place = None if guide is None else read_guide(problem, guide)
     stepper = Stepper(problem, solver=_SOLVER, guide=place)
-    senses = senses or Senses()
-    how = {
-        "duration": duration,
-        "seed": seed,
-        "observed": seen,
-        "checker": checker,
-        "robot": robot,
-        "senses": senses,
-    }
-    trace = run_loop(problem, follower, start, stepper=stepper, **how)
+    trace = run_loop(
+        problem,
+        start,
+        duration=duration,
+        seed=seed,
+        controller=stepper,
+        observed=seen,
+        checker=checker,
+        robot=robot,
+    )
     postures = np.array(trace.postures)
     scores = problem.assess(postures).final
     settled = settle_time(trace)
@@ -124,7 +131,8 @@ def simulate(
     return Run(
         problem=problem.name,
         title=problem.title or problem.name,
-        body=follower.response.body,
+        body=who.body,
+        follower=who.kind,
         joints=problem.joints,
         dt=problem.dt,
         seed=int(seed),
@@ -145,17 +153,21 @@ def simulate(
         units=dict(checker.units),
         person_outside=outside_of_range(postures),
         let_go=trace.let_go,
+        forces=np.array(trace.forces),
+        slips=trace.slips[-1],
+        fell=trace.fell,
+        unbalanced=float(np.mean(trace.unbalanced)),
         options=options_of(problem, _SOLVER),
         assumptions=[
             *assumptions,
             *beyond,
-            *about_person(model, follower, senses, unobserved, place),
+            *about_person(model, who, senses, unobserved, place),
             *about_robot(problem, robot),
         ],
         recording=None if recording is None else str(recording),
         start_time=start_time,
         unobserved=unobserved,
-        reba_standing_still=_standing_still(problem, follower, start),
+        reba_standing_still=int(problem.assess(unmoved.posture).final[0]),
         settle=settled if math.isfinite(settled) else None,
         guide=place,
     )
@@ -175,9 +187,3 @@ class _Watched(Checker):
         if self._progress is not None and self._done % self._every == 0:
             self._progress(self._done / self._steps)
         return super().check(*args, **kwargs)
-
-
-def _standing_still(problem: Problem, person: Follower, start: Start) -> int:
-    """Return the exact score of the person's rest posture with the object left where it is."""
-    posture, _ = person.settle(start.posture, start.pose, start.grasp, start.soles)
-    return int(problem.assess(posture).final[0])

@@ -13,7 +13,7 @@ from ergoqp.errors import InputError, OutOfReachError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import TURNS, tilted_frames
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.person import Person
 
 PLACES = 40
 """How many places are tried."""
@@ -22,9 +22,7 @@ _EDGE = 0.02
 """Distance kept from the workspace's ends [m]: the hand comes to rest a little off the object."""
 
 
-def awkward_start(
-    problem: Problem, person: Follower, seed: int, places: int = PLACES
-) -> np.ndarray:
+def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLACES) -> np.ndarray:
     """Return the worst-scored rest posture (32,) [rad] of a person over random object places.
 
     Args:
@@ -47,14 +45,12 @@ def awkward_start(
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     inset = np.minimum(_EDGE, (upper - lower) / 2)
     rotations = tilted_frames(cone, problem.twist_limit.axes, TURNS)
-    comfort = person.response.comfort
-    soles, grasp = person.stand(comfort), person.grasp(comfort)
     postures, notes = [], []
     for _ in range(places):
         pose = np.eye(4)
         pose[:3, 3] = rng.uniform(lower + inset, upper - inset)
         pose[:3, :3] = rotations[rng.integers(len(rotations))]
-        posture, reached = person.settle(comfort, pose, grasp, soles)
+        posture, reached = person.reach(pose)
         note = problem.own_limits.broken(pose, posture) if reached else "out of reach"
         if note:
             notes.append(note)

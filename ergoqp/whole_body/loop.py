@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people import Senses, frames
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
+from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.whole_body.answer import WholeBodyStep
 from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.separation import Separation
@@ -66,7 +66,7 @@ class Ruler:
         person: whose body, which need not be the controller's.
     """
 
-    def __init__(self, whole: WholeBody, person: Follower) -> None:
+    def __init__(self, whole: WholeBody, person: Alike) -> None:
         """Build the true scene."""
         known = whole.scene
         self.scene = Scene(person.response.body, known.robot, known.base, known.load, known.hands)
@@ -96,7 +96,7 @@ class Ruler:
 
 def run_whole_body(
     whole: WholeBody,
-    person: Follower,
+    person: Alike,
     posture: np.ndarray,
     *,
     duration: float,

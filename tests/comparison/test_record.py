@@ -62,15 +62,15 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
 def test_the_recorded_twists_are_those_that_a_loop_plans() -> None:
     """Of a loop of its own, step by step: the first QPs' answers lead where the stepper goes. Sent
     is the mean of the plan."""
-    from ergoqp.simulation.loop import run_loop, start_at
-    from ergoqp.simulation.people import sample_person
+    from ergoqp.simulation.loop import run_loop
+    from ergoqp.simulation.people.alike import sample_person
     from ergoqp.simulation.starts import awkward_start
 
     problem = load_problem("screwing")
     (part,) = recorded("screwing", 60)
     person = sample_person(problem, 0)
-    start = start_at(person, awkward_start(problem, person, 0, 20))
-    trace = run_loop(problem, person, start, duration=60 * problem.dt, seed=0)
+    start = person.start_at(awkward_start(problem, person, 0, 20))
+    trace = run_loop(problem, person.holding(start), duration=60 * problem.dt, seed=0)
     last = [
         answer.x for answer, accepted in zip(part.answers, part.accepted, strict=True) if accepted
     ]

@@ -17,8 +17,8 @@ from ergoqp.learning.one_class import OneClass
 from ergoqp.limits import ArmLength, OneClassBoundary, Situation, TwistLimit
 from ergoqp.responses import LinearResponse
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import run_loop, start_at
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.loop import run_loop
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.points import run_points
 from ergoqp.step.stepper import Stepper
 
@@ -167,7 +167,7 @@ def test_a_persons_posture_stays_in_the_data():
     posture = problem.response.comfort.copy()
     posture[INDEX["right_shoulder_flexion"]] = np.radians(100)
     trace = run_loop(
-        problem, person, start_at(person, posture), duration=4.0, seed=0, checker=checker
+        problem, person.holding(person.start_at(posture)), duration=4.0, seed=0, checker=checker
     )
     assert not any(checker.violations.values())
     assert trace.steps[-1].margins["boundary"] >= min(0.0, trace.steps[0].margins["boundary"])

@@ -18,8 +18,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import workspace_map
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people import sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike, sample_person
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.step.stepper import Stepper
 
@@ -290,7 +289,7 @@ def test_the_optimum_holds_it(posture: bool) -> None:
 def test_maps_and_starts_are_not_behind_the_wall() -> None:
     box = problem_of("low_bin").limit_of(WorkspaceBox)
     problem = walled((box.lower[0] + box.upper[0]) / 2, "low_bin")
-    person = Follower(problem.response)
+    person = Alike(problem.response)
     reached, plain = (
         workspace_map(each, person, spacing=0.2, cache=False)
         for each in (problem, problem_of("low_bin"))

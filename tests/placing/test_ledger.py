@@ -15,7 +15,7 @@ from ergoqp.placing import optimise as placing
 from ergoqp.placing.ledger import FILE, key_of
 from ergoqp.placing.start import PlaceTask, begin_from
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 
 
 def without(*limits: object) -> Problem:
@@ -24,7 +24,7 @@ def without(*limits: object) -> Problem:
 
 
 def key(problem: Problem) -> str:
-    person = Follower(problem.response)
+    person = Alike(problem.response)
     begin = begin_from(person, person.response.comfort, None)
     return key_of(PlaceTask(problem, person, begin, "stackelberg", "ipopt", 0, 0.5))
 

@@ -11,7 +11,7 @@ from ergoqp.limits import AxisCone, JointLimit, TwistLimit, WorkspaceBox
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.simulation.best_place import workspace_map
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,9 @@ class TestBest:
         np.testing.assert_allclose(best.pose[:3, :3].T @ best.pose[:3, :3], np.eye(3), atol=1e-12)
 
     def test_the_person_comes_to_rest_there(self, problem, best):
-        from ergoqp.simulation.person import Follower
+        from ergoqp.simulation.people.alike import Alike
 
-        person = Follower(problem.response)
+        person = Alike(problem.response)
         grasp, soles = person.grasp(best.posture_before), person.stand(best.posture_before)
         settled, reached = person.settle(best.posture, best.pose, grasp, soles, steps=1000)
         assert reached
@@ -135,7 +135,7 @@ class TestMistakes:
             (dict(posture=np.zeros(32), pose=np.zeros((4, 4))), "pose: got"),
             (dict(posture=np.zeros(32), pose="abc"), "pose: got 'abc', allowed a"),
             (dict(posture=np.zeros(32), pose=[[1], [1, 2]]), "pose: got .*, allowed a"),
-            (dict(person="me"), "person: got 'me', allowed a Follower"),
+            (dict(person="me"), "person: got 'me', allowed a person alike"),
         ],
     )
     def test_arguments(self, problem, wrong, words):

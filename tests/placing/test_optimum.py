@@ -10,7 +10,7 @@ from ergoqp import JOINTS, load_problem
 from ergoqp.errors import InputError
 from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.simulation.best_place import turn_about
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 
 
 @pytest.fixture

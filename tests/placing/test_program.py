@@ -10,7 +10,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.placing.program import Program, smooth_cost
 from ergoqp.placing.start import begin_from
 from ergoqp.problem_files.load import TASKS
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 from ergoqp.simulation.starts import awkward_start
 
 FINE = (1e-4, 0.5)
@@ -21,7 +21,7 @@ class Solved:
 
     def __init__(self, name, mode="stackelberg"):
         self.problem = ergoqp.load_problem(name)
-        person = Follower(self.problem.response)
+        person = Alike(self.problem.response)
         posture = awkward_start(self.problem, person, 1)
         begin = begin_from(person, posture, None)
         self.program = Program(self.problem, person.response, mode, "ipopt")

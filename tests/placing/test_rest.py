@@ -8,7 +8,7 @@ import ergoqp
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.placing.rest import Situated, rest_conditions, soft_clip
 from ergoqp.problem_files.load import TASKS
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.starts import awkward_start
 
 RELAXATION = 1e-4

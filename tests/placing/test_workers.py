@@ -161,10 +161,10 @@ def test_what_was_finished_for_another_task_is_not_taken_over(problem, alone, tm
 
 
 def test_awkward_start_is_that_of_run(problem, alone):
-    from ergoqp.simulation.person import Follower
+    from ergoqp.simulation.people.alike import Alike
 
     np.testing.assert_array_equal(
-        alone.posture_before, awkward_start(problem, Follower(problem.response), 3)
+        alone.posture_before, awkward_start(problem, Alike(problem.response), 3)
     )
 
 

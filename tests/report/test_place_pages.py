@@ -21,7 +21,7 @@ from ergoqp.report.body.lineup import Standing, lineup
 from ergoqp.report.charts.score_map import Spot, score_map
 from ergoqp.report.group_page import write_group_page
 from ergoqp.report.optimum_page import change_of, place_words, write_optimum_page
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 
 CHROMIUM = next(
     (
@@ -124,7 +124,7 @@ def test_words_are_escaped_and_the_page_is_small(pages, name):
 
 
 def test_a_slice_is_what_the_person_does_there(desk):
-    follower = Follower(desk.response)
+    follower = Alike(desk.response)
     pose = np.eye(4)
     pose[:3, 3] = (0.42, 1e-8, 0.7)  # on an end of the workspace, to rounding
     (found,) = slices_through(desk, [follower], pose, spacing=0.15)
@@ -146,7 +146,7 @@ def test_a_slice_is_what_the_person_does_there(desk):
 
 def test_tilts_outside_the_cone_are_no_places():
     dentist = load_problem("dentist")
-    follower = Follower(dentist.response)
+    follower = Alike(dentist.response)
     box = next(limit for limit in dentist.limits if hasattr(limit, "lower"))
     height = replace(box, lower=(0.4, 0.0, 0.8), upper=(0.4, 0.0, 0.8))
     turning = replace(dentist.twist_limit, axes=("rx", "ry", "rz"))
@@ -261,7 +261,7 @@ def test_the_map_of_an_optimum_is_of_the_same_hold():
     """Held as in a twisted posture, on soles that stand apart: the map's cell at the best place has
     the optimum's score."""
     problem = load_problem("screwing")
-    follower = Follower(problem.response)
+    follower = Alike(problem.response)
     now = posture(
         AWKWARD | {"right_wrist_flexion": 40, "left_hip_abduction": 10, "left_ankle_inversion": 5}
     )

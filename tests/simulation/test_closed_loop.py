@@ -10,8 +10,9 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.loop import power_above, run_loop, settle_time, start_at
-from ergoqp.simulation.people import Senses, frames, sample_person
+from ergoqp.simulation.loop import power_above, run_loop, settle_time
+from ergoqp.simulation.people.alike import sample_person
+from ergoqp.simulation.people.senses import Senses, frames
 from ergoqp.simulation.robot import RobotKind, moved
 from ergoqp.step.stepper import Stepper
 
@@ -30,7 +31,7 @@ def starts_of(problem, person, seed: int, count: int = 2):
         pose[:3, 3] = rng.uniform(box.lower, box.upper)
         posture, reached = person.settle(comfort, pose, grasp, soles)
         if reached and problem.assess(posture).final[0] >= 3:
-            found.append(start_at(person, posture))
+            found.append(person.start_at(posture))
         if len(found) == count:
             break
     return found
@@ -46,7 +47,12 @@ def test_a_loop_breaks_no_limit_and_leaves_nobody_worse_off(name: str) -> None:
     for number, start in enumerate(starts):
         checker = Checker(problem)
         trace = run_loop(
-            problem, person, start, duration=6.0, seed=number, stepper=stepper, checker=checker
+            problem,
+            person.holding(start),
+            duration=6.0,
+            seed=number,
+            controller=stepper,
+            checker=checker,
         )
         assert sum(checker.violations.values()) == 0, checker.max_violation
         assert "invalid" not in {step.status for step in trace.steps}
@@ -69,7 +75,7 @@ def test_a_robot_as_bad_as_declared_breaks_no_limit_and_is_no_fault(seed: int) -
     problem = load_problem("screwing").replace(robot=robot)
     person = sample_person(problem, seed=3)
     start, checker = starts_of(problem, person, seed=seed, count=1)[0], Checker(problem)
-    trace = run_loop(problem, person, start, duration=4.0, seed=seed, checker=checker)
+    trace = run_loop(problem, person.holding(start), duration=4.0, seed=seed, checker=checker)
     assert sum(checker.violations.values()) == 0, checker.max_violation
     assert not [step.reason for step in trace.steps if "robot:" in step.reason]
     assert np.linalg.norm(trace.poses[-1][:3, 3] - start.pose[:3, 3]) > 0.03
@@ -86,7 +92,12 @@ def test_a_robot_that_was_not_declared_is_named_and_stopped() -> None:
     person = sample_person(problem, seed=3)
     start, checker = starts_of(problem, person, seed=1, count=1)[0], Checker(problem)
     trace = run_loop(
-        problem, person, start, duration=4.0, seed=0, checker=checker, robot=RobotKind(lag=0.2)
+        problem,
+        person.holding(start),
+        duration=4.0,
+        seed=0,
+        checker=checker,
+        robot=RobotKind(lag=0.2),
     )
     assert sum(checker.violations[name] for name in ("speed", "acceleration", "axes", "jerk")) == 0
     named = [step for step in trace.steps if "robot:" in step.reason]
@@ -97,9 +108,9 @@ def test_a_robot_that_was_not_declared_is_named_and_stopped() -> None:
 def test_a_loop_is_the_same_for_the_same_seed_and_another_for_another() -> None:
     problem = load_problem("dentist")
     person = sample_person(problem, seed=1)
-    start = start_at(person, person.response.comfort)
+    start = person.start_at(person.response.comfort)
     one, same, other = (
-        run_loop(problem, person, start, duration=0.5, seed=seed) for seed in (1, 1, 2)
+        run_loop(problem, person.holding(start), duration=0.5, seed=seed) for seed in (1, 1, 2)
     )
     assert np.array(one.twists).tobytes() == np.array(same.twists).tobytes()
     assert np.array(one.twists).tobytes() != np.array(other.twists).tobytes()
@@ -108,15 +119,15 @@ def test_a_loop_is_the_same_for_the_same_seed_and_another_for_another() -> None:
 def test_lost_frames_and_blind_joints_stop_nothing() -> None:
     problem = load_problem("dentist")
     person = sample_person(problem, seed=1)
-    start, checker = start_at(person, person.response.comfort), Checker(problem)
+    start, checker = person.start_at(person.response.comfort), Checker(problem)
     seen = np.random.default_rng(0).random(32) > 0.3
     senses = Senses(lost=0.3)
     trace = run_loop(
-        problem, person, start, duration=1.0, seed=1, senses=senses, observed=seen, checker=checker
+        problem, person.holding(start, senses), duration=1.0, seed=1, observed=seen, checker=checker
     )
     assert sum(checker.violations.values()) == 0, checker.max_violation
     assert any(step.status == "braking" for step in trace.steps) or len(trace.steps) == 100
-    blind = run_loop(problem, person, start, duration=0.5, seed=1, senses=Senses(lost=1.0))
+    blind = run_loop(problem, person.holding(start, Senses(lost=1.0)), duration=0.5, seed=1)
     assert {step.status for step in blind.steps[12:]} == {"braking"}
     assert np.abs(blind.twists[-1]).max() == 0
 

@@ -12,8 +12,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.best_place import frame_of
-from ergoqp.simulation.people import sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate
 from ergoqp.step.guide.place import read_guide
@@ -23,7 +22,7 @@ BACK = "drawn back to where it was better than at the given place"
 
 
 @cache
-def overhead() -> tuple[Problem, Follower, np.ndarray]:
+def overhead() -> tuple[Problem, Alike, np.ndarray]:
     """A person far to the right of a low panel: descent comes to rest one point above what is
     possible."""
     problem = load_problem("overhead")

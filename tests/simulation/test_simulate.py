@@ -14,7 +14,7 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, UPPER
 from ergoqp.limits import WorkspaceBox
 from ergoqp.problem.control import Control
-from ergoqp.simulation.people import sample_person
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run, arrays_of, summary_of_run
 from ergoqp.simulation.simulate import simulate

@@ -13,7 +13,8 @@ import ergoqp
 from ergoqp.errors import InputError, ProblemError
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.simulation.people.alike import sample_person
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.starts import awkward_start
 from ergoqp.whole_body import WholeBody, load_robot
 from ergoqp.whole_body.loop import run_whole_body

@@ -33,7 +33,8 @@ from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.inputs import check_numbers
-from ergoqp.simulation.people import Senses, sample_person
+from ergoqp.simulation.people.alike import sample_person
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate

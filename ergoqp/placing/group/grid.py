@@ -14,7 +14,7 @@ from ergoqp.placing.group.people import Person
 from ergoqp.placing.parallel import in_order
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import outward, workspace_lines, workspace_map, workspace_poses
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 
 AXES = ("x", "y", "z", "tilt")
 """The four axes of a grid; a tilt is one of the contact frame's rotations."""
@@ -134,7 +134,7 @@ _NEEDED = {"workspace": WorkspaceBox, "tool_axis": AxisCone}
 
 
 def _of_person(
-    problem: Problem, person: Follower, spacing: float, cache: bool
+    problem: Problem, person: Alike, spacing: float, cache: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return scores (n,) and postures (n, 32) in the grid's order.
 

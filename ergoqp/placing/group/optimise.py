@@ -25,7 +25,7 @@ from ergoqp.placing.group.search import Objective, PlaceSearch, Stay
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike
 
 SPACING = 0.15
 """Distance of the grid's places [m]; the search goes on between them."""
@@ -47,7 +47,7 @@ _SHARES = (0.6, 0.85)  # of the whole: when the grid is done, and when the searc
 
 def best_for_group(
     problem: Problem,
-    people: Sequence[float | Follower | Person],
+    people: Sequence[float | Alike | Person],
     objective: Objective = "minimax",
     *,
     spacing: float = SPACING,

@@ -10,8 +10,7 @@ from ergoqp.arguments import as_tuple, check_whole
 from ergoqp.errors import InputError
 from ergoqp.placing.population import person_of, variant
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people import sample_person
-from ergoqp.simulation.person import Follower
+from ergoqp.simulation.people.alike import Alike, sample_person
 
 MOST = 200
 """Largest group."""
@@ -27,7 +26,7 @@ class Person:
     """
 
     label: str
-    follower: Follower
+    follower: Alike
 
     @property
     def stature(self) -> float:
@@ -35,9 +34,7 @@ class Person:
         return self.follower.response.body.stature
 
 
-def read_people(
-    problem: Problem, people: Sequence[float | Follower | Person]
-) -> tuple[Person, ...]:
+def read_people(problem: Problem, people: Sequence[float | Alike | Person]) -> tuple[Person, ...]:
     """Return the people of a group.
 
     A number is the stature [m] of somebody with the weights and the comfort of the problem.
@@ -55,7 +52,7 @@ def read_people(
 def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, ...]:
     """Return people drawn with the seeds `seed`, `seed` + 1 and so on.
 
-    Each is drawn as in `ergoqp.simulation.people.sample_person`.
+    Each is drawn as in `ergoqp.simulation.people.alike.sample_person`.
 
     Raises:
         InputError: for a count of less than 1 or more than `MOST`, or a negative seed.
@@ -70,8 +67,8 @@ def drawn_people(problem: Problem, count: int, seed: int = 0) -> tuple[Person, .
     )
 
 
-def _person(problem: Problem, person: float | Follower | Person) -> Person:
-    if isinstance(person, Follower):
+def _person(problem: Problem, person: float | Alike | Person) -> Person:
+    if isinstance(person, Alike):
         person = Person(f"{person.response.body.stature:.2f} m", person)
     if not isinstance(person, Person):
         if isinstance(person, bool) or not isinstance(person, Real):
@@ -80,7 +77,7 @@ def _person(problem: Problem, person: float | Follower | Person) -> Person:
                 " people"
             )
         return Person(
-            f"{float(person):.2f} m", Follower(person_of(variant(problem, stature=float(person))))
+            f"{float(person):.2f} m", Alike(person_of(variant(problem, stature=float(person))))
         )
     model, own = person_of(problem), person.follower.response
     for term in ("hands", "stance", "seat_height", "tool"):

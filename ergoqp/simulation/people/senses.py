@@ -1,23 +1,16 @@
-"""Who follows in tests and benchmarks: never the controller's own model.
-
-It is always the same person for the same seed.
-"""
+"""What lies between a person and what the controller sees and does."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, shown
 from ergoqp.errors import InputError
-from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS
-from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
-from ergoqp.simulation.person import Follower
 
 _ENDS: Final = {
     "delay": (0.0, 2.0),
@@ -70,33 +63,6 @@ class Senses:
     def bias(self) -> np.ndarray:
         """Constant error of every joint (32,) [rad]."""
         return np.radians([self.bias_deg.get(name, 0.0) for name in JOINTS])
-
-
-def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Follower:
-    """Return a person for a problem.
-
-    Joint weights are multiplied by log-uniform 0.5 to 2; the stature is within 0.10 m of the
-    controller's.
-
-    Args:
-        problem: its response must be an `IkResponse`.
-        seed: of the person.
-        body: the person's body, None: of a drawn stature.
-
-    Raises:
-        InputError: if the problem's response is of another kind.
-    """
-    response = problem.response
-    if not isinstance(response, IkResponse):
-        raise InputError(
-            f"simulated person: got a response of type {type(response).__name__}, allowed"
-            " IkResponse"
-        )
-    rng = np.random.default_rng([seed, 1])
-    factors = np.exp(rng.uniform(np.log(0.5), np.log(2.0), len(JOINTS)))
-    stature = response.body.stature + rng.uniform(-0.10, 0.10)
-    weights = dict(zip(JOINTS, (response.weight_vector * factors).tolist(), strict=True))
-    return Follower(replace(response, body=body or Body.of_stature(stature), weights=weights))
 
 
 def frames(

@@ -1,0 +1,40 @@
+"""Who follows in tests and benchmarks: never the controller's own model."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
+from ergoqp.arguments import shown
+from ergoqp.errors import InputError
+
+if TYPE_CHECKING:
+    from ergoqp.human import Body
+    from ergoqp.problem.problem import Problem
+    from ergoqp.simulation.people.person import Person
+
+_MAKERS: Final = {
+    "alike": "alike:sample_person",
+}
+
+KINDS: Final = tuple(_MAKERS)
+"""Names of the kinds of people."""
+
+
+def person_of_kind(kind: str, problem: Problem, seed: int, body: Body | None = None) -> Person:
+    """Return a person of a kind for a problem, the same for the same seed.
+
+    Args:
+        kind: one of `KINDS`.
+        problem: what the person does; its response must be an `IkResponse`, of which only what it
+            says of the task is read: hands, tool, stance, seat.
+        seed: of the person.
+        body: the person's body; None: one that is drawn.
+
+    Raises:
+        InputError: for a kind that there is not.
+    """
+    if kind not in _MAKERS:
+        raise InputError(f"follower: got {shown(kind)}, allowed one of {', '.join(KINDS)}")
+    module, maker = _MAKERS[kind].split(":")
+    return getattr(import_module(f"{__name__}.{module}"), maker)(problem, seed, body)

@@ -1,0 +1,54 @@
+"""The straight way between two poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+_SHIFT = 0.03
+_TURN = 0.12
+"""Longest part of a way [m], [rad]."""
+
+
+def turn_between(have: np.ndarray, want: np.ndarray) -> np.ndarray:
+    """Return the world-aligned turn (3,) [rad] that leads from one rotation (3, 3) to another."""
+    quaternion, turn = np.zeros(4), np.zeros(3)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(want @ have.T).ravel())
+    mujoco.mju_quat2Vel(turn, quaternion, 1.0)
+    return turn
+
+
+def turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return a rotation (3, 3) turned by a world-aligned rotation vector (3,) [rad]."""
+    quaternion, matrix = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(9)
+    mujoco.mju_quatIntegrate(quaternion, turn, 1.0)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3) @ rotation
+
+
+def pose_error(have: np.ndarray, want: np.ndarray) -> np.ndarray:
+    """Return the world-aligned motion (6,) [m, rad] that leads from one pose (4, 4) to another."""
+    return np.concatenate([want[:3, 3] - have[:3, 3], turn_between(have[:3, :3], want[:3, :3])])
+
+
+def between(have: np.ndarray, want: np.ndarray, share: float) -> np.ndarray:
+    """Return the pose (4, 4) a share of the straight way from one pose to another."""
+    way, pose = pose_error(have, want), have.copy()
+    pose[:3, 3] += share * way[:3]
+    pose[:3, :3] = turned(have[:3, :3], share * way[3:])
+    return pose
+
+
+def straight(have: np.ndarray, want: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield poses (4, 4) on the straight way from one to another, the last one at its end."""
+    way = pose_error(have, want)
+    parts = max(
+        1,
+        int(np.ceil(np.linalg.norm(way[:3]) / _SHIFT)),
+        int(np.ceil(np.linalg.norm(way[3:]) / _TURN)),
+    )
+    for part in range(1, parts):
+        yield between(have, want, part / parts)
+    yield want.copy()
