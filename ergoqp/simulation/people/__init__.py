@@ -15,6 +15,13 @@ if TYPE_CHECKING:
 
 _MAKERS: Final = {
     "alike": "alike:sample_person",
+    "follower": "follower:draw",
+    "dead_zone": "dead_zone:draw",
+    "stubborn": "stubborn:draw",
+    "stepping": "stepping:draw",
+    "pushed": "pushed:draw",
+    "looking": "looking:draw",
+    "trembling": "trembling:draw",
 }
 
 KINDS: Final = tuple(_MAKERS)

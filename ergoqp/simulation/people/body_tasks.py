@@ -1,0 +1,103 @@
+"""Where a body's points are and how they move with it, straight from MuJoCo."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+
+BASE = 4
+"""Entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
+
+_NOWHERE = np.eye(4)
+
+_UNMOVED_BY_BALANCE = ("neck", "shoulder", "elbow", "forearm", "wrist")
+"""Nobody balances with the neck or with the arms."""
+
+
+class BodyTasks:
+    """One body's kinematics at one placement after another.
+
+    A placement is pelvis x, y, z [m], yaw [rad], then the 32 joints [rad]: (36,).
+
+    Args:
+        body: whose.
+    """
+
+    def __init__(self, body: Body) -> None:
+        """Load the body."""
+        self.model = body.model
+        self._data = mujoco.MjData(self.model)
+        self._sites = {
+            self.model.site(number).name: number for number in range(self.model.nsite)
+        }
+        self._feet = [self._sites[f"{side}_{end}"] for side in SIDES for end in ("heel", "toe")]
+        self._pelvis = self.model.body("pelvis").id
+        self.size = BASE + len(JOINTS)
+        self.lower = np.concatenate([np.full(BASE, -np.inf), LOWER])
+        self.upper = np.concatenate([np.full(BASE, np.inf), UPPER])
+        self._balances = np.ones(self.size)
+        for number, joint in enumerate(JOINTS):
+            if any(part in joint for part in _UNMOVED_BY_BALANCE):
+                self._balances[BASE + number] = 0.0
+
+    def place(self, placement: np.ndarray) -> None:
+        """Take a placement (36,); all that follows is of it."""
+        self._data.qpos[:] = placement
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
+
+    def frame(self, site: str) -> np.ndarray:
+        """Return the pose (4, 4) of a site in the world."""
+        number, pose = self._sites[site], _NOWHERE.copy()
+        pose[:3, :3] = self._data.site_xmat[number].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[number]
+        return pose
+
+    def jacobian(self, site: str) -> np.ndarray:
+        """Return how a site moves with the placement (6, 36): world-aligned, linear first."""
+        moves = np.zeros((6, self.size))
+        mujoco.mj_jacSite(self.model, self._data, moves[:3], moves[3:], self._sites[site])
+        return moves
+
+    def mass_centre(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the centre of mass is over the floor (2,) and how that moves (2, 36).
+
+        Neck and arms carry it along, and are not moved for its sake.
+        """
+        moves = np.zeros((3, self.size))
+        mujoco.mj_jacSubtreeCom(self.model, self._data, moves, self._pelvis)
+        return self._data.subtree_com[self._pelvis][:2].copy(), moves[:2] * self._balances
+
+    def support(self) -> np.ndarray:
+        """Return the middle of heels and toes over the floor (2,)."""
+        return self._data.site_xpos[self._feet, :2].mean(axis=0)
+
+    def standing(self, posture: np.ndarray) -> np.ndarray:
+        """Return the placement (36,) of a posture (32,) with the world's origin between the soles.
+
+        x is along their mean heading.
+        """
+        placement = np.concatenate([np.zeros(BASE), posture])
+        self.place(placement)
+        soles = [self.frame(f"{side}_sole") for side in SIDES]
+        heading = soles[0][:3, 0] + soles[1][:3, 0]
+        yaw = -np.arctan2(heading[1], heading[0])
+        middle = (soles[0][:3, 3] + soles[1][:3, 3]) / 2
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        placement[:2], placement[2], placement[3] = -turn @ middle[:2], -middle[2], yaw
+        self.place(placement)
+        return placement
+
+    def seated(self, posture: np.ndarray, height: float) -> np.ndarray:
+        """Return the placement (36,) of a posture (32,) on a seat [m] above the origin."""
+        placement = np.concatenate([[0.0, 0.0, height, 0.0], posture])
+        self.place(placement)
+        return placement
+
+    def leg_height(self, posture: np.ndarray) -> float:
+        """Return the height of the hip centres at which the lower sole is on the floor [m]."""
+        self.place(np.concatenate([np.zeros(BASE), posture]))
+        return -min(self.frame(f"{side}_sole")[2, 3] for side in SIDES)

@@ -1,0 +1,70 @@
+"""`dead_zone`: only the arm goes along with small changes; large ones move the body anew."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Final
+
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.joints import JOINTS
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.people.anatomy import draw_body
+from ergoqp.simulation.people.body_tasks import BASE
+from ergoqp.simulation.people.grasp import Work
+from ergoqp.simulation.people.habits import draw_habits
+from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding, Wish
+from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.way import pose_error
+
+SHIFT: Final = 0.03
+TURN: Final = float(np.radians(10.0))
+"""The arm alone goes along as long as the object is this near [m], [rad]."""
+
+_SETTLED: Final = 0.005
+"""The body stays as it is again once no joint is faster [rad/s]."""
+
+
+class DeadZoneHolding(SoftHolding):
+    """A person whose trunk and legs stay until the object is far from where they came to rest."""
+
+    def __init__(
+        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+    ) -> None:
+        """Hold the object, the body at rest."""
+        super().__init__(person, posture, senses, seed)
+        self._settled_at, self._awake = self.pose, False
+        arms = [number < 20 and joint.startswith(person.work.hands) for number, joint in _NUMBERED]
+        self._arms = np.concatenate([np.zeros(BASE, dtype=bool), arms])
+
+    def mobile(self) -> np.ndarray:
+        """Return which entries of the placement may move now (36,) bool."""
+        return super().mobile() if self._awake else self._arms.copy()
+
+    def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
+        """Take one step; wake up for an object far from where the body last came to rest."""
+        error = pose_error(self._settled_at, target)
+        far = np.linalg.norm(error[:3]) > SHIFT or np.linalg.norm(error[3:]) > TURN
+        # What the arm alone does not reach moves the body too.
+        self._awake = bool(self._awake or far or self.gap > REACHED)
+        change = super().advance(target, dt, besides)
+        if self._awake and change < _SETTLED * dt:
+            self._settled_at, self._awake = target, False
+        return change
+
+
+_NUMBERED: Final = tuple(enumerate(JOINTS))
+
+
+class DeadZonePerson(SoftPerson):
+    """Follows with the arm, and with the body from time to time."""
+
+    kind: ClassVar[str] = "dead_zone"
+    holding: ClassVar[type[SoftHolding]] = DeadZoneHolding
+
+
+def draw(problem: Problem, seed: int, body: Body | None = None) -> DeadZonePerson:
+    """Return a person with a dead zone for a problem, the same for the same seed."""
+    rng, work = np.random.default_rng([seed, 22]), Work.of(problem)
+    return DeadZonePerson(body or draw_body(rng), work, draw_habits(work, rng), draw_senses(rng))

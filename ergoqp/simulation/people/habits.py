@@ -1,0 +1,115 @@
+"""How people like to hold themselves: postures and stiffness that they bring along."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.simulation.people.grasp import Work
+
+_EASE: Final[Mapping[str, tuple[float, float]]] = {
+    "trunk_flexion": (3.0, 4.0),
+    "trunk_side_bend": (0.0, 2.0),
+    "trunk_twist": (0.0, 2.0),
+    "neck_flexion": (9.0, 5.0),
+    "neck_side_bend": (0.0, 2.0),
+    "neck_twist": (0.0, 3.0),
+    "shoulder_flexion": (12.0, 8.0),
+    "shoulder_abduction": (8.0, 5.0),
+    "shoulder_rotation": (4.0, 8.0),
+    "elbow_flexion": (75.0, 12.0),
+    "forearm_pronation": (12.0, 15.0),
+    "wrist_flexion": (-6.0, 6.0),
+    "wrist_deviation": (2.0, 4.0),
+}
+"""Mean and standard deviation of the upper body's angles at ease, the hands at work [deg]."""
+
+_LEGS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
+    "standing": {
+        "hip_flexion": (5.0, 0.0),
+        "hip_abduction": (3.0, 1.5),
+        "knee_flexion": (10.0, 0.0),
+        "ankle_flexion": (5.0, 0.0),
+        "ankle_inversion": (-3.0, 0.0),
+    },
+    "seated": {"hip_flexion": (84.0, 3.0), "knee_flexion": (84.0, 3.0)},
+}
+"""And of the legs."""
+
+_FREE_ARM: Final[Mapping[str, Mapping[str, float]]] = {
+    "standing": {"shoulder_flexion": 4.0, "shoulder_abduction": 6.0, "elbow_flexion": 12.0},
+    "seated": {"shoulder_flexion": 14.0, "shoulder_abduction": 6.0, "elbow_flexion": 68.0},
+}
+"""Where an arm rests that holds nothing [deg]: it hangs, or lies on the thigh."""
+
+_SPREAD: Final[Mapping[str, float]] = {
+    "trunk_flexion": 11.0,
+    "trunk_side_bend": 7.0,
+    "trunk_twist": 9.0,
+    "neck_flexion": 12.0,
+    "neck_side_bend": 8.0,
+    "neck_twist": 16.0,
+    "shoulder_flexion": 20.0,
+    "shoulder_abduction": 13.0,
+    "shoulder_rotation": 22.0,
+    "elbow_flexion": 30.0,
+    "forearm_pronation": 32.0,
+    "wrist_flexion": 16.0,
+    "wrist_deviation": 10.0,
+    "hip_flexion": 20.0,
+    "hip_abduction": 9.0,
+    "hip_rotation": 9.0,
+    "knee_flexion": 18.0,
+    "ankle_flexion": 14.0,
+    "ankle_inversion": 9.0,
+}
+"""How far from ease each joint goes as readily as the others [deg]."""
+
+_OWN_SPREAD: Final = (0.6, 1.7)
+"""Factor on these, drawn log-uniformly per person and joint."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How one person likes to hold themselves.
+
+    Attributes:
+        comfort: posture at ease (32,) [rad].
+        spread: how far from it each joint goes as readily as the others (32,) [rad].
+        relaxation: time constant of coming to rest [s].
+        lean: how far ahead of the middle of the feet the centre of mass is carried [m].
+        steadiness: how far the centre of mass strays as readily as joints go by `spread` [m].
+    """
+
+    comfort: np.ndarray
+    spread: np.ndarray
+    relaxation: float
+    lean: float
+    steadiness: float
+
+
+def draw_habits(work: Work, rng: np.random.Generator) -> Habits:
+    """Return the habits of a person at a work."""
+    low, high = np.log(_OWN_SPREAD)
+    factors = np.exp(rng.uniform(low, high, len(_SPREAD)))
+    own = dict(zip(_SPREAD, factors, strict=True))
+    ease = {name: rng.normal(*numbers) for name, numbers in (_EASE | _LEGS[work.stance]).items()}
+    comfort, spread = np.zeros(len(JOINTS)), np.zeros(len(JOINTS))
+    for joint, number in INDEX.items():
+        side = next((each for each in SIDES if joint.startswith(each)), None)
+        name = joint if side is None else joint.removeprefix(f"{side}_")
+        is_free = side is not None and side not in work.hands and number < 20
+        angle = _FREE_ARM[work.stance].get(name, 0.0) if is_free else ease.get(name, 0.0)
+        comfort[number] = np.radians(angle)
+        spread[number] = np.radians(_SPREAD[name] * own[name])
+    return Habits(
+        comfort=np.clip(comfort, LOWER, UPPER),
+        spread=spread,
+        relaxation=float(rng.uniform(0.5, 1.5)),
+        lean=float(rng.uniform(-0.01, 0.03)),
+        steadiness=float(rng.uniform(0.02, 0.04)),
+    )

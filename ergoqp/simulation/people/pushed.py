@@ -1,0 +1,76 @@
+"""`pushed`: is jostled by others now and then, and comes back."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Final
+
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.people.anatomy import draw_body
+from ergoqp.simulation.people.grasp import Work
+from ergoqp.simulation.people.habits import draw_habits
+from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
+from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+
+EVERY: Final = (3.0, 7.0)
+"""Least and longest time between two pushes [s]."""
+
+LASTS: Final = 0.4
+"""How long a push lasts [s]."""
+
+AWAY: Final = (0.04, 0.08)
+"""How far a push takes the base of the neck along the floor [m]."""
+
+_FIRMLY: Final = 0.01
+"""How far off that stays as readily as joints go by their spread [m]: a push is no suggestion."""
+
+
+class PushedHolding(SoftHolding):
+    """A person who is pushed at the shoulders now and then."""
+
+    def __init__(
+        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+    ) -> None:
+        """Hold the object; the first push is to come."""
+        super().__init__(person, posture, senses, seed)
+        self._pushes = 0
+        self._plan(0.0)
+
+    def disturbance(self, dt: float) -> list[Wish]:
+        """Return where a push wants the base of the neck."""
+        if self.time < self._next:
+            return []
+        tasks = self.person.tasks
+        tasks.place(self.placement)
+        have, moves = tasks.frame("trunk")[:2, 3], tasks.jacobian("trunk")[:2]
+        if self._from is None:
+            self._from = have.copy()
+        gone = (self.time - self._next) / LASTS
+        if gone >= 1.0:
+            self._plan(self.time)
+            return []
+        return [((self._from + gone * self._way - have) / _FIRMLY, moves / _FIRMLY)]
+
+    def _plan(self, now: float) -> None:
+        """Draw the next push: the same for the same seed, whatever the controller does."""
+        rng = np.random.default_rng([self.seed, 31, self._pushes])
+        heading, self._pushes = rng.uniform(0, 2 * np.pi), self._pushes + 1
+        self._next = now + float(rng.uniform(*EVERY))
+        self._way = float(rng.uniform(*AWAY)) * np.array([np.cos(heading), np.sin(heading)])
+        self._from: np.ndarray | None = None
+
+
+class PushedPerson(SoftPerson):
+    """Follows, between pushes."""
+
+    kind: ClassVar[str] = "pushed"
+    holding: ClassVar[type[SoftHolding]] = PushedHolding
+
+
+def draw(problem: Problem, seed: int, body: Body | None = None) -> PushedPerson:
+    """Return a person who is pushed for a problem, the same for the same seed."""
+    rng, work = np.random.default_rng([seed, 25]), Work.of(problem)
+    return PushedPerson(body or draw_body(rng), work, draw_habits(work, rng), draw_senses(rng))

@@ -1,0 +1,247 @@
+"""How a person who weighs everything against everything follows: the way down of one energy.
+
+What the person wants is the lowest 1/2 |q - comfort|^2 over spreads, with the hands at their grips,
+the soles where they stand and the centre of mass over them as stiff springs beside it. They go
+there as a heavily damped body does, M dq/dt = -gradient, by implicit Euler steps: stiff wishes are
+met at once, ease is found within the relaxation time, and the rest does not depend on how fast.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from copy import copy
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.simulation.people.body_tasks import BASE
+from ergoqp.simulation.people.person import Holding
+from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.way import between, pose_error, straight
+
+if TYPE_CHECKING:
+    from ergoqp.simulation.people.soft_person import SoftPerson
+
+GRIP = np.repeat([1.5e-3, 0.03], 3)
+"""How far a grip strays as readily as joints go by their spread [m], [rad]."""
+
+SOLE = np.repeat([3e-4, 3e-3], 3)
+"""And a sole."""
+
+PELVIS = np.array([0.25, 0.25, 0.25, 0.25])
+"""And the pelvis by itself [m], [rad]: only its damping, it has no place of its own."""
+
+RESTLESS = 0.01
+"""Whose joints still move faster after that does not come to rest [rad/s]: it is no place to be."""
+
+REACHED, REACHED_ANGLE = 0.01, 0.15
+"""The object is reached with the grips this near [m] and their axes this close [rad]."""
+
+STILL = 2e-4
+"""Whose joints move less than this in a second is at rest [rad]."""
+
+CARRIED = 0.2
+"""Time for which each part of a straight way is gone [s]."""
+
+_PACE = (0.01, 4.0)
+"""Shortest and longest step of the way to rest [s]: near the end of its reach an arm overshoots."""
+
+_STEPS = 150
+_LARGEST = 0.2
+"""Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
+
+_HANGS = 0.9
+"""Share of the trunk's bend that a hanging arm makes up for: it stays upright."""
+
+Wish = tuple[np.ndarray, np.ndarray]
+"""What is wanted (n,) and how the placement moves it (n, 36), over how far it strays as readily."""
+
+
+class SoftHolding(Holding):
+    """A person with soft tasks from moment to moment.
+
+    Args:
+        person: who.
+        posture: in which they hold the object (32,) [rad].
+        senses: how late they follow.
+        seed: of what they do by chance.
+    """
+
+    def __init__(
+        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+    ) -> None:
+        """Hold the object as the posture has it."""
+        self.person, self.senses, self.seed = person, senses, seed
+        self.placement = person.placed(posture)
+        tasks = person.tasks
+        self.soles = [tasks.frame(f"{side}_sole") for side in SIDES]
+        grips = [tasks.frame(f"{hand}_grip") for hand in person.work.hands]
+        self.pose = person.work.contact(grips)
+        self._grasp = [np.linalg.solve(self.pose, grip) for grip in grips]
+        self._followed, self._late = self.pose, deque[np.ndarray]()
+        self._angle, self.time = 0.0, 0.0
+
+    @property
+    def posture(self) -> np.ndarray:
+        """The person's true posture now (32,) [rad]."""
+        return self.placement[BASE:].copy()
+
+    @property
+    def base(self) -> np.ndarray:
+        """Pelvis in the world, upright (4, 4) [m]."""
+        pose, yaw = np.eye(4), self.placement[3]
+        pose[:3, 3] = self.placement[:3]
+        pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        return pose
+
+    def follow(self, pose: np.ndarray, dt: float) -> None:
+        """Follow where the object was before the person's delay."""
+        if not self._late:
+            self._late.extend([self.pose] * round(self.senses.delay / dt))
+        self.pose = pose
+        self._late.append(pose)
+        share = 1.0 - float(np.exp(-dt / self.senses.hand_time))
+        self._followed = between(self._followed, self._late.popleft(), share)
+        self.time += dt
+        self.advance(self._followed, dt, self.disturbance(dt))
+
+    def rest(self, pose: np.ndarray) -> bool:
+        """Come to rest, with nothing to disturb, while the object stays at `pose` (4, 4) [m]."""
+        self._arrive(pose)
+        pace, speed = 0.1, np.inf
+        for _ in range(_STEPS):
+            before, speed = speed, self.advance(pose, pace) / pace
+            if speed < STILL:
+                break
+            pace *= 0.4 if speed > before else 1.5
+            pace = min(max(pace, _PACE[0]), _PACE[1])
+        # The gap is that before the last step.
+        self.advance(pose, 1e-9)
+        return self.gap < REACHED and self._angle < REACHED_ANGLE and speed < RESTLESS
+
+    def carry(self, pose: np.ndarray) -> bool:
+        """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there."""
+        held = self.copy()
+        for part in straight(self.pose, pose):
+            self._arrive(part)
+            self.advance(part, CARRIED)
+            self.advance(part, CARRIED)
+            if self.gap > REACHED:
+                break
+            held = self.copy()
+        if self.rest(part):
+            return True
+        vars(self).update(vars(held))
+        self.rest(self.pose)
+        return False
+
+    def copy(self) -> Self:
+        """Return another who goes on from the same moment."""
+        other = copy(self)
+        other._late = self._late.copy()
+        return other
+
+    def wishes(self, target: np.ndarray) -> list[Wish]:
+        """Return what the person wants beside ease, the hands' wishes first.
+
+        Args:
+            target: where the hands take the object to be (4, 4) [m].
+        """
+        person, tasks = self.person, self.person.tasks
+        wishes, gaps, angles = [], [], []
+        for hand, grasp in zip(person.work.hands, self._grasp, strict=True):
+            have, moves = tasks.frame(f"{hand}_grip"), tasks.jacobian(f"{hand}_grip")
+            want = target @ grasp
+            error = pose_error(have, want)
+            if person.work.free_about_tool:
+                axis = target[:3, 0]
+                across = np.eye(3) - np.outer(axis, axis)
+                error[3:], moves[3:] = across @ error[3:], across @ moves[3:]
+            gaps.append(float(np.linalg.norm(error[:3])))
+            angles.append(float(np.linalg.norm(error[3:])))
+            wishes.append((error / GRIP, moves / GRIP[:, None]))
+        self.gap, self._angle = max(gaps), max(angles)
+        if not person.is_seated:
+            for side, sole in zip(SIDES, self.soles, strict=True):
+                error = pose_error(tasks.frame(f"{side}_sole"), sole)
+                wishes.append((error / SOLE, tasks.jacobian(f"{side}_sole") / SOLE[:, None]))
+            wishes.append(self._balance())
+        return wishes
+
+    def disturbance(self, dt: float) -> list[Wish]:
+        """Return what draws the person besides, while they follow and not when they rest."""
+        return []
+
+    def mobile(self) -> np.ndarray:
+        """Return which entries of the placement may move now (36,) bool."""
+        moves = np.ones(BASE + len(JOINTS), dtype=bool)
+        if self.person.is_seated:
+            moves[:BASE] = moves[BASE + 20 :] = False
+        return moves
+
+    def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
+        """Take one implicit Euler step of `dt` [s] toward ease with the object at `target`.
+
+        Returns:
+            The largest change of a joint [rad] or of the pelvis [m].
+        """
+        person, placement = self.person, self.placement
+        person.tasks.place(placement)
+        wishes = [*self.wishes(target), *(besides or [])]
+        error = np.concatenate([wish[0] for wish in wishes])
+        moves = np.vstack([wish[1] for wish in wishes])
+        habits = person.habits
+        damping = np.concatenate([PELVIS, habits.spread]) ** -2 * (habits.relaxation / dt)
+        ease = np.concatenate([np.zeros(BASE), habits.spread**-2])
+        pull = moves.T @ error
+        pull[BASE:] += (self._ease() - placement[BASE:]) * ease[BASE:]
+        hessian = moves.T @ moves
+        hessian[np.diag_indices_from(hessian)] += damping + ease
+        step = self._within_ranges(hessian, pull)
+        step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
+        self.placement = placement + step
+        return float(np.abs(step).max())
+
+    def _within_ranges(self, hessian: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Return the step that the free entries take while others stop at the end of their range."""
+        tasks, moves = self.person.tasks, self.mobile()
+        room = tasks.lower - self.placement, tasks.upper - self.placement
+        step = np.zeros(len(pull))
+        for _ in range(4):
+            if moves.all():
+                step = np.linalg.solve(hessian, pull)
+            else:
+                free = np.flatnonzero(moves)
+                left = pull[free] - hessian[free] @ np.where(moves, 0.0, step)
+                step[free] = np.linalg.solve(hessian[free][:, free], left)
+            beyond = moves & ((step < room[0]) | (step > room[1]))
+            if not beyond.any():
+                return step
+            step = np.where(beyond, np.minimum(np.maximum(step, room[0]), room[1]), step)
+            moves &= ~beyond
+        return np.minimum(np.maximum(step, room[0]), room[1])
+
+    def _ease(self) -> np.ndarray:
+        """Return the posture at ease now (32,): an arm that holds nothing hangs down."""
+        person, ease = self.person, self.person.comfort.copy()
+        if not person.is_seated:
+            for side in set(SIDES) - set(person.work.hands):
+                bend = self.placement[BASE + INDEX["trunk_flexion"]]
+                ease[INDEX[f"{side}_shoulder_flexion"]] += _HANGS * bend
+        return ease
+
+    def _balance(self) -> Wish:
+        tasks, habits = self.person.tasks, self.person.habits
+        centre, moves = tasks.mass_centre()
+        middle, yaw = tasks.support(), self.placement[3]
+        ahead = np.array([np.cos(yaw), np.sin(yaw)])
+        apart = centre - middle
+        self.unbalanced = bool(np.abs(apart).max() > 0.5 * self.person.body.lengths["foot_length"])
+        error = middle + habits.lean * ahead - centre
+        return error / habits.steadiness, moves / habits.steadiness
+
+    def _arrive(self, pose: np.ndarray) -> None:
+        """Take the object to be at `pose` now: no delay is left."""
+        self.pose = self._followed = pose
+        self._late.clear()

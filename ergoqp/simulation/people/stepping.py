@@ -1,0 +1,111 @@
+"""`stepping`: leans toward what is away, and steps after what is far."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Final
+
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.joints import INDEX
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.people.anatomy import draw_body
+from ergoqp.simulation.people.grasp import Work
+from ergoqp.simulation.people.habits import draw_habits
+from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
+from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+
+STEP: Final = 0.20
+"""The object may be this far from where it is at ease before the person steps after it [m]."""
+
+FARTHEST: Final = 0.60
+"""The person does not go farther than this from where they began [m]: there is the robot."""
+
+_SWING: Final = 0.5
+"""Time in which a foot is put [s]; then the other."""
+
+_LIFT: Final = 0.05
+"""How high a foot is lifted [m]."""
+
+_HESITATES: Final = 0.4
+"""How long the object is away before the person steps [s]."""
+
+_LEANS: Final = {"trunk_flexion": 1.6, "trunk_side_bend": 1.6, "knee_flexion": 0.6}
+"""Factors on how far joints stray: the trunk leans before the knees bend."""
+
+
+class SteppingHolding(SoftHolding):
+    """A person whose feet go after the object."""
+
+    def __init__(
+        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+    ) -> None:
+        """Hold the object with both feet on the floor, where it is at ease relative to them."""
+        super().__init__(person, posture, senses, seed)
+        own = SoftHolding(person, person.comfort, senses)
+        self._at_ease = own.pose[:2, 3]
+        self.feet = np.zeros(2)
+        self._home = [sole.copy() for sole in self.soles]
+        self._seat = self.placement[:2].copy()
+        self._away, self._swing, self._way = 0.0, np.inf, np.zeros(2)
+        person.tasks.place(self.placement)
+
+    def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
+        """Take one step of time; the feet go after an object that is away for long."""
+        away = target[:2, 3] - self._at_ease - self.feet - self._way
+        distance = float(np.linalg.norm(away))
+        if np.isinf(self._swing):
+            self._away = self._away + dt if distance > STEP else 0.0
+            wanted = self.feet + away * (STEP / max(distance, STEP))
+            if self._away > _HESITATES and np.linalg.norm(wanted) <= FARTHEST:
+                self._way, self._swing, self._away = wanted - self.feet, 0.0, 0.0
+        if np.isfinite(self._swing):
+            # However long the rest of a step takes, a foot goes its way in parts.
+            dt = min(dt, 0.1)
+            self._put_feet(dt)
+            return super().advance(target, dt, besides) + float(np.linalg.norm(self._way)) * dt
+        return super().advance(target, dt, besides)
+
+    def _put_feet(self, dt: float) -> None:
+        """Put one foot, then the other; a stool rolls with both."""
+        self._swing += dt
+        gone = [np.clip(self._swing / _SWING - number, 0.0, 1.0) for number in range(2)]
+        if self._swing >= 2 * _SWING:
+            self.feet, self._way, self._swing = self.feet + self._way, np.zeros(2), np.inf
+        smooth = [share * share * (3 - 2 * share) for share in gone]
+        if self.person.is_seated:
+            # The object of arrays is shared with copies: a new one every time.
+            placement = self.placement.copy()
+            placement[:2] = self._seat + self.feet + np.mean(smooth) * self._way
+            self.placement = placement
+            return
+        self.soles = [sole.copy() for sole in self._home]
+        for sole, share, part in zip(self.soles, smooth, gone, strict=True):
+            sole[:2, 3] += self.feet + share * self._way
+            sole[2, 3] += _LIFT * np.sin(np.pi * part)
+
+
+class SteppingPerson(SoftPerson):
+    """Follows with the feet too."""
+
+    kind: ClassVar[str] = "stepping"
+    holding: ClassVar[type[SoftHolding]] = SteppingHolding
+
+    @property
+    def footing(self) -> str:
+        """What carries the person, as a clause for people."""
+        if self.is_seated:
+            return f"the pelvis stays on a stool that rolls, {self.seat:.2f} m high"
+        return f"the soles step after an object more than {100 * STEP:.0f} cm away"
+
+
+def draw(problem: Problem, seed: int, body: Body | None = None) -> SteppingPerson:
+    """Return a person who steps for a problem, the same for the same seed."""
+    rng, work = np.random.default_rng([seed, 24]), Work.of(problem)
+    body, habits = body or draw_body(rng), draw_habits(work, rng)
+    spread = habits.spread.copy()
+    for joint, number in INDEX.items():
+        spread[number] *= next((by for name, by in _LEANS.items() if joint.endswith(name)), 1.0)
+    return SteppingPerson(body, work, replace(habits, spread=spread), draw_senses(rng))
