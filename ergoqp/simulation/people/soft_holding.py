@@ -18,7 +18,7 @@ from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.person import Holding
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.way import between, pose_error, straight
+from ergoqp.simulation.people.way import LONGEST_SHIFT, between, pose_error, straight
 
 if TYPE_CHECKING:
     from ergoqp.simulation.people.soft_person import SoftPerson
@@ -41,13 +41,14 @@ REACHED, REACHED_ANGLE = 0.01, 0.15
 STILL = 2e-4
 """Whose joints move less than this in a second is at rest [rad]."""
 
-CARRIED = 0.2
+CARRIED = 0.3
 """Time for which each part of a straight way is gone [s]."""
 
 _PACE = (0.01, 4.0)
 """Shortest and longest step of the way to rest [s]: near the end of its reach an arm overshoots."""
 
 _STEPS = 150
+_WAITS = 10
 _LARGEST = 0.2
 """Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
 
@@ -124,17 +125,23 @@ class SoftHolding(Holding):
         """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there."""
         held = self.copy()
         for part in straight(self.pose, pose):
+            before = self.copy()
             self._arrive(part)
             self.advance(part, CARRIED)
-            self.advance(part, CARRIED)
-            if self.gap > REACHED:
+            # The gap is that to this part before the step: what the part before left, and a part.
+            if self.gap > LONGEST_SHIFT + REACHED and not self._waited_for(part):
                 break
-            held = self.copy()
-        if self.rest(part):
-            return True
+            held = before
+        else:
+            if self.rest(pose):
+                return True
         vars(self).update(vars(held))
         self.rest(self.pose)
         return False
+
+    def _waited_for(self, pose: np.ndarray) -> bool:
+        """Wait with the object at `pose`; return whether the hands come there."""
+        return any(self.advance(pose, CARRIED) < np.inf and self.gap < REACHED for _ in range(_WAITS))
 
     def copy(self) -> Self:
         """Return another who goes on from the same moment."""

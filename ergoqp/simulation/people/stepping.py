@@ -32,6 +32,12 @@ _LIFT: Final = 0.05
 _HESITATES: Final = 0.4
 """How long the object is away before the person steps [s]."""
 
+_PART: Final = 0.1
+"""A foot goes its way in parts of this time where nobody else says [s]."""
+
+_LONGEST_WAY: Final = 100
+"""Such parts after which nobody is still on the way."""
+
 _LEANS: Final = {"trunk_flexion": 1.6, "trunk_side_bend": 1.6, "knee_flexion": 0.6}
 """Factors on how far joints stray: the trunk leans before the knees bend."""
 
@@ -62,11 +68,17 @@ class SteppingHolding(SoftHolding):
             if self._away > _HESITATES and np.linalg.norm(wanted) <= FARTHEST:
                 self._way, self._swing, self._away = wanted - self.feet, 0.0, 0.0
         if np.isfinite(self._swing):
-            # However long the rest of a step takes, a foot goes its way in parts.
-            dt = min(dt, 0.1)
             self._put_feet(dt)
-            return super().advance(target, dt, besides) + float(np.linalg.norm(self._way)) * dt
         return super().advance(target, dt, besides)
+
+    def rest(self, pose: np.ndarray) -> bool:
+        """Come to rest, the feet first."""
+        self._arrive(pose)
+        for _ in range(_LONGEST_WAY):
+            self.advance(pose, _PART)
+            if np.isinf(self._swing) and self._away == 0.0:
+                break
+        return super().rest(pose)
 
     def _put_feet(self, dt: float) -> None:
         """Put one foot, then the other; a stool rolls with both."""

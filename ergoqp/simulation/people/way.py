@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-_SHIFT = 0.03
-_TURN = 0.12
+LONGEST_SHIFT = 0.04
+LONGEST_TURN = 0.16
 """Longest part of a way [m], [rad]."""
 
 
@@ -46,8 +46,8 @@ def straight(have: np.ndarray, want: np.ndarray) -> Iterator[np.ndarray]:
     way = pose_error(have, want)
     parts = max(
         1,
-        int(np.ceil(np.linalg.norm(way[:3]) / _SHIFT)),
-        int(np.ceil(np.linalg.norm(way[3:]) / _TURN)),
+        int(np.ceil(np.linalg.norm(way[:3]) / LONGEST_SHIFT)),
+        int(np.ceil(np.linalg.norm(way[3:]) / LONGEST_TURN)),
     )
     for part in range(1, parts):
         yield between(have, want, part / parts)

@@ -1,0 +1,240 @@
+"""What a controller is to be compared with: simple ways to move the object, with the same limits.
+
+Leaving it alone, carrying it where a rule of thumb says, carrying it to the model's best place, and
+the gradient of the EPFL report. All of them keep the twist's speed, acceleration, axes and jerk, the
+workspace and the cone of the tool's axis.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.costs.cost import Cost
+from ergoqp.expressions.evaluator import Evaluator
+from ergoqp.human import Body
+from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.best_place import frame_of
+from ergoqp.simulation.people.body_tasks import BodyTasks
+from ergoqp.simulation.people.grasp import Work
+from ergoqp.simulation.people.way import pose_error, turned
+from ergoqp.simulation.robot import moved
+from ergoqp.step.answer.step import Step
+
+AHEAD = 0.40
+"""How far before the shoulder the rule of thumb wants the object [m]."""
+
+GRADIENT_GAIN = 0.01
+"""The factor epsilon of equation 3.2 of the EPFL report, which does not state it [m^2/s per point]."""
+
+
+class Sent(Step):
+    """A twist and what it is about, of somebody who solves no program."""
+
+    def __init__(self, twist: np.ndarray, status: str) -> None:
+        """Keep both."""
+        self.twist, self.status = twist, status
+
+    @property
+    def posture_rate(self) -> np.ndarray:
+        """No model of a person moves (32,)."""
+        return np.zeros(32)
+
+    @property
+    def slack(self) -> dict[str, float]:
+        """No row is soft."""
+        return {}
+
+
+class Still:
+    """Leaves the object alone."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Take the problem's period."""
+        self.dt = problem.dt
+
+    def reset(self) -> None:
+        """Begin a loop."""
+
+    def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
+        """Stay."""
+        return Sent(np.zeros(6), "settled")
+
+
+class Drive:
+    """Carries the object straight to a place, as fast as the limits allow, and leaves it there.
+
+    The tool's axis goes along a great circle, which does not leave a cone; the rest of the turn is
+    about it. Axes that are not allowed stay as they are.
+
+    Args:
+        problem: whose limits hold.
+        start: pose of the object at the begin (4, 4) [m].
+        goal: where it is carried (4, 4) [m].
+    """
+
+    def __init__(self, problem: Problem, start: np.ndarray, goal: np.ndarray) -> None:
+        """Plan the whole way."""
+        self.dt, limit = problem.dt, problem.twist_limit
+        free = np.array([axis in limit.axes for axis in AXES])
+        shift = np.where(free[:3], goal[:3, 3] - start[:3, 3], 0.0)
+        swing = _swing(start[:3, 0], goal[:3, 0])
+        roll = 0.0
+        if free[3:].all():
+            swung = turned(start[:3, :3], swing)
+            roll = float(pose_error(_at(swung), _at(goal[:3, :3]))[3:] @ goal[:3, 0])
+        swing = np.where(free[3:], swing, 0.0)
+        most = np.concatenate([np.abs(shift), np.abs(swing) + abs(roll)])
+        pace = _trapezoid(most, limit.speed, limit.acceleration, self.dt, problem.average)
+        self._poses = [start]
+        for share in np.cumsum(pace) * self.dt:
+            pose = start.copy()
+            pose[:3, 3] += share * shift
+            pose[:3, :3] = turned(start[:3, :3], share * swing)
+            pose[:3, :3] = turned(pose[:3, :3], share * roll * pose[:3, 0])
+            self._poses.append(pose)
+        self._next = 0
+
+    def reset(self) -> None:
+        """Begin at the start."""
+        self._next = 0
+
+    def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
+        """Go on, whatever the person does."""
+        if self._next + 1 >= len(self._poses):
+            return Sent(np.zeros(6), "settled")
+        here, there = self._poses[self._next : self._next + 2]
+        self._next += 1
+        return Sent(pose_error(here, there) / self.dt, "optimal")
+
+
+class Gradient:
+    """The EPFL report's controller: xi = -epsilon dV/dq dq/dx (equation 3.2), kept within limits.
+
+    The object never rests for long: the report has no rule for it but to stop below a cost of 1.
+
+    Args:
+        problem: whose response and limits are taken.
+        cost: V(q).
+        gain: epsilon.
+    """
+
+    def __init__(self, problem: Problem, cost: Cost, gain: float = GRADIENT_GAIN) -> None:
+        """Build the gradient's function."""
+        self.dt, self._limit, self._gain = problem.dt, problem.twist_limit, gain
+        self._free = np.array([axis in self._limit.axes for axis in AXES], dtype=float)
+        self._box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        q = ca.MX.sym("q", len(problem.coordinates))
+        value = cost.expression(q)
+        down = -ca.gradient(value, q).T @ problem.response.expression(q)
+        self._evaluator = Evaluator(ca.Function("gradient", [q], [down.T, value], ["q"], ["g", "v"]))
+        self._twist = np.zeros(6)
+
+    def reset(self) -> None:
+        """Begin a loop at rest."""
+        self._twist = np.zeros(6)
+
+    def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
+        """Go down the gradient where the posture was measured."""
+        evaluator, limit = self._evaluator, self._limit
+        evaluator.inputs["q"][:] = posture
+        evaluator.evaluate()
+        wished = np.zeros(6)
+        if evaluator.outputs["v"][0] > 1.0:
+            wished = self._gain * evaluator.outputs["g"] * self._free
+        wished = wished * min(1.0, 1 / max(1e-12, float(np.max(np.abs(wished) / limit.speed))))
+        change = np.clip(
+            wished - self._twist, -limit.acceleration * self.dt, limit.acceleration * self.dt
+        )
+        twist = self._twist + change
+        if self._leaves(pose, twist):
+            # Stops as fast as allowed, along what it did: what was within stays within.
+            stop = float(np.max(np.abs(self._twist) / limit.acceleration)) or 1.0
+            twist = self._twist * max(0.0, 1.0 - self.dt / stop)
+        self._twist = twist
+        return Sent(twist.copy(), "optimal")
+
+    def _leaves(self, pose: np.ndarray, twist: np.ndarray) -> bool:
+        """Whether a stop from this twist ends beyond the workspace or the cone."""
+        stop = self.dt + float(np.max(np.abs(twist) / self._limit.acceleration)) / 2 + self.dt
+        end = moved(pose, twist * stop)
+        if self._box is not None:
+            low, high = np.asarray(self._box.lower), np.asarray(self._box.upper)
+            out = np.maximum(low - end[:3, 3], end[:3, 3] - high)
+            was = np.maximum(low - pose[:3, 3], pose[:3, 3] - high)
+            if np.any((out > 0) & (out > was)):
+                return True
+        if self._cone is not None:
+            axis = np.asarray(self._cone.direction) / np.linalg.norm(self._cone.direction)
+            least = np.cos(np.radians(self._cone.half_angle_deg))
+            if end[:3, 0] @ axis < min(least, pose[:3, 0] @ axis):
+                return True
+        return False
+
+
+def rule_pose(problem: Problem, body: Body) -> np.ndarray:
+    """Return the pose of the rule of thumb (4, 4): elbow height, `AHEAD` before the shoulder, level.
+
+    Before the shoulder of the hand that works, or in the middle for both; within the workspace.
+
+    Args:
+        problem: whose workspace and cone hold.
+        body: whose elbow it is.
+    """
+    work, tasks = Work.of(problem), BodyTasks(body)
+    upright = np.zeros(32)
+    if work.stance == "standing":
+        tasks.standing(upright)
+    else:
+        legs = upright.copy()
+        legs[[20, 26]] = legs[[23, 29]] = np.radians(85.0)
+        seat = work.seat_height
+        tasks.seated(upright, tasks.leg_height(legs) if seat is None else seat)
+    shoulder, elbow = (
+        np.mean([tasks.frame(f"{hand}_{part}")[:3, 3] for hand in work.hands], axis=0)
+        for part in ("shoulder", "elbow")
+    )
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    pose, toward = np.eye(4), np.array(cone.direction)
+    pose[:3, 3] = np.clip([shoulder[0] + AHEAD, shoulder[1], elbow[2]], box.lower, box.upper)
+    level = np.array([toward[0], toward[1], 0.0])
+    leans = np.degrees(np.arcsin(min(1.0, abs(toward[2]) / np.linalg.norm(toward))))
+    is_level = leans < cone.half_angle_deg
+    pose[:3, :3] = frame_of(level / np.linalg.norm(level) if is_level else toward)
+    return pose
+
+
+def _swing(have: np.ndarray, want: np.ndarray) -> np.ndarray:
+    """Return the shortest turn (3,) [rad] that leads from one direction to another."""
+    across = np.cross(have, want)
+    size = float(np.linalg.norm(across))
+    return across / max(size, 1e-12) * np.arctan2(size, float(have @ want))
+
+
+def _trapezoid(
+    way: np.ndarray, speed: np.ndarray, acceleration: np.ndarray, dt: float, average: float
+) -> np.ndarray:
+    """Return the pace of a whole way (n,) [1/s], period by period: it sums to 1 / dt."""
+    if not way.any():
+        return np.zeros(0)
+    there = way > 1e-12
+    fastest = float(np.min(speed[there] / way[there]))
+    quickest = float(np.min(acceleration[there] / way[there]))
+    ramp = fastest / quickest
+    if fastest * ramp > 1.0:
+        ramp = quickest**-0.5
+        fastest = quickest * ramp
+    count = int(np.ceil((1.0 / fastest + ramp) / dt)) + 1
+    times = (np.arange(count) + 0.5) * dt
+    end = times[-1] + 0.5 * dt
+    pace = np.clip(quickest * np.minimum(times, end - times), 0.0, fastest)
+    window = max(1, round(average / dt))
+    pace = np.convolve(pace, np.full(window, 1 / window))
+    return pace / (pace.sum() * dt)
+
+
+def _at(rotation: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    return pose
