@@ -128,7 +128,9 @@ class Gradient:
         q = ca.MX.sym("q", len(problem.coordinates))
         value = cost.expression(q)
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
-        self._evaluator = Evaluator(ca.Function("gradient", [q], [down.T, value], ["q"], ["g", "v"]))
+        self._evaluator = Evaluator(
+            ca.Function("gradient", [q], [down.T, value], ["q"], ["g", "v"])
+        )
         self._twist = np.zeros(6)
 
     def reset(self) -> None:
@@ -143,7 +145,8 @@ class Gradient:
         wished = np.zeros(6)
         if evaluator.outputs["v"][0] > 1.0:
             wished = self._gain * evaluator.outputs["g"] * self._free
-        wished = wished * min(1.0, 1 / max(1e-12, float(np.max(np.abs(wished) / limit.speed))))
+        allowed = np.where(self._free > 0, limit.speed, np.inf)
+        wished = wished / max(1.0, float(np.max(np.abs(wished) / allowed)))
         change = np.clip(
             wished - self._twist, -limit.acceleration * self.dt, limit.acceleration * self.dt
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -55,6 +56,10 @@ class Trace:
             self.fell = now
 
 
+Beside = Callable[[float, Holding], bool]
+"""Told the time [s] and the person after every period; says whether the loop ends there."""
+
+
 class Controller(Protocol):
     """What says how the object moves: a `Stepper`, or who is compared with it."""
 
@@ -90,6 +95,7 @@ def run_loop(
     checker: Checker | None = None,
     stop_when_still: float | None = None,
     robot: RobotKind | None = None,
+    beside: Beside | None = None,
 ) -> Trace:
     """Run the loop and return its trace.
 
@@ -104,6 +110,7 @@ def run_loop(
         stop_when_still: end early after resting for this long [s].
         robot: who moves the object; None: one as bad as the problem declares it, with a gain drawn
             by the seed.
+        beside: called after every period.
     """
     controller = controller or Stepper(problem)
     controller.reset()
@@ -142,6 +149,8 @@ def run_loop(
         previous = step.twist
         person.follow(arm.pose, dt)
         arm.see(person.pose)
+        if beside is not None and beside((number + 1) * dt, person):
+            break
         if person.gap > LET_GO and trace.let_go is None and number * dt > 1.0:
             trace.let_go = number * dt
         still = still + dt if step.status == "settled" and not step.twist.any() else 0.0

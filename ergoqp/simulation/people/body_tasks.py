@@ -30,9 +30,7 @@ class BodyTasks:
         """Load the body."""
         self.model = body.model
         self._data = mujoco.MjData(self.model)
-        self._sites = {
-            self.model.site(number).name: number for number in range(self.model.nsite)
-        }
+        self._sites = {self.model.site(number).name: number for number in range(self.model.nsite)}
         self._feet = [self._sites[f"{side}_{end}"] for side in SIDES for end in ("heel", "toe")]
         self._pelvis = self.model.body("pelvis").id
         self.size = BASE + len(JOINTS)

@@ -28,6 +28,7 @@ class Holding(ABC):
         slipped: how often a hand has slipped so far.
         fallen: whether the person has fallen.
         unbalanced: whether the centre of mass is outside what carries the person.
+        slid: how far a sole has been from where it was put, at most [m].
     """
 
     posture: np.ndarray
@@ -38,6 +39,7 @@ class Holding(ABC):
     slipped: int = 0
     fallen: bool = False
     unbalanced: bool = False
+    slid: float = 0.0
 
     @property
     @abstractmethod

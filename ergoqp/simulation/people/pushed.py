@@ -39,7 +39,7 @@ class PushedHolding(SoftHolding):
         self._pushes = 0
         self._plan(0.0)
 
-    def disturbance(self, dt: float) -> list[Wish]:
+    def disturbance(self) -> list[Wish]:
         """Return where a push wants the base of the neck."""
         if self.time < self._next:
             return []

@@ -23,6 +23,9 @@ from ergoqp.simulation.people.way import LONGEST_SHIFT, between, pose_error, str
 if TYPE_CHECKING:
     from ergoqp.simulation.people.soft_person import SoftPerson
 
+PERIOD = 0.02
+"""A posture lasts this long [s]: people are seen at 50 Hz."""
+
 GRIP = np.repeat([1.5e-3, 0.03], 3)
 """How far a grip strays as readily as joints go by their spread [m], [rad]."""
 
@@ -81,7 +84,7 @@ class SoftHolding(Holding):
         self.pose = person.work.contact(grips)
         self._grasp = [np.linalg.solve(self.pose, grip) for grip in grips]
         self._followed, self._late = self.pose, deque[np.ndarray]()
-        self._angle, self.time = 0.0, 0.0
+        self._angle, self.time, self._since = 0.0, 0.0, 0.0
 
     @property
     def posture(self) -> np.ndarray:
@@ -102,10 +105,15 @@ class SoftHolding(Holding):
             self._late.extend([self.pose] * round(self.senses.delay / dt))
         self.pose = pose
         self._late.append(pose)
-        share = 1.0 - float(np.exp(-dt / self.senses.hand_time))
-        self._followed = between(self._followed, self._late.popleft(), share)
+        late = self._late.popleft()
         self.time += dt
-        self.advance(self._followed, dt, self.disturbance(dt))
+        self._since += dt
+        if self._since < PERIOD - 1e-9:
+            return
+        share = 1.0 - float(np.exp(-self._since / self.senses.hand_time))
+        self._followed = between(self._followed, late, share)
+        self.advance(self._followed, self._since, self.disturbance())
+        self._since = 0.0
 
     def rest(self, pose: np.ndarray) -> bool:
         """Come to rest, with nothing to disturb, while the object stays at `pose` (4, 4) [m]."""
@@ -141,7 +149,9 @@ class SoftHolding(Holding):
 
     def _waited_for(self, pose: np.ndarray) -> bool:
         """Wait with the object at `pose`; return whether the hands come there."""
-        return any(self.advance(pose, CARRIED) < np.inf and self.gap < REACHED for _ in range(_WAITS))
+        return any(
+            self.advance(pose, CARRIED) < np.inf and self.gap < REACHED for _ in range(_WAITS)
+        )
 
     def copy(self) -> Self:
         """Return another who goes on from the same moment."""
@@ -172,11 +182,12 @@ class SoftHolding(Holding):
         if not person.is_seated:
             for side, sole in zip(SIDES, self.soles, strict=True):
                 error = pose_error(tasks.frame(f"{side}_sole"), sole)
+                self.slid = max(self.slid, float(np.linalg.norm(error[:3])))
                 wishes.append((error / SOLE, tasks.jacobian(f"{side}_sole") / SOLE[:, None]))
             wishes.append(self._balance())
         return wishes
 
-    def disturbance(self, dt: float) -> list[Wish]:
+    def disturbance(self) -> list[Wish]:
         """Return what draws the person besides, while they follow and not when they rest."""
         return []
 

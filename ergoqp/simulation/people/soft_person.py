@@ -74,9 +74,7 @@ class SoftPerson(Person):
             return self.tasks.seated(posture, self.seat)
         return self.tasks.standing(posture)
 
-    def hold(
-        self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0
-    ) -> SoftHolding:
+    def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
         """Return the person as they hold the object in a posture (32,) [rad], just now."""
         return self.holding(self, posture, senses or self.senses, seed)
 

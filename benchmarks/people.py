@@ -1,0 +1,168 @@
+"""Closed loops with people of other kinds than the controller's model, beside every simple way.
+
+Run ``python -m benchmarks.people [--quick | --full] [--kinds A,B] [--problems A,B] [--tuning]
+[--out DIR] [--json FILE]``. ``--quick`` (the default) runs one start per kind, each in another
+problem; ``--full`` twenty per kind and problem. Every start has a person of its own. ``mass`` is
+run when it is named (``--kinds mass``): it takes as long as all the others.
+
+Seeds from 1000 are for judging; with ``--tuning`` seeds from 0 are taken, for whoever builds the
+loop, and the kinds of `KEPT` are refused: nobody looks at the loop with them while building it.
+
+A unit is a kind, a problem and a seed. Its start is a place drawn in the workspace, to which the
+object is carried straight from comfort, and where the person has come to rest; it counts if that
+rest scores at least 2 points above the best. The best is frozen before any loop is run: the lowest
+exact score of the person's own undisturbed rest over places carried to straight from this start
+(48 spread over the workspace, searched around the best two; the rule's, the nominal optimum's).
+From there the same person with the same noise is led by
+
+- (no suffix): ergoqp as ``ergoqp run --guide best``, guided by the optimum of its own model;
+- ``.descent``: the same without a guide, a part taken away;
+- ``.still``: nobody; ``.rule``: the rule of thumb, elbow height of the controller's own person,
+  0.40 m ahead, level; ``.own_rule``: the same with the elbow of the very person;
+- ``.open_loop``: straight to the optimum of ergoqp's model, without looking at the person;
+- ``.gradient``, ``.gradient_smooth``: the EPFL report's equation 3.2 on its SVR, and on the smooth
+  score.
+
+The figures are described in `benchmarks.people_figures`: over all kinds, ``KIND.figure``,
+``PROBLEM.figure``, ``kept.figure`` for the kinds that nothing was tuned on. Finished units are kept
+in ``--out`` (``out/people``) by what they depend on: a run that was ended goes on from there. The
+page ``report.html`` there has the tables and the worst ten runs as replays.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+from rich.progress import Progress
+from threadpoolctl import threadpool_limits
+
+from benchmarks.people_figures import SHORT, figures_of
+from benchmarks.people_unit import METHODS, run_unit, svr
+from benchmarks.report import Report, run
+from ergoqp.files.whole import write_json
+from ergoqp.problem_files.load import TASKS
+from ergoqp.simulation.people import KINDS
+
+KEPT = ("stepping", "trembling")
+"""Kinds for judging only."""
+
+JUDGING, TUNING = 1000, 0
+"""First seeds of the two."""
+
+OTHERS = tuple(kind for kind in KINDS if kind not in ("alike", "mass"))
+STARTS = 20
+
+_ROOT = Path(__file__).resolve().parent.parent
+_WAYS = tuple(method or "ergoqp" for method in METHODS)
+
+
+def units_of(kinds: Sequence[str], problems: Sequence[str], full: bool, first: int) -> list[tuple]:
+    """Return the units (kind, problem, seed) of a sample."""
+    if full:
+        seeds = range(first, first + STARTS)
+        return [(kind, name, seed) for seed in seeds for kind in kinds for name in problems]
+    return [(kind, problems[i % len(problems)], first + i) for i, kind in enumerate(kinds)]
+
+
+def digest() -> str:
+    """Return a short text that stands for everything that a unit depends on."""
+    found = hashlib.sha256()
+    for folder, ending in (("ergoqp", "py"), ("models", "*"), ("problems", "toml")):
+        for path in sorted((_ROOT / folder).rglob(f"*.{ending}")):
+            found.update(path.read_bytes())
+    found.update((_ROOT / "benchmarks" / "people_unit.py").read_bytes())
+    return found.hexdigest()[:12]
+
+
+def finished(units: Iterable[tuple], folder: Path, say: Report) -> list[dict[str, Any]]:
+    """Return the numbers of units, run in two processes where they are not kept yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {unit: folder / "-".join(map(str, unit)) for unit in units}
+    left = [unit for unit, path in paths.items() if not path.with_suffix(".json").is_file()]
+    say.say(f"{len(paths)} units, {len(left)} to run, kept in {os.path.relpath(folder)}")
+    with (
+        Progress(disable=not sys.stdout.isatty()) as progress,
+        # Small matrices: threads of their own would only be in each other's way.
+        ProcessPoolExecutor(
+            min(2, os.cpu_count() or 1), initializer=threadpool_limits, initargs=(1,)
+        ) as pool,
+    ):
+        if left:
+            svr()  # before the processes are made, which find it there
+        bar = progress.add_task("units", total=len(left))
+        futures = {pool.submit(run_unit, *unit): unit for unit in left}
+        for done, future in enumerate(as_completed(futures), start=1):
+            write_json(paths[futures[future]].with_suffix(".json"), future.result())
+            progress.advance(bar)
+            if progress.disable and done % 20 == 0:
+                say.say(f"{done}/{len(left)}")
+    return [json.loads(path.with_suffix(".json").read_text()) for path in paths.values()]
+
+
+def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
+    """Print the figures of all kinds, and fewer of each kind, each problem and the kept kinds."""
+    drawn = [unit for unit in found if unit["drawn"]]
+    report.figure("units", len(found))
+    report.figure("starts", len(drawn), "units with a start bad enough")
+    if not drawn:
+        return
+    report.figure("mean_start", sum(unit["still"] for unit in drawn) / len(drawn))
+    report.figure("mean_best", sum(unit["best"] for unit in drawn) / len(drawn))
+    kinds = dict.fromkeys(unit["kind"] for unit in drawn)
+    groups: dict[str, list[dict[str, Any]]] = {"": drawn}
+    groups |= {kind: [unit for unit in drawn if unit["kind"] == kind] for kind in kinds}
+    groups |= {name: [unit for unit in drawn if unit["problem"] == name] for name in TASKS}
+    groups["kept"] = [unit for unit in drawn if unit["kind"] in KEPT]
+    for name, units in groups.items():
+        if not units:
+            continue
+        columns = {way: figures_of(units, way) for way in _WAYS}
+        for figure in columns["ergoqp"]:
+            if name and figure not in SHORT:
+                continue
+            for way, values in columns.items():
+                parts = (name, figure, "" if way == "ergoqp" else way)
+                report.figure(".".join(filter(None, parts)), values[figure])
+
+
+def measure(report: Report, options: argparse.Namespace) -> None:
+    """Run what is not kept yet, print the figures, write the page."""
+    from benchmarks.people_page import write_people_page
+
+    kinds = tuple(options.kinds.split(",")) if options.kinds else OTHERS
+    problems = tuple(options.problems.split(",")) if options.problems else TASKS
+    for what, given, allowed in (("--kinds", kinds, KINDS), ("--problems", problems, TASKS)):
+        if unknown := set(given) - set(allowed):
+            raise SystemExit(f"{what}: got {sorted(unknown)}, allowed some of {', '.join(allowed)}")
+    if options.tuning:
+        if options.kinds and set(kinds) & set(KEPT):
+            raise SystemExit(f"--tuning: got {', '.join(KEPT)}, which are for judging only")
+        kinds = tuple(kind for kind in kinds if kind not in KEPT)
+    units = units_of(kinds, problems, report.full, TUNING if options.tuning else JUDGING)
+    begin = time.perf_counter()
+    found = finished(units, options.out / digest(), report)
+    report.figure("seconds", time.perf_counter() - begin, "for the units that were not kept")
+    print_figures(report, found)
+    if options.page or report.full:
+        path = write_people_page(found, _WAYS, options.out)
+        report.say(f"page: {os.path.relpath(path)}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--kinds", help="kinds of people, with commas between")
+    parser.add_argument("--problems", help="problems, with commas between")
+    parser.add_argument("--tuning", action="store_true", help="seeds for building the loop")
+    parser.add_argument("--page", action="store_true", help="write the page for a quick run too")
+    parser.add_argument("--out", type=Path, default=_ROOT / "out" / "people")
+    own, rest = parser.parse_known_args()
+    run(lambda report: measure(report, own), __doc__ or "", rest)

@@ -1,0 +1,107 @@
+"""The figures of many units: shares, means, times, ways and forces, for every method.
+
+``share_at_best``: the person's rest at the end scores no more than the best; ``share_at_20s``: had
+the object been left there after 20 s. ``mean_above_best``: points above it on average, none where
+it is beaten; ``beats_best``: share in which it is. ``worse_than_start``, ``worse_than_still``,
+``worse_than_rule``: shares that end worse than the rest at the start, than had the object been left
+alone, than by the rule of thumb; ``gain_over_rule``: points below that. ``never_rests``: share in
+which the object moved in the last 3 s; ``first_rest_s``: median time until it stood still for a
+second, 60 where never. ``peak_above_start``: share in which the score on the way, a median over
+1 s, was more than a point above the higher of start and still. ``path_m``: median way of the object.
+``power_above_3hz``: share of the twist's power there. ``lets_go``: share that ends out of reach.
+``force_median_n``, ``force_p99_n``, ``force_peak_n`` (the largest of all), ``slips`` (per run),
+``falls`` (share): of people with mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+SHORT = (
+    "share_at_best",
+    "mean_end",
+    "mean_above_best",
+    "worse_than_still",
+    "worse_than_rule",
+    "gain_over_rule",
+    "never_rests",
+)
+"""Figures that are printed per kind and per problem too."""
+
+_LONGEST = 60.0
+
+Numbers = dict[str, Any]
+
+
+def figures_of(units: Sequence[Numbers], method: str) -> dict[str, float]:
+    """Return the figures of one method over units that were drawn.
+
+    Args:
+        units: as of `benchmarks.people_unit.run_unit`, at least one.
+        method: one of their ways.
+    """
+    ways = [unit["ways"][method] for unit in units]
+
+    def column(read: Callable[[Numbers, Numbers], float]) -> np.ndarray:
+        return np.array([read(unit, way) for unit, way in zip(units, ways, strict=True)])
+
+    end, best = column(lambda u, w: w["end"]), column(lambda u, w: u["best"])
+    start = column(lambda u, w: u["still"])
+    still = column(lambda u, w: u["ways"]["still"]["end"])
+    rule = column(lambda u, w: u["ways"]["rule"]["end"])
+    first = column(lambda u, w: _LONGEST if w["first_rest"] is None else w["first_rest"])
+    figures = {
+        "share_at_best": float(np.mean(end <= best)),
+        "share_at_20s": float(np.mean(column(lambda u, w: w["early"]) <= best)),
+        "mean_end": float(end.mean()),
+        "mean_above_best": float(np.maximum(end - best, 0).mean()),
+        "beats_best": float(np.mean(end < best)),
+        "worse_than_start": float(np.mean(end > start)),
+        "worse_than_still": float(np.mean(end > still)),
+        "worse_than_rule": float(np.mean(end > rule)),
+        "gain_over_rule": float(np.mean(rule - end)),
+        "never_rests": float(np.mean(column(lambda u, w: not w["rests"]))),
+        "first_rest_s": float(np.median(first)),
+        "peak_above_start": float(
+            np.mean(column(lambda u, w: w["peak"]) > np.maximum(start, still) + 1)
+        ),
+        "path_m": float(np.median(column(lambda u, w: w["path"]))),
+        "power_above_3hz": float(np.mean(column(lambda u, w: w["power"]))),
+        "lets_go": float(np.mean(column(lambda u, w: not w["holds"]))),
+    }
+    forces = np.array([way["force"] for way in ways if way["force"] is not None])
+    if len(forces):
+        figures |= {
+            "force_median_n": float(np.median(forces[:, 0])),
+            "force_p99_n": float(np.median(forces[:, 1])),
+            "force_peak_n": float(forces[:, 2].max()),
+            "slips": float(np.mean([way["slips"] for way in ways])),
+            "falls": float(np.mean([way["fell"] for way in ways])),
+        }
+    return figures
+
+
+def table_of(units: Sequence[Numbers], methods: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return one row per method: means and shares, as they are shown to people."""
+    rows = []
+    for method in methods:
+        found = figures_of(units, method)
+        rows.append(
+            (
+                method.replace("_", " "),
+                f"{found['mean_end']:.2f}",
+                f"{found['share_at_best']:.2f}",
+                f"{found['share_at_20s']:.2f}",
+                f"{found['mean_above_best']:.2f}",
+                f"{found['worse_than_still']:.2f}",
+                f"{found['worse_than_rule']:.2f}",
+                f"{found['gain_over_rule']:+.2f}",
+                f"{found['never_rests']:.2f}",
+                f"{found['first_rest_s']:.1f}",
+                f"{found['path_m']:.2f}",
+            )
+        )
+    return rows

@@ -1,0 +1,2 @@
+def write_people_page(*a):
+    raise SystemExit

@@ -1,0 +1,246 @@
+"""One person, one problem, one start: every way of moving the object, judged by the person's rests.
+
+A unit is drawn by its kind, its problem and its seed alone, and what comes out is plain numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ergoqp.costs.cost import Cost
+from ergoqp.costs.svr import Svr
+from ergoqp.datasets.postures import posture_data
+from ergoqp.placing.optimise import optimise
+from ergoqp.placing.optimum import Optimum
+from ergoqp.problem.problem import Problem
+from ergoqp.problem_files.load import load_problem
+from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
+from ergoqp.simulation.loop import Controller, Trace, power_above, run_loop
+from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.people.person import Holding, Person
+from ergoqp.simulation.people.way import pose_error
+from ergoqp.simulation.yardstick import Judge
+from ergoqp.step.stepper import Stepper
+
+METHODS = (
+    "",
+    "descent",
+    "still",
+    "rule",
+    "own_rule",
+    "open_loop",
+    "gradient",
+    "gradient_smooth",
+)
+"""Ways of moving the object; the first is ergoqp as it comes."""
+
+DURATION = 60.0
+"""Longest time of a loop [s]; it ends earlier once the object goes nowhere for `STILL` seconds."""
+STILL = 10.0
+_STAYS = (5e-3, np.radians(1.0))
+"""An object that stays this near to where it is goes nowhere [m], [rad]."""
+EARLY = 20.0
+"""When the score is looked at a first time [s]."""
+ABOVE = 2
+"""Starts at rest count from this many points above the best."""
+
+_TRIES = 40
+_RESTS = (1e-3, np.radians(0.2))
+"""An object slower than this is at rest [m/s], [rad/s], for a second."""
+_FILTER = 1.0
+"""Time over which the score on the way is the median [s]."""
+_SEARCH = {"mass": {"places": 10, "around": 0}}
+"""Smaller searches for people who take long to simulate."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one unit starts from.
+
+    Attributes:
+        problem: the task.
+        person: who follows.
+        start: the person at rest with the object at the start.
+        still: exact score there.
+        best: lowest exact score of places reached straight from there.
+        anywhere: lowest found for the person on ways from comfort.
+        seed: of the loops.
+    """
+
+    problem: Problem
+    person: Person
+    start: Holding
+    still: int
+    best: int
+    anywhere: int
+    seed: int
+
+
+def draw_unit(kind: str, name: str, seed: int) -> Unit | None:
+    """Return the unit of a kind, a problem and a seed; None: no start is bad enough."""
+    problem, judge = judged(name)
+    person = person_of_kind(kind, problem, seed)
+    rng = np.random.default_rng([seed, 41])
+    known = [rule_pose(problem, each) for each in (problem.response.body, person.body)]
+    known.append(model_optimum(name).pose)
+    search = _SEARCH.get(kind, {})
+    home = person.hold(person.comfort, seed=seed)
+    anywhere = judge.best(home, known, **{"places": 24, "around": 1, **search})[0].score or 15
+    for _ in range(_TRIES):
+        start = home.copy()
+        place = judge.workspace.pose(rng.uniform(-1.0, 1.0, 5))
+        if not start.carry(place) or problem.own_limits.broken(start.pose, start.posture):
+            continue
+        still = judge.score(start.posture)
+        if still < anywhere + ABOVE:
+            continue
+        best = judge.best(start, known, **search)[0].score or 15
+        if still >= best + ABOVE:
+            return Unit(problem, person, start, still, best, anywhere, seed)
+    return None
+
+
+def controller_of(unit: Unit, method: str) -> Controller:
+    """Return what moves the object."""
+    problem, start = unit.problem, unit.start
+    if method == "still":
+        return Still(problem)
+    if method not in ("rule", "own_rule", "open_loop"):
+        return _built(problem.name, method)
+    nominal = model_optimum(problem.name)
+    goals: dict[str, Callable[[], np.ndarray]] = {
+        "rule": lambda: rule_pose(problem, problem.response.body),
+        "own_rule": lambda: rule_pose(problem, unit.person.body),
+        "open_loop": lambda: nominal.pose,
+    }
+    # As far as the person comes along: nobody pulls the object out of a hand.
+    there = start.copy()
+    there.carry(goals[method]())
+    return Drive(problem, start.pose, there.pose)
+
+
+@cache
+def _built(name: str, method: str) -> Controller:
+    """Return what takes long to build: once per process."""
+    problem, _ = judged(name)
+    if method == "gradient":
+        return Gradient(problem, svr())
+    if method == "gradient_smooth":
+        return Gradient(problem, problem.cost)
+    return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
+
+
+@cache
+def judged(name: str) -> tuple[Problem, Judge]:
+    """Return a problem and who scores its places: once per process."""
+    problem = load_problem(name)
+    return problem, Judge(problem)
+
+
+def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
+    """Return the numbers of a unit: of its start, and of every method from there."""
+    unit = draw_unit(kind, name, seed)
+    found: dict[str, Any] = {"kind": kind, "problem": name, "seed": seed, "drawn": unit is not None}
+    if unit is None:
+        return found
+    found |= {
+        "stature": unit.person.body.stature,
+        "still": unit.still,
+        "best": unit.best,
+        "anywhere": unit.anywhere,
+    }
+    return found | {"ways": {method or "ergoqp": way_of(unit, method) for method in methods}}
+
+
+def way_of(unit: Unit, method: str) -> dict[str, Any]:
+    """Return the numbers of one method."""
+    person, watch = unit.start.copy(), _Watch(unit.start.pose)
+    trace = run_loop(
+        unit.problem,
+        person,
+        duration=DURATION,
+        seed=unit.seed,
+        controller=controller_of(unit, method),
+        beside=watch,
+    )
+    end, holds = rest_score(unit.problem, person)
+    return {
+        "end": end,
+        "early": end if watch.early is None else rest_score(unit.problem, watch.early)[0],
+        "holds": holds,
+        **_of_trace(unit, trace),
+    }
+
+
+class _Watch:
+    """Keeps the person as they are after `EARLY`, and ends a loop that goes nowhere any more."""
+
+    def __init__(self, pose: np.ndarray) -> None:
+        self.early: Holding | None = None
+        self._stays, self._since = pose, 0.0
+
+    def __call__(self, now: float, person: Holding) -> bool:
+        if self.early is None and now >= EARLY:
+            self.early = person.copy()
+        moved = pose_error(self._stays, person.pose)
+        if np.linalg.norm(moved[:3]) > _STAYS[0] or np.linalg.norm(moved[3:]) > _STAYS[1]:
+            self._stays, self._since = person.pose, now
+        return now - self._since >= STILL
+
+
+def rest_score(problem: Problem, person: Holding) -> tuple[int, bool]:
+    """Return the exact score of the person's rest where the object is, and whether it is reached.
+
+    Out of reach it is that of the posture itself.
+    """
+    rest = person.copy()
+    reached = rest.rest(person.pose)
+    posture = rest.posture if reached else person.posture
+    return int(problem.assess(posture).final[0]), reached
+
+
+def _of_trace(unit: Unit, trace: Trace) -> dict[str, Any]:
+    problem, dt = unit.problem, unit.problem.dt
+    twists = np.array(trace.twists)
+    linear, angular = (np.linalg.norm(part, axis=1) for part in (twists[:, :3], twists[:, 3:]))
+    rests = (linear < _RESTS[0]) & (angular < _RESTS[1])
+    second = round(1.0 / dt)
+    windows = np.convolve(rests, np.ones(second), "valid") > second - 0.5
+    every = max(1, round(0.05 / dt))
+    scores = problem.assess(np.array(trace.postures[::every])).final
+    window = max(1, round(_FILTER / (every * dt)))
+    views = np.lib.stride_tricks.sliding_window_view(scores, min(window, len(scores)))
+    forces = np.linalg.norm(np.array(trace.forces)[:, :3], axis=1)
+    forces = forces[np.isfinite(forces)]
+    return {
+        "first_rest": float(np.argmax(windows)) * dt if windows.any() else None,
+        "rests": bool(rests[-3 * second :].all()),
+        "peak": float(np.median(views, axis=1).max()),
+        "path": float(linear.sum() * dt),
+        "power": power_above(twists, dt, problem.twist_limit.speed),
+        "force": None
+        if not forces.size
+        else [float(np.median(forces)), float(np.percentile(forces, 99)), float(forces.max())],
+        "slips": trace.slips[-1],
+        "fell": trace.fell is not None,
+        "unbalanced": float(np.mean(trace.unbalanced)),
+        "seconds": len(twists) * dt,
+    }
+
+
+@cache
+def model_optimum(name: str) -> Optimum:
+    """Return the best place for the controller's own model of the person: once per process."""
+    problem, _ = judged(name)
+    return optimise(problem, problem.response.comfort)
+
+
+@cache
+def svr() -> Cost:
+    """Return the report's surrogate, fitted as well as it can be: once per process."""
+    return Svr.fit(posture_data(150))
