@@ -7,7 +7,8 @@ it is beaten; ``beats_best``: share in which it is. ``worse_than_start``, ``wors
 alone, than by the rule of thumb; ``gain_over_rule``: points below that. ``never_rests``: share in
 which the object moved in the last 3 s; ``first_rest_s``: median time until it stood still for a
 second, 60 where never. ``peak_above_start``: share in which the score on the way, a median over
-1 s, was more than a point above the higher of start and still. ``path_m``: median way of the object.
+1 s, was more than a point above the higher of start and still. ``path_m``: median way of the
+object.
 ``power_above_3hz``: share of the twist's power there. ``lets_go``: share that ends out of reach.
 ``force_median_n``, ``force_p99_n``, ``force_peak_n`` (the largest of all), ``slips`` (per run),
 ``falls`` (share): of people with mass.

@@ -1,2 +1,171 @@
-def write_people_page(*a):
-    raise SystemExit
+"""The page of `benchmarks.people`: who is helped by what, and the worst ten runs as replays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.people_figures import Numbers, figures_of, table_of
+from benchmarks.people_unit import draw_unit, model_optimum
+from ergoqp.report.charts import svg
+from ergoqp.report.charts.frame import WIDTH, time_axis
+from ergoqp.report.charts.scales import Scale
+from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
+from ergoqp.report.run_page import write_run_page
+from ergoqp.simulation.simulate import simulate
+
+WORST = 10
+HEAD = (
+    "way",
+    "REBA at the end",
+    "share at best",
+    "at 20 s",
+    "above best",
+    "worse than still",
+    "worse than rule",
+    "gain over rule",
+    "never rests",
+    "first rest, s",
+    "path, m",
+)
+_DOTS = (("still", "missed"), ("rule", "level2"), ("ergoqp", "spot"), ("best", "hollow"))
+
+
+def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Path) -> Path:
+    """Write ``report.html`` and the replays into a folder, and return its path."""
+    drawn = [unit for unit in found if unit["drawn"]]
+    kinds, problems = (list(dict.fromkeys(unit[what] for unit in drawn)) for what in _GROUPS)
+    of = {way: figures_of(drawn, way) for way in ways}
+    best = float(np.mean([unit["best"] for unit in drawn]))
+    means = [
+        ("left alone", of["still"]["mean_end"]),
+        ("rule of thumb", of["rule"]["mean_end"]),
+        ("ergoqp", of["ergoqp"]["mean_end"]),
+        ("best", best),
+    ]
+    page = Page(
+        title="People of other kinds",
+        subtitle=f"Mean REBA at rest over {len(drawn)} starts, each with a person of its own.",
+        headlines=[Headline(name, f"{value:.2f}", -1, "points") for name, value in means],
+        change="",
+        facts=[("kinds", ", ".join(kinds)), ("problems", ", ".join(problems))],
+        replay="",
+        replay_note="",
+        figures=[],
+        sections=[
+            Section(
+                "Every way of moving the object",
+                "ergoqp is guided by the optimum of its own model of the person; descent is the"
+                " same without. The rules put the object at elbow height, 0.40 m ahead, level.",
+                tables=[_table(HEAD, table_of(drawn, ways))],
+            ),
+            Section(
+                "Per kind of person and per problem",
+                "Mean REBA at rest: left alone, by the rule, by ergoqp, and the best that there"
+                " is for these people on straight ways from their starts.",
+                pictures=[Picture(means_chart(drawn))],
+                tables=[_matrix(drawn, kinds, problems)],
+            ),
+            _worst(drawn, folder),
+        ],
+    )
+    path = folder / "report.html"
+    write_page(page, path)
+    return path
+
+
+_GROUPS = ("kind", "problem")
+
+
+def means_chart(drawn: Sequence[Numbers]) -> str:
+    """Return the mean ends of every kind and problem as dots on a line each."""
+    rows = [
+        (what, name, [unit for unit in drawn if unit[what] == name])
+        for what in _GROUPS
+        for name in dict.fromkeys(unit[what] for unit in drawn)
+    ]
+    left, top, high = 110.0, 34.0, 26.0
+    bottom = top + high * len(rows)
+    scale = Scale(1.0, 8.0, left, WIDTH - 20)
+    drawing = time_axis(scale, top - 8, bottom, "mean REBA at rest, points")
+    for number, (name, style) in enumerate(_DOTS):
+        x = left + 120 * number
+        drawing += [
+            svg.element("circle", cx=x, cy=12, r=5, class_=style),
+            svg.text(name.replace("still", "left alone"), x + 12, 16, class_="label"),
+        ]
+    for number, (_, name, units) in enumerate(rows):
+        y = top + high * (number + 0.5)
+        means = [float(np.mean([_mean_of(unit, way) for unit in units])) for way, _ in _DOTS]
+        ends = scale.at(min(means)), scale.at(max(means))
+        drawing += [
+            svg.text(name, left - 14, y + 4, class_="strong end"),
+            svg.element("line", x1=ends[0], x2=ends[1], y1=y, y2=y, class_="link"),
+        ]
+        for mean, (_, style) in zip(means, _DOTS, strict=True):
+            drawing.append(svg.element("circle", cx=scale.at(mean), cy=y, r=5.5, class_=style))
+    said = "Mean REBA at rest per kind of person and per problem."
+    return svg.picture(drawing, WIDTH, bottom + 42, said, said)
+
+
+def _mean_of(unit: Numbers, way: str) -> float:
+    return float(unit["best"] if way == "best" else unit["ways"][way]["end"])
+
+
+def _matrix(drawn: Sequence[Numbers], kinds: Sequence[str], problems: Sequence[str]) -> PageTable:
+    """Return the table of the chart: still / rule / ergoqp / best, per kind and problem."""
+
+    def cell(kind: str, problem: str | None) -> str:
+        units = [u for u in drawn if u["kind"] == kind and problem in (u["problem"], None)]
+        if not units:
+            return "–"
+        ways = ("still", "rule", "ergoqp", "best")
+        return " / ".join(f"{np.mean([_mean_of(unit, way) for unit in units]):.1f}" for way in ways)
+
+    rows = [(kind, *(cell(kind, name) for name in (*problems, None))) for kind in kinds]
+    return _table(("kind", *problems, "all"), rows)
+
+
+def _table(head: Sequence[str], rows: Sequence[tuple[str, ...]]) -> PageTable:
+    return PageTable(head, rows, numeric=tuple(range(1, len(head))))
+
+
+def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
+    """Write the replays of the worst runs, and return the section that links to them."""
+
+    def badness(unit: Numbers) -> tuple[int, int, float]:
+        way = unit["ways"]["ergoqp"]
+        rule = unit["ways"]["rule"]["end"]
+        return way["end"] - unit["best"], way["end"] - rule, way["peak"] - unit["still"]
+
+    links: list[tuple[str, str]] = []
+    for number, unit in enumerate(sorted(drawn, key=badness, reverse=True)[:WORST], start=1):
+        name = f"worst_{number:02d}_{unit['kind']}_{unit['problem']}_{unit['seed']}"
+        _write_replay(unit, folder / f"{name}.html")
+        ways = unit["ways"]
+        links.append(
+            (
+                f"{name}.html",
+                f"{unit['kind']} in {unit['problem']}, seed {unit['seed']}: {unit['still']} to"
+                f" {ways['ergoqp']['end']}; by the rule {ways['rule']['end']}, best {unit['best']}",
+            )
+        )
+    return Section(
+        f"The worst {len(links)} runs",
+        "By how far ergoqp ends above the best, then above the rule, then how high it gets.",
+        links=links,
+    )
+
+
+def _write_replay(numbers: dict[str, Any], path: Path) -> None:
+    """Run a unit's loop again, with everything that a report shows."""
+    unit = draw_unit(numbers["kind"], numbers["problem"], numbers["seed"])
+    if unit is None:
+        raise RuntimeError(f"{path.name}: the start that was drawn before is not drawn again")
+    seconds = numbers["ways"]["ergoqp"]["seconds"]
+    guide = model_optimum(numbers["problem"])
+    run = simulate(unit.problem, unit.start, seconds, unit.seed, guide=guide)
+    write_run_page(run, path)

@@ -30,6 +30,7 @@ Examples:
   ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
   ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
   ergoqp run overhead --guide best                   drawn to the best place, past a worse one
+  ergoqp run screwing --follower looking             who keeps the eyes on the work
   ergoqp run screwing --robot lag=0.1                with a robot that lags, undeclared
   ergoqp run screwing --bias-deg right_knee_flexion=-4   with a knee that reads wrong
 """
@@ -99,11 +100,20 @@ def _run(
             help="Angles that the sensors read wrong all the time [none].",
         ),
     ] = None,
+    follower: Annotated[
+        str,
+        typer.Option(
+            "--follower",
+            metavar="KIND",
+            help="Who follows: alike (as the controller's model), follower, dead_zone, stubborn,"
+            " stepping, pushed, looking, trembling or mass.",
+        ),
+    ] = "alike",
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.run import Simulated, run
 
-    simulated = Simulated(robot, bias_deg)
+    simulated = Simulated(robot, bias_deg, follower)
     run(
         problem,
         recording,

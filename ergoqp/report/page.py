@@ -72,6 +72,7 @@ class Section:
         sentences: as a list, at the end.
         columns: pictures side by side instead.
         chips: what colours mean: class and words, above the pictures.
+        links: pages beside this one, as a list: file name and words.
     """
 
     title: str
@@ -81,6 +82,7 @@ class Section:
     sentences: Sequence[str] = ()
     columns: bool = False
     chips: Sequence[tuple[str, str]] = ()
+    links: Sequence[tuple[str, str]] = ()
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,8 @@ def write_run_page(run: Run, path: Path) -> None:
         scores.segments,
         run.poses,
         seated,
+        held=True,
+        forces=run.forces if np.isfinite(run.forces).any() else None,
     )
     timing = timing_of(run.time)
     page = Page(

@@ -1,7 +1,7 @@
 """What a controller is to be compared with: simple ways to move the object, with the same limits.
 
 Leaving it alone, carrying it where a rule of thumb says, carrying it to the model's best place, and
-the gradient of the EPFL report. All of them keep the twist's speed, acceleration, axes and jerk, the
+the gradient of the EPFL report. All of them keep the twist's speed, acceleration and axes, the
 workspace and the cone of the tool's axis.
 """
 
@@ -26,7 +26,7 @@ AHEAD = 0.40
 """How far before the shoulder the rule of thumb wants the object [m]."""
 
 GRADIENT_GAIN = 0.01
-"""The factor epsilon of equation 3.2 of the EPFL report, which does not state it [m^2/s per point]."""
+"""The factor epsilon of the EPFL report's equation 3.2, which it leaves open [m^2/s per point]."""
 
 
 class Sent(Step):
@@ -128,9 +128,7 @@ class Gradient:
         q = ca.MX.sym("q", len(problem.coordinates))
         value = cost.expression(q)
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
-        self._evaluator = Evaluator(
-            ca.Function("gradient", [q], [down.T, value], ["q"], ["g", "v"])
-        )
+        self._evaluator = Evaluator(ca.Function("down", [q], [down.T, value], ["q"], ["g", "v"]))
         self._twist = np.zeros(6)
 
     def reset(self) -> None:
@@ -177,7 +175,7 @@ class Gradient:
 
 
 def rule_pose(problem: Problem, body: Body) -> np.ndarray:
-    """Return the pose of the rule of thumb (4, 4): elbow height, `AHEAD` before the shoulder, level.
+    """Return the pose of the rule of thumb (4, 4): elbow height, `AHEAD` of the shoulder, level.
 
     Before the shoulder of the hand that works, or in the middle for both; within the workspace.
 

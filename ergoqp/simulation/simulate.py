@@ -22,7 +22,7 @@ from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture
 from ergoqp.simulation.loop import outside_of_range, run_loop, settle_time
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import KINDS, person_of_kind
-from ergoqp.simulation.people.person import Person
+from ergoqp.simulation.people.person import Holding, Person
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
@@ -37,7 +37,7 @@ Progress = Callable[[float], None]
 
 def simulate(
     problem: Problem,
-    posture: ArrayLike,
+    posture: ArrayLike | Holding,
     duration: float = 20.0,
     seed: int = 0,
     *,
@@ -56,7 +56,8 @@ def simulate(
 
     Args:
         problem: the task; its response must be an `IkResponse`.
-        posture: in which the person starts, holding the object (32,) [rad].
+        posture: in which the person starts, holding the object (32,) [rad]; or a person who holds
+            it already, who is left as they are.
         duration: of the loop [s].
         seed: of the person, of noise and of lost frames.
         person: who follows, or their body; None: drawn with the seed.
@@ -100,11 +101,15 @@ def simulate(
             f"problem {problem.name}: got a response of type {type(model).__name__}, allowed"
             " IkResponse"
         )
-    start_posture, beyond = read_posture(posture)
     seen = read_observed(observed)
-    who = person if isinstance(person, Person) else person_of_kind(follower, problem, seed, person)
-    senses = senses or who.senses
-    start = who.hold(start_posture, senses, seed)
+    if isinstance(posture, Holding):
+        start, beyond = posture.copy(), []
+    else:
+        start_posture, beyond = read_posture(posture)
+        if not isinstance(person, Person):
+            person = person_of_kind(follower, problem, seed, person)
+        start = person.hold(start_posture, senses, seed)
+    who = start.person
     unmoved = start.copy()
     unmoved.rest(unmoved.pose)
     checker = _Watched(problem, progress, round(duration / problem.dt))
@@ -161,7 +166,7 @@ def simulate(
         assumptions=[
             *assumptions,
             *beyond,
-            *about_person(model, who, senses, unobserved, place),
+            *about_person(model, who, start.senses, unobserved, place),
             *about_robot(problem, robot),
         ],
         recording=None if recording is None else str(recording),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.inputs import check_numbers
-from ergoqp.simulation.people.alike import sample_person
+from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
@@ -48,24 +48,34 @@ class Simulated:
 
     Attributes:
         robot: ``NAME=VALUE,...`` of `ergoqp.simulation.robot.RobotKind`; None: as declared.
-        bias_deg: ``JOINT=DEG,...``; None: no joint reads wrong all the time.
+        bias_deg: ``JOINT=DEG,...``; None: as the person's sensors are.
+        follower: kind of the person who follows.
     """
 
     robot: str | None = None
     bias_deg: str | None = None
+    follower: str = "alike"
 
-    def terms(self) -> dict[str, Any]:
-        """Return the arguments of `simulate`.
+    def check(self) -> None:
+        """Check what was given, before anything is computed.
 
         Raises:
             InputError: for what is none of the names, or no number.
         """
+        self.terms(Senses())
+        if self.follower not in KINDS:
+            raise InputError(
+                f"--follower: got {self.follower!r}, allowed one of {', '.join(KINDS)}"
+            )
+
+    def terms(self, senses: Senses) -> dict[str, Any]:
+        """Return the arguments of `simulate` for a person who is seen with such senses."""
         terms: dict[str, Any] = {}
         if self.robot is not None:
             names = [entry.name for entry in fields(RobotKind)]
             terms["robot"] = RobotKind(**_pairs("--robot", self.robot, names))
         if self.bias_deg is not None:
-            terms["senses"] = Senses(bias_deg=_pairs("--bias-deg", self.bias_deg, JOINTS))
+            terms["senses"] = replace(senses, bias_deg=_pairs("--bias-deg", self.bias_deg, JOINTS))
         return terms
 
 
@@ -103,7 +113,8 @@ def run(
         ErgoqpError: if what the user gave cannot be used.
     """
     problem = load_person_problem(problem_name)
-    how = (simulated or Simulated()).terms()
+    how = simulated or Simulated()
+    how.check()
     check_numbers(problem, duration, seed)
     screen = console()
     if recording_path is None:
@@ -145,11 +156,11 @@ def _from_awkward_place(
     duration: float,
     options: RecordingOptions,
     place: Guide | None,
-    how: dict[str, Any],
+    how: Simulated,
 ) -> Run:
     body = None if options.person_value is None else given_person(options.person_value)
     with working("looking for an awkward place"):
-        person = sample_person(problem, seed, body)
+        person = person_of_kind(how.follower, problem, seed, body)
         posture = awkward_start(problem, person, seed)
     screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
     note = (
@@ -166,7 +177,7 @@ def _from_awkward_place(
             assumptions=[note],
             progress=done,
             guide=place,
-            **how,
+            **how.terms(person.senses),
         )
 
 
@@ -180,9 +191,10 @@ def _from_recording(
     seed: int,
     duration: float,
     place: Guide | None,
-    how: dict[str, Any],
+    how: Simulated,
 ) -> Run:
     posture, time = recording.postures[frame], float(recording.time[frame])
+    person = person_of_kind(how.follower, problem, seed, recording.person)
     which = "the worst-scored frame" if is_worst else "frame"
     count = len(recording.time)
     screen.print(
@@ -208,14 +220,14 @@ def _from_recording(
             posture,
             duration,
             seed,
-            person=recording.person,
+            person=person,
             observed=recording.observed[frame],
             recording=name,
             start_time=time,
             assumptions=notes,
             progress=done,
             guide=place,
-            **how,
+            **how.terms(person.senses),
         )
 
 

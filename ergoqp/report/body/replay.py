@@ -32,6 +32,8 @@ class Movement:
         object_poses: contact frame of the held object in the world, shape (n, 4, 4), None without
             an object.
         seated: the person sits, so that a seat is drawn.
+        held: a robot holds the object, so that one is drawn.
+        forces: of the object on the hands, world-aligned, shape (n, 3) or more [N]; None: unknown.
     """
 
     body: Body
@@ -42,6 +44,8 @@ class Movement:
     segments: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     object_poses: NDArray[np.float64] | None = None
     seated: bool = False
+    held: bool = False
+    forces: NDArray[np.float64] | None = None
 
     def at(self, samples: NDArray[np.int64]) -> Movement:
         """Return some samples; a missing posture or pose is held from the last one before it.
@@ -61,6 +65,8 @@ class Movement:
             segments={name: scores[samples] for name, scores in self.segments.items()},
             object_poses=objects,
             seated=self.seated,
+            held=self.held,
+            forces=None if self.forces is None else np.nan_to_num(self.forces[samples]),
         )
 
 

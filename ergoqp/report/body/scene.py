@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ergoqp.errors import MissingExtraError
 from ergoqp.expressions.quaternions import quaternion_of
 from ergoqp.report import palette
+from ergoqp.report.body.coarse import coarse
+from ergoqp.report.body.holder import Holder
 from ergoqp.report.body.meshes import body_mesh
 from ergoqp.report.body.person import Part, Placement, parts_of, place
 from ergoqp.report.body.replay import Movement, Timing
@@ -24,6 +26,8 @@ _OBJECT_COLOUR: Final = (70, 84, 105)
 _SEAT_HEIGHT: Final = 0.05  # of the cushion [m]
 _SEAT_COLOUR: Final = (176, 184, 193)
 _PATH_COLOUR: Final = (70, 84, 105)
+_FORCE_COLOUR: Final = (194, 65, 12)
+_FORCE: Final = 0.004  # length of a force in the scene [m/N]
 _LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
 
 
@@ -59,9 +63,17 @@ def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> st
     placement = place(movement.body, movement.postures, movement.base_poses)
     floor = _floor(movement, placement)
     _set_stage(server, movement, floor)
-    actors = [_Person(server, movement, placement), _Words(server, movement, placement, floor)]
+    actors: list[Any] = [
+        _Person(server, movement, placement),
+        _Words(server, movement, placement, floor),
+    ]
     if movement.object_poses is not None:
         actors.append(_Object(server, movement.object_poses))
+        if movement.held:
+            person = movement.base_poses[:, :2, 3].mean(axis=0)
+            actors.append(Holder(server, movement.object_poses, person, floor))
+        if movement.forces is not None:
+            actors.append(_Force(server, movement.object_poses, movement.forces))
     for actor in actors:
         actor.show(0)
     recording = server.get_scene_serializer()
@@ -163,8 +175,8 @@ class _Person:
     def show(self, frame: int) -> None:
         """Move the body to a frame and colour what changed."""
         for i, handle in enumerate(self._frames):
-            handle.position = _coarse(self._placement.positions[frame, i])
-            handle.wxyz = _coarse(self._placement.quaternions[frame, i])
+            handle.position = coarse(self._placement.positions[frame, i])
+            handle.wxyz = coarse(self._placement.quaternions[frame, i])
         for i, (segment, mesh, before) in enumerate(self._meshes):
             level = self._level(segment, frame)
             if level != before:
@@ -196,8 +208,8 @@ class _Words:
         """Say the score and the time of a frame."""
         head, _ = self._placement.of("head")
         pelvis = self._movement.base_poses[frame]
-        self._score.position = _coarse(head[frame] + np.array([0, 0, self._top]))
-        self._time.position = _coarse([*(pelvis[:2, 3] - 0.55 * pelvis[:2, 1]), self._floor + 0.02])
+        self._score.position = coarse(head[frame] + np.array([0, 0, self._top]))
+        self._time.position = coarse([*(pelvis[:2, 3] - 0.55 * pelvis[:2, 1]), self._floor + 0.02])
         for label, text in ((self._score, _score_text), (self._time, _time_text)):
             words = text(self._movement, frame)
             if label.text != words:
@@ -243,10 +255,27 @@ class _Object:
 
     def show(self, frame: int) -> None:
         """Move the object to a frame."""
-        self._frame.position = _coarse(self._poses[frame, :3, 3])
-        self._frame.wxyz = _coarse(self._quaternions[frame])
+        self._frame.position = coarse(self._poses[frame, :3, 3])
+        self._frame.wxyz = coarse(self._quaternions[frame])
 
 
-def _coarse(values: Any) -> NDArray[np.float64]:
-    """Round to 1/8192 (0.1 mm): the scene is half as large, and nobody sees the rest."""
-    return np.round(np.asarray(values, dtype=float) * 8192) / 8192
+class _Force:
+    """What the object presses on the hands with, as an arrow at the contact."""
+
+    def __init__(
+        self, server: viser.ViserServer, poses: NDArray[np.float64], forces: NDArray[np.float64]
+    ) -> None:
+        begins = poses[:, :3, 3]
+        self._points = coarse(np.stack([begins, begins + _FORCE * forces[:, :3]], axis=1))
+        self._arrow = server.scene.add_arrows(
+            "/force",
+            self._points[:1],
+            colors=_FORCE_COLOUR,
+            shaft_radius=0.006,
+            head_radius=0.016,
+            head_length=0.035,
+        )
+
+    def show(self, frame: int) -> None:
+        """Draw the force of a frame."""
+        self._arrow.points = self._points[frame : frame + 1].astype(np.float32)

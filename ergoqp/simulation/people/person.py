@@ -19,6 +19,7 @@ class Holding(ABC):
     """A person with the object in hand, from moment to moment.
 
     Attributes:
+        person: who.
         posture: the person's true posture now (32,) [rad].
         pose: the object's true contact frame in the world (4, 4) [m].
         gap: largest distance of a hand from where it holds the object [m].
@@ -31,6 +32,7 @@ class Holding(ABC):
         slid: how far a sole has been from where it was put, at most [m].
     """
 
+    person: Person
     posture: np.ndarray
     pose: np.ndarray
     senses: Senses

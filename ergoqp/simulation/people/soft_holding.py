@@ -149,9 +149,11 @@ class SoftHolding(Holding):
 
     def _waited_for(self, pose: np.ndarray) -> bool:
         """Wait with the object at `pose`; return whether the hands come there."""
-        return any(
-            self.advance(pose, CARRIED) < np.inf and self.gap < REACHED for _ in range(_WAITS)
-        )
+        for _ in range(_WAITS):
+            self.advance(pose, CARRIED)
+            if self.gap < REACHED:
+                return True
+        return False
 
     def copy(self) -> Self:
         """Return another who goes on from the same moment."""
@@ -222,7 +224,7 @@ class SoftHolding(Holding):
         return float(np.abs(step).max())
 
     def _within_ranges(self, hessian: np.ndarray, pull: np.ndarray) -> np.ndarray:
-        """Return the step that the free entries take while others stop at the end of their range."""
+        """Return the step of the free entries while others stop at the end of their range."""
         tasks, moves = self.person.tasks, self.mobile()
         room = tasks.lower - self.placement, tasks.upper - self.placement
         step = np.zeros(len(pull))
