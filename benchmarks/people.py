@@ -46,6 +46,7 @@ from rich.progress import Progress
 from threadpoolctl import threadpool_limits
 
 from benchmarks.people_figures import SHORT, figures_of
+from benchmarks.people_kinds import print_difference
 from benchmarks.people_unit import METHODS, run_unit, svr
 from benchmarks.report import Report, run
 from ergoqp.files.whole import write_json
@@ -125,6 +126,8 @@ def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
     for name, units in groups.items():
         if not units:
             continue
+        if name:
+            print_kind(report, name, units)
         columns = {way: figures_of(units, way) for way in _WAYS}
         for figure in columns["ergoqp"]:
             if name and figure not in SHORT:
@@ -132,6 +135,20 @@ def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
             for way, values in columns.items():
                 parts = (name, figure, "" if way == "ergoqp" else way)
                 report.figure(".".join(filter(None, parts)), values[figure])
+
+
+def print_kind(report: Report, name: str, units: Sequence[dict[str, Any]]) -> None:
+    """Print whether these people do what a body does, and whether ways matter."""
+    stills = [unit["ways"]["still"] for unit in units]
+    rests = [way["from_rest_deg"] < 2.0 and way["holds"] for way in stills]
+    report.figure(f"{name}.follows_still", sum(rests) / len(rests), "share at rest in the end")
+    every = [way for unit in units for way in unit["ways"].values()]
+    report.figure(f"{name}.sole_mm", max(way["slid_mm"] for way in every), "at most")
+    held = [way["hand_mm"] for way in every if way["holds"]]
+    report.figure(f"{name}.hand_mm", max(held, default=0.0), "at rest, at most")
+    differ, count = (sum(unit["routes"][i] for unit in units) for i in range(2))
+    if count:
+        report.figure(f"{name}.route_matters", differ / count, "share of places")
 
 
 def measure(report: Report, options: argparse.Namespace) -> None:
@@ -151,6 +168,7 @@ def measure(report: Report, options: argparse.Namespace) -> None:
     begin = time.perf_counter()
     found = finished(units, options.out / digest(), report)
     report.figure("seconds", time.perf_counter() - begin, "for the units that were not kept")
+    print_difference(report, kinds, problems if report.full else problems[:1])
     print_figures(report, found)
     if options.page or report.full:
         path = write_people_page(found, _WAYS, options.out)

@@ -55,6 +55,7 @@ _RESTS = (1e-3, np.radians(0.2))
 _FILTER = 1.0
 """Time over which the score on the way is the median [s]."""
 _SEARCH = {"mass": {"places": 10, "around": 0}}
+_ROUTES = {"mass": 1}
 """Smaller searches for people who take long to simulate."""
 
 
@@ -154,7 +155,27 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
         "best": unit.best,
         "anywhere": unit.anywhere,
     }
+    found["routes"] = routes_of(unit)
     return found | {"ways": {method or "ergoqp": way_of(unit, method) for method in methods}}
+
+
+def routes_of(unit: Unit) -> list[int]:
+    """Return how many places score otherwise on a detour than straight from the start, of how many.
+
+    Only places count that both ways reach.
+    """
+    judge, rng = judged(unit.problem.name)[1], np.random.default_rng([unit.seed, 42])
+    differ = count = 0
+    for _ in range(_ROUTES.get(unit.person.kind, 4)):
+        place, by = (judge.workspace.pose(rng.uniform(-1.0, 1.0, 5)) for _ in range(2))
+        detour = unit.start.copy()
+        scores = (judge.carried(unit.start, place).score, 0)
+        if detour.carry(by):
+            scores = (scores[0], judge.carried(detour, place).score)
+        if all(scores):
+            count += 1
+            differ += scores[0] != scores[1]
+    return [differ, count]
 
 
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
@@ -174,6 +195,23 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
         "early": end if watch.early is None else rest_score(unit.problem, watch.early)[0],
         "holds": holds,
         **_of_trace(unit, trace),
+        **_at_rest(trace, person),
+    }
+
+
+def _at_rest(trace: Trace, person: Holding) -> dict[str, float]:
+    """Return how near the person came to their rest in the last 5 s, and what slid or was missed.
+
+    A push now and then is no lack of rest, so the nearest moment counts.
+    """
+    rest = person.copy()
+    rest.rest(person.pose)
+    last = np.array(trace.postures)[-round(5.0 / (trace.time[1] - trace.time[0])) :]
+    apart = np.sqrt(np.mean((last - rest.posture) ** 2, axis=1))
+    return {
+        "from_rest_deg": float(np.degrees(apart.min())),
+        "slid_mm": 1e3 * person.slid,
+        "hand_mm": 1e3 * rest.gap,
     }
 
 

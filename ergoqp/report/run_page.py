@@ -136,9 +136,24 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
         ("rest", facts.settling),
         ("limits broken", "none" if not broken else f"{broken} times, see the limits"),
         ("duration of a step", f"median {facts.step_us[0]:.3g} µs"),
-        ("stature", f"{run.body.stature:.2f} m"),
+        ("person", f"{run.follower.replace('_', ' ')}, {run.body.stature:.2f} m"),
         ("seed", str(run.seed)),
         *let_go,
+        *_felt(run),
+    ]
+
+
+def _felt(run: Run) -> list[tuple[str, str]]:
+    """What a person with mass felt and did."""
+    forces = np.linalg.norm(run.forces[:, :3], axis=1)
+    forces = forces[np.isfinite(forces)]
+    if not forces.size:
+        return []
+    fell = "no" if run.fell is None else f"at {run.fell:.1f} s"
+    return [
+        ("force on the hands", f"median {np.median(forces):.0f} N, at most {forces.max():.0f} N"),
+        ("slips of a hand", str(run.slips)),
+        ("fell", fell),
     ]
 
 

@@ -33,7 +33,7 @@ def about_person(
     own = person.body
     sentences = [
         (
-            f"The person is simulated: {own.stature:.2f} m tall, with joint weights, delay"
+            f"The person is simulated: {own.stature:.2f} m tall, {person.manner}, with a delay"
             f" ({1e3 * senses.delay:.0f} ms) and measurement noise ({senses.noise_deg:g} deg white,"
             f" {senses.drift_deg:g} deg drift, {100 * senses.lost:g} % of the frames lost) that the"
             " controller does not know."

@@ -164,6 +164,11 @@ def summary_of_run(run: Run) -> dict[str, Any]:
         "units": dict(run.units),
         "person_outside": dict(run.person_outside),
         "person": run.body.as_dict(),
+        "follower": run.follower,
+        "hand_force_n": _forces(run.forces),
+        "slips": run.slips,
+        "fell_s": _seconds(run.fell),
+        "unbalanced_share": run.unbalanced,
         "unobserved": list(run.unobserved),
         "options": dict(run.options),
         "assumptions": list(run.assumptions),
@@ -180,6 +185,7 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
         "time": run.time,
         "postures": run.postures,
         "base_poses": run.base_poses,
+        "forces": run.forces,
         "poses": run.poses,
         "twists": run.twists,
         "reba": run.reba,
@@ -192,6 +198,19 @@ def arrays_of(run: Run) -> dict[str, np.ndarray]:
         ),
         "active_names": np.array(names, dtype=np.str_),
         "joints": np.array(JOINTS, dtype=np.str_),
+    }
+
+
+def _forces(wrenches: np.ndarray) -> dict[str, float] | None:
+    """Return how hard the hands are pressed, None for people without mass."""
+    forces = np.linalg.norm(wrenches[:, :3], axis=1)
+    forces = forces[np.isfinite(forces)]
+    if not forces.size:
+        return None
+    return {
+        "median": float(np.median(forces)),
+        "p99": float(np.percentile(forces, 99)),
+        "peak": float(forces.max()),
     }
 
 

@@ -47,6 +47,11 @@ KEYS = {
     "person_outside",
     "person",
     "unobserved",
+    "follower",
+    "hand_force_n",
+    "slips",
+    "fell_s",
+    "unbalanced_share",
     "options",
     "assumptions",
 }

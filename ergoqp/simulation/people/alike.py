@@ -57,6 +57,7 @@ class Alike(Person):
 
     response: IkResponse
     kind: ClassVar[str] = "alike"
+    manner: ClassVar[str] = "built like the controller's model with other joint weights"
 
     @property
     def body(self) -> Body:

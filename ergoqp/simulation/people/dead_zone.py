@@ -26,6 +26,9 @@ _SETTLED: Final = 0.005
 """The body stays as it is again once no joint is faster [rad/s]."""
 
 
+_MISSES: Final = 5
+
+
 class DeadZoneHolding(SoftHolding):
     """A person whose trunk and legs stay until the object is far from where they came to rest."""
 
@@ -34,7 +37,7 @@ class DeadZoneHolding(SoftHolding):
     ) -> None:
         """Hold the object, the body at rest."""
         super().__init__(person, posture, senses, seed)
-        self._settled_at, self._awake = self.pose, False
+        self._settled_at, self._awake, self._missed = self.pose, False, 0
         arms = [number < 20 and joint.startswith(person.work.hands) for number, joint in _NUMBERED]
         self._arms = np.concatenate([np.zeros(BASE, dtype=bool), arms])
 
@@ -46,8 +49,9 @@ class DeadZoneHolding(SoftHolding):
         """Take one step; wake up for an object far from where the body last came to rest."""
         error = pose_error(self._settled_at, target)
         far = np.linalg.norm(error[:3]) > SHIFT or np.linalg.norm(error[3:]) > TURN
-        # What the arm alone does not reach moves the body too.
-        self._awake = bool(self._awake or far or self.gap > REACHED)
+        # What the arm alone does not reach in a few steps moves the body too.
+        self._missed = self._missed + 1 if self.gap > REACHED else 0
+        self._awake = bool(self._awake or far or self._missed > _MISSES)
         change = super().advance(target, dt, besides)
         if self._awake and change < _SETTLED * dt:
             self._settled_at, self._awake = target, False
@@ -61,6 +65,7 @@ class DeadZonePerson(SoftPerson):
     """Follows with the arm, and with the body from time to time."""
 
     kind: ClassVar[str] = "dead_zone"
+    manner: ClassVar[str] = "who follows small changes with the arm alone"
     holding: ClassVar[type[SoftHolding]] = DeadZoneHolding
 
 

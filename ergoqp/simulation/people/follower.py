@@ -18,6 +18,7 @@ class FollowerPerson(SoftPerson):
     """Follows at once, with the whole body."""
 
     kind: ClassVar[str] = "follower"
+    manner: ClassVar[str] = "who weighs hands, feet, balance and ease in a way of their own"
 
 
 def draw(problem: Problem, seed: int, body: Body | None = None) -> FollowerPerson:

@@ -60,6 +60,7 @@ class LookingPerson(SoftPerson):
     """Follows, with the eyes on the work."""
 
     kind: ClassVar[str] = "looking"
+    manner: ClassVar[str] = "who keeps the eyes on the work"
     holding: ClassVar[type[SoftHolding]] = LookingHolding
 
 

@@ -90,6 +90,7 @@ class Person(ABC):
 
     Attributes:
         kind: its name.
+        manner: what people of the kind do, as a clause for people.
         body: lengths and mass.
         senses: what lies between the person and what the controller sees of them.
         comfort: posture that the person takes with nothing to reach for (32,) [rad].
@@ -97,6 +98,7 @@ class Person(ABC):
     """
 
     kind: ClassVar[str]
+    manner: ClassVar[str]
 
     @property
     @abstractmethod

@@ -67,6 +67,7 @@ class PushedPerson(SoftPerson):
     """Follows, between pushes."""
 
     kind: ClassVar[str] = "pushed"
+    manner: ClassVar[str] = "who is pushed every few seconds"
     holding: ClassVar[type[SoftHolding]] = PushedHolding
 
 

@@ -27,6 +27,7 @@ class SoftPerson(Person):
     """
 
     kind: ClassVar[str]
+    manner: ClassVar[str]
     holding: ClassVar[type[SoftHolding]] = SoftHolding
     """What people of the kind do from moment to moment."""
 

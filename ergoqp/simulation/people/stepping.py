@@ -103,6 +103,7 @@ class SteppingPerson(SoftPerson):
     """Follows with the feet too."""
 
     kind: ClassVar[str] = "stepping"
+    manner: ClassVar[str] = "who leans toward the object and steps after it"
     holding: ClassVar[type[SoftHolding]] = SteppingHolding
 
     @property

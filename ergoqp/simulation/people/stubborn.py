@@ -38,6 +38,7 @@ class StubbornPerson(SoftPerson):
     """Follows, and keeps what they can of a favourite posture."""
 
     kind: ClassVar[str] = "stubborn"
+    manner: ClassVar[str] = "who keeps what they can of a favourite posture"
 
 
 def draw(problem: Problem, seed: int, body: Body | None = None) -> StubbornPerson:

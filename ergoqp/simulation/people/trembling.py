@@ -69,6 +69,7 @@ class TremblingPerson(SoftPerson):
     """Follows, shaking, and is seen badly."""
 
     kind: ClassVar[str] = "trembling"
+    manner: ClassVar[str] = "whose arms shake, and whose angles read wrong"
     holding: ClassVar[type[SoftHolding]] = TremblingHolding
 
 

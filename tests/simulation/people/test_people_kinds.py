@@ -1,0 +1,293 @@
+"""Every kind of person: what a body does, and what only this kind does."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ergoqp
+from ergoqp.errors import InputError
+from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
+from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.simulation.people import KINDS, person_of_kind
+from ergoqp.simulation.people.anatomy import STATURES
+from ergoqp.simulation.people.dead_zone import SHIFT
+from ergoqp.simulation.people.looking import RANGE
+from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding
+from ergoqp.simulation.people.soft_person import SoftPerson
+from ergoqp.simulation.people.way import pose_error, straight
+from ergoqp.simulation.simulate import simulate
+from ergoqp.simulation.yardstick import Workspace
+
+SOFT = tuple(kind for kind in KINDS if kind not in ("alike", "mass"))
+
+
+def soft(kind: str, problem: str = "screwing", seed: int = 3) -> SoftPerson:
+    person = person_of_kind(kind, load_problem(problem), seed)
+    assert isinstance(person, SoftPerson)
+    return person
+
+
+def at_ease(person: SoftPerson) -> SoftHolding:
+    held = person.hold(person.comfort)
+    assert held.rest(held.pose)
+    return held
+
+
+def shifted(pose: np.ndarray, *shift: float) -> np.ndarray:
+    moved = pose.copy()
+    moved[:3, 3] += shift
+    return moved
+
+
+def live(held: SoftHolding, pose: np.ndarray, seconds: float) -> None:
+    for _ in range(round(seconds / 0.01)):
+        held.follow(pose, 0.01)
+
+
+@pytest.mark.parametrize("kind", SOFT)
+@pytest.mark.parametrize("name", TASKS)
+def test_at_rest_hands_hold_soles_stand_and_joints_are_within_their_ranges(
+    kind: str, name: str
+) -> None:
+    problem, person = load_problem(name), soft(kind, name)
+    places, reached = Workspace(problem), 0
+    for point in places.spread(5):
+        held = at_ease(person)
+        reached += (there := held.carry(places.pose(point)))
+        assert np.all(held.posture >= LOWER)
+        assert np.all(held.posture <= UPPER)
+        if not there:
+            continue
+        assert held.gap <= REACHED == 0.01
+        # What rests stays: a second of life changes nothing that is not chance.
+        after = held.copy()
+        live(after, held.pose, 1.0)
+        after.rest(held.pose)
+        assert np.degrees(np.abs(after.posture - held.posture)).max() < 2.0
+        if problem.response.stance == "standing":
+            person.tasks.place(held.placement)
+            for side, sole in zip(SIDES, held.soles, strict=True):
+                assert np.linalg.norm(pose_error(person.tasks.frame(f"{side}_sole"), sole)) < 5e-3
+    assert reached >= 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_code_is_shared_with_the_controllers_responses(kind: str) -> None:
+    """Data of a problem's response may be read; what computes with it may not."""
+    if kind == "alike":
+        pytest.skip("alike is the controller's model with other numbers, and says so")
+    folder = Path(ergoqp.__file__).parent / "simulation" / "people"
+    allowed = {"ergoqp.responses.ik.IkResponse"}
+    seen = set()
+    for path in folder.rglob("*.py"):
+        if path.name == "alike.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
+                "ergoqp.responses"
+            ):
+                seen |= {f"{node.module}.{name.name}" for name in node.names}
+    assert seen <= allowed
+
+
+@pytest.mark.parametrize("kind", SOFT)
+def test_the_same_seed_is_the_same_person_and_lives_the_same_way(kind: str) -> None:
+    ends = []
+    for seed in (5, 5, 6):
+        person = soft(kind, seed=seed)
+        held = person.hold(person.comfort, seed=seed)
+        for part in straight(held.pose, shifted(held.pose, 0.05, -0.05, 0.1)):
+            live(held, part, 0.3)
+        ends.append(held.posture)
+    np.testing.assert_array_equal(ends[0], ends[1])
+    assert np.abs(ends[0] - ends[2]).max() > 0.01
+
+
+@pytest.mark.parametrize("kind", SOFT)
+def test_a_copy_goes_on_from_the_same_moment_and_leaves_the_other_alone(kind: str) -> None:
+    held = at_ease(soft(kind))
+    live(held, shifted(held.pose, 0.0, 0.0, 0.03), 0.4)
+    other, before = held.copy(), held.posture
+    live(other, shifted(held.pose, 0.1, 0.0, 0.1), 1.5)
+    other.carry(shifted(held.pose, 0.0, 0.25, 0.0))
+    np.testing.assert_array_equal(held.posture, before)
+    again = held.copy()
+    live(held, shifted(held.pose, 0.0, 0.0, 0.05), 0.5)
+    live(again, shifted(again.pose, 0.0, 0.0, 0.05), 0.5)
+    np.testing.assert_array_equal(held.posture, again.posture)
+
+
+@pytest.mark.parametrize("kind", SOFT)
+def test_what_is_out_of_reach_is_not_reached_and_the_object_stays_behind(kind: str) -> None:
+    held = at_ease(soft(kind, "overhead"))
+    far = shifted(held.pose, 3.0, 0.0, 0.0)
+    assert not held.copy().rest(far)
+    assert not held.carry(far)
+    assert 0.01 < held.pose[0, 3] - at_ease(soft(kind, "overhead")).pose[0, 3] < 2.0
+    assert held.gap < REACHED
+
+
+def test_hands_lag_by_the_delay() -> None:
+    person = soft("follower")
+    held = at_ease(person)
+    before, goal = held.posture, shifted(held.pose, 0.05, 0.0, 0.0)
+    waits = 0
+    while np.abs(held.posture - before).max() < 1e-3:
+        held.follow(goal, 0.01)
+        waits += 1
+    assert 0.01 * waits == pytest.approx(person.senses.delay, abs=0.045)
+
+
+def test_a_place_is_reached_again_whatever_the_pace() -> None:
+    """The rest is that of an energy: it does not depend on how fast the person gets there."""
+    fast, slow = (at_ease(soft("follower")) for _ in range(2))
+    goal = shifted(fast.pose, 0.08, 0.05, -0.1)
+    fast.carry(goal)
+    for part in straight(slow.pose, goal):
+        live(slow, part, 1.0)
+    slow.rest(goal)
+    np.testing.assert_allclose(np.degrees(slow.posture), np.degrees(fast.posture), atol=0.2)
+
+
+def test_dead_zone_moves_the_arm_alone_for_small_changes() -> None:
+    held = at_ease(soft("dead_zone"))
+    trunk = [INDEX["trunk_flexion"], INDEX["right_hip_flexion"], INDEX["left_elbow_flexion"]]
+    before = held.posture
+    assert held.rest(shifted(held.pose, 0.0, 0.0, 0.8 * SHIFT))
+    np.testing.assert_array_equal(held.posture[trunk], before[trunk])
+    assert np.abs(held.posture - before).max() > np.radians(1)
+    assert held.rest(shifted(held.pose, 0.0, 0.0, 3 * SHIFT))
+    assert np.all(held.posture[trunk[:2]] != before[trunk[:2]])
+
+
+def test_stubborn_people_stray_less_from_what_they_like() -> None:
+    """The same body and place: the favourite joints stay nearer than a follower's do."""
+    stays = []
+    for seed in range(6):
+        person = soft("stubborn", seed=seed)
+        held = at_ease(person)
+        held.carry(shifted(held.pose, 0.1, 0.0, 0.25))
+        firm = person.habits.spread < 0.9 * soft("follower", seed=seed).habits.spread
+        stays.append(np.abs(held.posture - person.comfort)[firm].mean())
+    assert np.degrees(np.mean(stays)) < 20
+
+
+def test_stepping_people_go_after_what_is_far_and_only_then() -> None:
+    held = at_ease(soft("stepping"))
+    near = held.copy()
+    near.carry(shifted(held.pose, 0.15, 0.0, 0.0))
+    assert not near.feet.any()
+    far = held.copy()
+    assert far.carry(shifted(held.pose, 0.45, 0.0, 0.0))
+    assert far.feet[0] > 0.1
+    assert np.hypot(*far.feet) <= 0.6
+    for sole, home in zip(far.soles, held.soles, strict=True):
+        np.testing.assert_allclose(sole[:3, 3] - home[:3, 3], [*far.feet, 0.0], atol=1e-9)
+    stool = at_ease(soft("stepping", "dentist"))
+    seat = stool.base[:3, 3]
+    assert stool.carry(shifted(stool.pose, 0.45, 0.0, 0.0))
+    assert stool.base[0, 3] - seat[0] > 0.1
+    assert stool.base[2, 3] == pytest.approx(seat[2])
+
+
+def test_pushed_people_are_pushed_and_come_back() -> None:
+    held = at_ease(soft("pushed"))
+    rest, farthest = held.posture, 0.0
+    for _ in range(1000):
+        held.follow(held.pose, 0.01)
+        farthest = max(farthest, float(np.abs(held.posture - rest).max()))
+    assert np.degrees(farthest) > 2
+    held.rest(held.pose)
+    np.testing.assert_allclose(np.degrees(held.posture), np.degrees(rest), atol=1.0)
+
+
+def test_looking_people_see_what_they_do() -> None:
+    """The work is within the eyes' range of the head where the neck allows it, and not without."""
+    problem, missed = load_problem("screwing"), {}
+    for kind in ("looking", "follower"):
+        person = soft(kind)
+        places, off = Workspace(problem), []
+        for point in places.spread(8):
+            held = at_ease(person)
+            if not held.carry(places.pose(point)):
+                continue
+            person.tasks.place(held.placement)
+            head = person.tasks.frame("head")
+            x, y, z = head[:3, :3].T @ (held.pose[:3, 3] - head[:3, 3])
+            off.append([np.arctan2(-z, np.hypot(x, y)) - np.radians(15), np.arctan2(y, x)])
+        beyond = np.abs(off) - RANGE
+        missed[kind] = float(np.degrees(np.maximum(beyond, 0).max(axis=1)).mean())
+    assert missed["looking"] < 0.6 * missed["follower"]
+
+
+def test_trembling_people_tremble_until_they_are_judged_and_read_wrong() -> None:
+    person = soft("trembling")
+    held = at_ease(person)
+    rest, seen = held.posture, []
+    for _ in range(200):
+        held.follow(held.pose, 0.01)
+        seen.append(held.posture)
+    arm = INDEX["right_elbow_flexion"]
+    assert 0.2 < np.degrees(np.ptp(np.array(seen)[:, arm])) < 4
+    held.rest(held.pose)
+    np.testing.assert_allclose(np.degrees(held.posture), np.degrees(rest), atol=0.3)
+    assert person.senses.lost == 0.05
+    assert 1 < np.degrees(np.abs(person.senses.bias)).max() <= 8 + 1e-9
+
+
+@given(seed=st.integers(0, 2**31), kind=st.sampled_from(SOFT))
+@settings(max_examples=25, deadline=None)
+def test_people_are_drawn_within_what_people_are(seed: int, kind: str) -> None:
+    person = soft(kind, seed=seed)
+    assert STATURES[0] <= person.body.stature <= STATURES[1]
+    assert 40 < person.body.mass < 120
+    assert 0 <= person.senses.delay <= 0.3
+    assert np.all((person.comfort >= LOWER) & (person.comfort <= UPPER))
+    assert np.all(person.habits.spread > 0)
+
+
+def test_balance_is_kept_by_legs_and_trunk_alone() -> None:
+    """A neck or an arm in the balance would move to carry the centre of mass."""
+    person = soft("follower")
+    person.placed(person.comfort)
+    _, moves = person.tasks.mass_centre()
+    unmoved = [4 + i for name, i in INDEX.items() if name.startswith(("neck", "right_shoulder"))]
+    assert not moves[:, unmoved].any()
+    assert moves[0, 4 + INDEX["trunk_flexion"]] > 0.1
+
+
+def test_a_free_arm_hangs_when_the_trunk_bends() -> None:
+    person = soft("follower", "overhead")
+    held = at_ease(person)
+    held.carry(shifted(held.pose, 0.5, 0.0, -0.9))
+    bend = np.degrees(held.posture[INDEX["trunk_flexion"]])
+    assert bend > 15
+    person.tasks.place(held.placement)
+    shoulder, elbow = (person.tasks.frame(f"left_{part}")[:3, 3] for part in ("shoulder", "elbow"))
+    upper_arm = elbow - shoulder
+    assert np.degrees(np.arccos(-upper_arm[2] / np.linalg.norm(upper_arm))) < 0.5 * bend + 8
+
+
+def test_a_kind_that_there_is_not() -> None:
+    with pytest.raises(InputError, match="follower: got 'giant', allowed one of alike, follower"):
+        person_of_kind("giant", load_problem("screwing"), 0)
+    with pytest.raises(InputError, match="follower: got 'giant'"):
+        simulate(load_problem("screwing"), np.zeros(32), 0.1, follower="giant")
+
+
+@pytest.mark.parametrize("kind", SOFT)
+def test_a_run_says_who_followed(kind: str) -> None:
+    problem, person = load_problem("screwing"), soft(kind)
+    run = simulate(problem, person.comfort, 0.3, 3, follower=kind)
+    assert run.follower == kind
+    assert any(person.manner in sentence for sentence in run.assumptions)
+    held = person.hold(person.comfort)
+    again = simulate(problem, held, 0.3, 3)
+    np.testing.assert_allclose(again.poses[0], run.poses[0], atol=1e-9)
+    np.testing.assert_array_equal(held.posture, person.comfort)

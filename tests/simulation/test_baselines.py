@@ -1,0 +1,141 @@
+"""The simple ways of moving the object keep the limits, and do what they say."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ergoqp.human import Body
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.simulation.baselines import AHEAD, Drive, Gradient, Still, rule_pose
+from ergoqp.simulation.check import Checker
+from ergoqp.simulation.loop import run_loop
+from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.way import pose_error
+from ergoqp.simulation.robot import moved
+from ergoqp.simulation.yardstick import Workspace
+
+JUDGED = ("speed", "acceleration", "axes", "workspace", "tool axis")
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_drive_arrives_within_every_limit_of_the_object(name: str) -> None:
+    problem = load_problem(name)
+    places = Workspace(problem)
+    points = places.spread(6)
+    for begin, end in pairwise(points):
+        start, goal = places.pose(begin), places.pose(end)
+        drive, checker = Drive(problem, start, goal), Checker(problem)
+        drive.reset()
+        pose, previous, count = start, np.zeros(6), 0
+        while (step := drive.step(np.zeros(32), pose)).status != "settled":
+            after = moved(pose, step.twist * drive.dt)
+            checker.check(
+                step.twist, previous, pose, np.zeros(32), np.zeros(32), drive.dt, None, {}, after
+            )
+            pose, previous, count = after, step.twist, count + 1
+        assert {row: checker.max_violation[row] for row in JUDGED} == dict.fromkeys(JUDGED, 0.0)
+        left = pose_error(pose, goal)
+        assert np.linalg.norm(left[:3]) < 1e-6
+        assert np.linalg.norm(np.cross(pose[:3, 0], goal[:3, 0])) < 1e-6
+        # Nor does it dawdle: some axis is at its speed, or the way is too short for that.
+        way = np.abs(pose_error(start, goal))
+        speed = np.where(problem.twist_limit.speed > 0, problem.twist_limit.speed, np.inf)
+        assert count * drive.dt < 2.5 * (way / speed).max() + 1.5
+
+
+def test_a_drive_to_where_the_object_is_stays() -> None:
+    problem = load_problem("screwing")
+    pose = Workspace(problem).pose(np.zeros(5))
+    step = Drive(problem, pose, pose).step(np.zeros(32), pose)
+    assert step.status == "settled"
+    assert not step.twist.any()
+
+
+@pytest.mark.parametrize("name", ["screwing", "dentist", "desk"])
+def test_the_gradient_goes_down_within_every_limit_of_the_object(name: str) -> None:
+    problem = load_problem(name)
+    person = person_of_kind("follower", problem, 1)
+    start = person.hold(person.comfort, Senses(noise_deg=0.5, drift_deg=0.0, lost=0.0))
+    places = Workspace(problem)
+    for point in places.spread(8):
+        away = start.copy()
+        if away.carry(places.pose(point)) and problem.assess(away.posture).final[0] >= 4:
+            break
+    start, checker = away, Checker(problem)
+    trace = run_loop(
+        problem,
+        start.copy(),
+        duration=8.0,
+        seed=0,
+        controller=Gradient(problem, problem.cost),
+        checker=checker,
+    )
+    assert {row: checker.max_violation[row] for row in JUDGED} == dict.fromkeys(JUDGED, 0.0)
+    assert problem.cost(trace.postures[-1])[0] < problem.cost(trace.postures[0])[0] - 0.2
+
+
+def test_the_gradient_is_that_of_the_report() -> None:
+    """Equation 3.2: against minus epsilon dV/dq dq/dx by finite differences of a quadratic cost."""
+    problem = load_problem("screwing")
+    cost, gain = problem.cost, 1e-4
+    posture = problem.response.comfort + 0.2
+    controller = Gradient(problem, cost, gain)
+    pose = Workspace(problem).pose(np.zeros(5))
+    for _ in range(400):
+        step = controller.step(posture, pose)
+    slopes = [
+        (cost(posture + d)[0] - cost(posture - d)[0]) / 2e-6 for d in 1e-6 * np.eye(len(posture))
+    ]
+    sensitivity = np.array(problem.response.sensitivity()(posture, 0)[0])
+    np.testing.assert_allclose(step.twist, -gain * np.array(slopes) @ sensitivity, rtol=1e-4)
+
+
+def test_the_gradient_stops_below_a_cost_of_one() -> None:
+    problem = load_problem("screwing")
+
+    class Low:
+        name, minimum = "low", 0.0
+
+        def expression(self, q):
+            return 0.5 + 0 * q[0]
+
+        def __call__(self, postures):
+            return np.full(len(np.atleast_2d(postures)), 0.5)
+
+    pose = Workspace(problem).pose(np.zeros(5))
+    assert not Gradient(problem, Low()).step(problem.response.comfort, pose).twist.any()
+
+
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("stature", [1.5, 1.75, 1.95])
+def test_the_rule_is_at_elbow_height_ahead_and_within_the_workspace(
+    name: str, stature: float
+) -> None:
+    problem, body = load_problem(name), Body.of_stature(stature)
+    pose = rule_pose(problem, body)
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    assert np.all(pose[:3, 3] >= np.array(box.lower) - 1e-12)
+    assert np.all(pose[:3, 3] <= np.array(box.upper) + 1e-12)
+    toward = np.array(cone.direction) / np.linalg.norm(cone.direction)
+    assert pose[:3, 0] @ toward >= np.cos(np.radians(cone.half_angle_deg)) - 1e-9
+    if name == "screwing":
+        lengths = body.lengths
+        hips = lengths["thigh"] + lengths["shank"] + lengths["foot_height"]
+        elbow = hips + lengths["shoulder_height"] - lengths["upper_arm"]
+        assert pose[2, 3] == pytest.approx(elbow, abs=0.01)
+        assert pose[0, 3] == pytest.approx(AHEAD, abs=0.05)
+        assert abs(pose[2, 0]) < 1e-12
+
+
+def test_still_does_nothing() -> None:
+    problem = load_problem("desk")
+    person = person_of_kind("follower", problem, 1)
+    held = person.hold(person.comfort)
+    trace = run_loop(problem, held, duration=1.0, seed=0, controller=Still(problem))
+    np.testing.assert_array_equal(trace.poses[0], trace.poses[-1])
+    assert {step.status for step in trace.steps} == {"settled"}
