@@ -49,7 +49,9 @@ EARLY = 20.0
 ABOVE = 2
 """Starts at rest count from this many points above the best."""
 
-_TRIES = 40
+_OF = (6, 1)
+"""A start is the worst of so many places, where the seed is even, and where it is odd."""
+_TRIES = 20
 _RESTS = (1e-3, np.radians(0.2))
 """An object slower than this is at rest [m/s], [rad/s], for a second."""
 _FILTER = 1.0
@@ -93,12 +95,10 @@ def draw_unit(kind: str, name: str, seed: int) -> Unit | None:
     home = person.hold(person.comfort, seed=seed)
     anywhere = judge.best(home, known, **{"places": 24, "around": 1, **search})[0].score or 15
     for _ in range(_TRIES):
-        start = home.copy()
-        place = judge.workspace.pose(rng.uniform(-1.0, 1.0, 5))
-        if not start.carry(place) or problem.own_limits.broken(start.pose, start.posture):
-            continue
-        still = judge.score(start.posture)
-        if still < anywhere + ABOVE:
+        asked = [judge.workspace.pose(rng.uniform(-1.0, 1.0, 5)) for _ in range(_OF[seed % 2])]
+        place = max((judge.carried(home, pose) for pose in asked), key=lambda each: each.score)
+        still, start = place.score, home.copy()
+        if still < anywhere + ABOVE or not start.carry(place.pose):
             continue
         best = judge.best(start, known, **search)[0].score or 15
         if still >= best + ABOVE:
@@ -220,9 +220,12 @@ class _Watch:
 
     def __init__(self, pose: np.ndarray) -> None:
         self.early: Holding | None = None
-        self._stays, self._since = pose, 0.0
+        self._stays, self._since, self._calls = pose, 0.0, 0
 
     def __call__(self, now: float, person: Holding) -> bool:
+        self._calls += 1
+        if self._calls % 10:
+            return False
         if self.early is None and now >= EARLY:
             self.early = person.copy()
         moved = pose_error(self._stays, person.pose)

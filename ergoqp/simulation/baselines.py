@@ -19,7 +19,6 @@ from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.people.body_tasks import BodyTasks
 from ergoqp.simulation.people.grasp import Work
 from ergoqp.simulation.people.way import pose_error, turned
-from ergoqp.simulation.robot import moved
 from ergoqp.step.answer.step import Step
 
 AHEAD = 0.40
@@ -125,6 +124,9 @@ class Gradient:
         self.dt, self._limit, self._gain = problem.dt, problem.twist_limit, gain
         self._free = np.array([axis in self._limit.axes for axis in AXES], dtype=float)
         self._box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        if self._cone is not None:
+            self._toward = np.array(self._cone.direction) / np.linalg.norm(self._cone.direction)
+            self._least = float(np.cos(np.radians(self._cone.half_angle_deg)))
         q = ca.MX.sym("q", len(problem.coordinates))
         value = cost.expression(q)
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
@@ -157,20 +159,17 @@ class Gradient:
         return Sent(twist.copy(), "optimal")
 
     def _leaves(self, pose: np.ndarray, twist: np.ndarray) -> bool:
-        """Whether a stop from this twist ends beyond the workspace or the cone."""
-        stop = self.dt + float(np.max(np.abs(twist) / self._limit.acceleration)) / 2 + self.dt
-        end = moved(pose, twist * stop)
+        """Whether a stop from this twist ends beyond the workspace or the cone, and further out."""
+        stop = 2 * self.dt + float(np.max(np.abs(twist) / self._limit.acceleration)) / 2
         if self._box is not None:
-            low, high = np.asarray(self._box.lower), np.asarray(self._box.upper)
-            out = np.maximum(low - end[:3, 3], end[:3, 3] - high)
-            was = np.maximum(low - pose[:3, 3], pose[:3, 3] - high)
-            if np.any((out > 0) & (out > was)):
-                return True
+            here, there = pose[:3, 3], pose[:3, 3] + stop * twist[:3]
+            low, high = self._box.lower, self._box.upper
+            for was, ends, least, most in zip(here, there, low, high, strict=True):
+                if ends > max(most, was) or ends < min(least, was):
+                    return True
         if self._cone is not None:
-            axis = np.asarray(self._cone.direction) / np.linalg.norm(self._cone.direction)
-            least = np.cos(np.radians(self._cone.half_angle_deg))
-            if end[:3, 0] @ axis < min(least, pose[:3, 0] @ axis):
-                return True
+            axis = turned(pose[:3, :3], stop * twist[3:])[:, 0]
+            return bool(axis @ self._toward < min(self._least, pose[:3, 0] @ self._toward))
         return False
 
 

@@ -71,7 +71,7 @@ class BodyTasks:
 
     def support(self) -> np.ndarray:
         """Return the middle of heels and toes over the floor (2,)."""
-        return self._data.site_xpos[self._feet, :2].mean(axis=0)
+        return self._data.site_xpos[self._feet, :2].sum(axis=0) / len(self._feet)
 
     def standing(self, posture: np.ndarray) -> np.ndarray:
         """Return the placement (36,) of a posture (32,) with the world's origin between the soles.

@@ -43,7 +43,7 @@ class DeadZoneHolding(SoftHolding):
 
     def mobile(self) -> np.ndarray:
         """Return which entries of the placement may move now (36,) bool."""
-        return super().mobile() if self._awake else self._arms.copy()
+        return super().mobile() if self._awake else self._arms
 
     def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
         """Take one step; wake up for an object far from where the body last came to rest."""

@@ -8,13 +8,14 @@ met at once, ease is found within the relaxation time, and the rest does not dep
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from copy import copy
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.joints import INDEX, SIDES
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.person import Holding
 from ergoqp.simulation.people.senses import Senses
@@ -31,9 +32,6 @@ GRIP = np.repeat([1.5e-3, 0.03], 3)
 
 SOLE = np.repeat([3e-4, 3e-3], 3)
 """And a sole."""
-
-PELVIS = np.array([0.25, 0.25, 0.25, 0.25])
-"""And the pelvis by itself [m], [rad]: only its damping, it has no place of its own."""
 
 RESTLESS = 0.01
 """Whose joints still move faster after that does not come to rest [rad/s]: it is no place to be."""
@@ -54,6 +52,8 @@ _STEPS = 150
 _WAITS = 10
 _LARGEST = 0.2
 """Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
+
+_SOLES = tuple(f"{side}_sole" for side in SIDES)
 
 _HANGS = 0.9
 """Share of the trunk's bend that a hanging arm makes up for: it stays upright."""
@@ -119,9 +119,9 @@ class SoftHolding(Holding):
         """Come to rest, with nothing to disturb, while the object stays at `pose` (4, 4) [m]."""
         self._arrive(pose)
         pace, speed = 0.1, np.inf
-        for _ in range(_STEPS):
+        for number in range(_STEPS):
             before, speed = speed, self.advance(pose, pace) / pace
-            if speed < STILL:
+            if speed < STILL or (number > _STEPS / 3 and self.gap > 3 * REACHED):
                 break
             pace *= 0.4 if speed > before else 1.5
             pace = min(max(pace, _PACE[0]), _PACE[1])
@@ -162,30 +162,27 @@ class SoftHolding(Holding):
         return other
 
     def wishes(self, target: np.ndarray) -> list[Wish]:
-        """Return what the person wants beside ease, the hands' wishes first.
+        """Return what the person wants beside ease, at the placement that `tasks` is at.
 
         Args:
             target: where the hands take the object to be (4, 4) [m].
         """
         person, tasks = self.person, self.person.tasks
-        wishes, gaps, angles = [], [], []
-        for hand, grasp in zip(person.work.hands, self._grasp, strict=True):
-            have, moves = tasks.frame(f"{hand}_grip"), tasks.jacobian(f"{hand}_grip")
-            want = target @ grasp
-            error = pose_error(have, want)
+        wishes, self.gap, self._angle = [], 0.0, 0.0
+        for hand, grasp in zip(person.grips, self._grasp, strict=True):
+            error, moves = pose_error(tasks.frame(hand), target @ grasp), tasks.jacobian(hand)
             if person.work.free_about_tool:
                 axis = target[:3, 0]
-                across = np.eye(3) - np.outer(axis, axis)
-                error[3:], moves[3:] = across @ error[3:], across @ moves[3:]
-            gaps.append(float(np.linalg.norm(error[:3])))
-            angles.append(float(np.linalg.norm(error[3:])))
+                error[3:] -= axis * (axis @ error[3:])
+                moves[3:] -= np.outer(axis, axis @ moves[3:])
+            self.gap = max(self.gap, math.hypot(*error[:3]))
+            self._angle = max(self._angle, math.hypot(*error[3:]))
             wishes.append((error / GRIP, moves / GRIP[:, None]))
-        self.gap, self._angle = max(gaps), max(angles)
         if not person.is_seated:
-            for side, sole in zip(SIDES, self.soles, strict=True):
-                error = pose_error(tasks.frame(f"{side}_sole"), sole)
-                self.slid = max(self.slid, float(np.linalg.norm(error[:3])))
-                wishes.append((error / SOLE, tasks.jacobian(f"{side}_sole") / SOLE[:, None]))
+            for name, sole in zip(_SOLES, self.soles, strict=True):
+                error = pose_error(tasks.frame(name), sole)
+                self.slid = max(self.slid, math.hypot(*error[:3]))
+                wishes.append((error / SOLE, tasks.jacobian(name) / SOLE[:, None]))
             wishes.append(self._balance())
         return wishes
 
@@ -194,11 +191,8 @@ class SoftHolding(Holding):
         return []
 
     def mobile(self) -> np.ndarray:
-        """Return which entries of the placement may move now (36,) bool."""
-        moves = np.ones(BASE + len(JOINTS), dtype=bool)
-        if self.person.is_seated:
-            moves[:BASE] = moves[BASE + 20 :] = False
-        return moves
+        """Return which entries of the placement may move now (36,) bool; not to be changed."""
+        return self.person.mobile
 
     def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
         """Take one implicit Euler step of `dt` [s] toward ease with the object at `target`.
@@ -210,55 +204,53 @@ class SoftHolding(Holding):
         person.tasks.place(placement)
         wishes = [*self.wishes(target), *(besides or [])]
         error = np.concatenate([wish[0] for wish in wishes])
-        moves = np.vstack([wish[1] for wish in wishes])
-        habits = person.habits
-        damping = np.concatenate([PELVIS, habits.spread]) ** -2 * (habits.relaxation / dt)
-        ease = np.concatenate([np.zeros(BASE), habits.spread**-2])
-        pull = moves.T @ error
-        pull[BASE:] += (self._ease() - placement[BASE:]) * ease[BASE:]
+        moves = np.concatenate([wish[1] for wish in wishes])
+        pull = error @ moves
+        pull[BASE:] += (self._ease() - placement[BASE:]) * person.stiffness[BASE:]
         hessian = moves.T @ moves
-        hessian[np.diag_indices_from(hessian)] += damping + ease
+        # On the diagonal: ease, and the damping of M / dt.
+        hessian.flat[:: len(pull) + 1] += person.stiffness + person.damping / dt
         step = self._within_ranges(hessian, pull)
-        step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
+        largest = float(np.abs(step).max())
+        if largest > _LARGEST:
+            step *= _LARGEST / largest
         self.placement = placement + step
-        return float(np.abs(step).max())
+        return min(largest, _LARGEST)
 
     def _within_ranges(self, hessian: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return the step of the free entries while others stop at the end of their range."""
         tasks, moves = self.person.tasks, self.mobile()
-        room = tasks.lower - self.placement, tasks.upper - self.placement
+        lower, upper = tasks.lower - self.placement, tasks.upper - self.placement
         step = np.zeros(len(pull))
         for _ in range(4):
-            if moves.all():
-                step = np.linalg.solve(hessian, pull)
-            else:
-                free = np.flatnonzero(moves)
-                left = pull[free] - hessian[free] @ np.where(moves, 0.0, step)
-                step[free] = np.linalg.solve(hessian[free][:, free], left)
-            beyond = moves & ((step < room[0]) | (step > room[1]))
+            free = np.flatnonzero(moves)
+            left = pull[free]
+            if step.any():
+                left = left - hessian[free] @ np.where(moves, 0.0, step)
+            step[free] = np.linalg.solve(hessian[free[:, None], free], left)
+            beyond = moves & ((step < lower) | (step > upper))
             if not beyond.any():
                 return step
-            step = np.where(beyond, np.minimum(np.maximum(step, room[0]), room[1]), step)
-            moves &= ~beyond
-        return np.minimum(np.maximum(step, room[0]), room[1])
+            step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
+            moves = moves & ~beyond
+        return np.minimum(np.maximum(step, lower), upper)
 
     def _ease(self) -> np.ndarray:
         """Return the posture at ease now (32,): an arm that holds nothing hangs down."""
-        person, ease = self.person, self.person.comfort.copy()
-        if not person.is_seated:
-            for side in set(SIDES) - set(person.work.hands):
-                bend = self.placement[BASE + INDEX["trunk_flexion"]]
-                ease[INDEX[f"{side}_shoulder_flexion"]] += _HANGS * bend
+        person = self.person
+        if not person.hanging:
+            return person.comfort
+        ease = person.comfort.copy()
+        ease[person.hanging] += _HANGS * self.placement[BASE + INDEX["trunk_flexion"]]
         return ease
 
     def _balance(self) -> Wish:
         tasks, habits = self.person.tasks, self.person.habits
         centre, moves = tasks.mass_centre()
-        middle, yaw = tasks.support(), self.placement[3]
-        ahead = np.array([np.cos(yaw), np.sin(yaw)])
-        apart = centre - middle
-        self.unbalanced = bool(np.abs(apart).max() > 0.5 * self.person.body.lengths["foot_length"])
-        error = middle + habits.lean * ahead - centre
+        yaw, apart = float(self.placement[3]), centre - tasks.support()
+        length = self.person.body.lengths["foot_length"]
+        self.unbalanced = max(abs(float(apart[0])), abs(float(apart[1]))) > 0.5 * length
+        error = habits.lean * np.array([math.cos(yaw), math.sin(yaw)]) - apart
         return error / habits.steadiness, moves / habits.steadiness
 
     def _arrive(self, pose: np.ndarray) -> None:

@@ -8,12 +8,16 @@ from typing import ClassVar
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.simulation.people.body_tasks import BodyTasks
+from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.simulation.people.body_tasks import BASE, BodyTasks
 from ergoqp.simulation.people.grasp import Work
 from ergoqp.simulation.people.habits import Habits
 from ergoqp.simulation.people.person import Person
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import SoftHolding
+
+_PELVIS = np.full(BASE, 0.25)
+"""How far the pelvis moves as readily as joints go by their spread [m], [rad]."""
 
 
 class SoftPerson(Person):
@@ -24,6 +28,14 @@ class SoftPerson(Person):
         work: what the person does.
         habits: how they like to hold themselves.
         senses: what lies between them and the controller.
+
+    Attributes:
+        tasks: the body's kinematics, at one placement after another.
+        grips: names of the sites that hold.
+        stiffness: of ease, per entry of the placement (36,).
+        damping: the same times the relaxation time [s].
+        mobile: which entries may move (36,) bool.
+        hanging: numbers of the joints of an arm that hangs.
     """
 
     kind: ClassVar[str]
@@ -35,6 +47,16 @@ class SoftPerson(Person):
         """Be this person."""
         self._body, self.work, self.habits, self._senses = body, work, habits, senses
         self.tasks = BodyTasks(body)
+        self.grips = [f"{hand}_grip" for hand in work.hands]
+        # 1/2 |q - comfort|^2 over spreads; the pelvis has no place of its own, only its damping.
+        self.stiffness = np.concatenate([np.zeros(BASE), habits.spread**-2])
+        self.damping = habits.relaxation * np.concatenate([_PELVIS**-2, habits.spread**-2])
+        self.mobile = np.ones(BASE + len(JOINTS), dtype=bool)
+        free_arms = set(SIDES) - set(work.hands)
+        self.hanging = [INDEX[f"{side}_shoulder_flexion"] for side in sorted(free_arms)]
+        if self.is_seated:
+            self.mobile[:BASE] = self.mobile[BASE + 20 :] = False
+            self.hanging = []
 
     @property
     def body(self) -> Body:

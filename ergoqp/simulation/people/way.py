@@ -15,7 +15,7 @@ LONGEST_TURN = 0.16
 def turn_between(have: np.ndarray, want: np.ndarray) -> np.ndarray:
     """Return the world-aligned turn (3,) [rad] that leads from one rotation (3, 3) to another."""
     quaternion, turn = np.zeros(4), np.zeros(3)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(want @ have.T).ravel())
+    mujoco.mju_mat2Quat(quaternion, (want @ have.T).ravel())
     mujoco.mju_quat2Vel(turn, quaternion, 1.0)
     return turn
 
@@ -30,7 +30,10 @@ def turned(rotation: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 def pose_error(have: np.ndarray, want: np.ndarray) -> np.ndarray:
     """Return the world-aligned motion (6,) [m, rad] that leads from one pose (4, 4) to another."""
-    return np.concatenate([want[:3, 3] - have[:3, 3], turn_between(have[:3, :3], want[:3, :3])])
+    way = np.empty(6)
+    way[:3] = want[:3, 3] - have[:3, 3]
+    way[3:] = turn_between(have[:3, :3], want[:3, :3])
+    return way
 
 
 def between(have: np.ndarray, want: np.ndarray, share: float) -> np.ndarray:
