@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _MAKERS: Final = {
     "alike": "alike:sample_person",
+    "mass": "mass.person:draw",
 }
 
 KINDS: Final = tuple(_MAKERS)
