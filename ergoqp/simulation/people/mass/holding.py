@@ -9,6 +9,7 @@ from typing import Final, Self
 import mujoco
 import numpy as np
 
+from ergoqp.joints import JOINTS
 from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS, ROBOT_GROUP
 from ergoqp.simulation.people.mass.angles import reported, upright
 from ergoqp.simulation.people.mass.balance import Support
@@ -46,7 +47,11 @@ _LOWEST_HEAD: Final = 0.25
 _OFF_SEAT: Final = 0.10
 """Who sits has fallen when the pelvis is this far below its seat's height [m]."""
 
-_TORQUE_PARTS: Final = per_joint("stiffness")
+_STIFFNESS: Final = per_joint("stiffness")
+_FOLLOWS: Final = np.array(
+    [HABITS.arm_time if 6 <= i < 20 else HABITS.body_time for i in range(len(JOINTS))]
+)
+"""In what time every joint follows the planned posture (32,) [s]."""
 
 
 @dataclass(frozen=True)
@@ -205,8 +210,8 @@ class MassHolding(Holding):
         if self._ticks % round(habits.plan_period / habits.tick) == 0:
             self._think()
         self._ticks += 1
-        follow = 1.0 - float(np.exp(-dt / habits.plan_time))
-        self._wanted += follow * (self._plan[7:] - self._wanted)
+        self._wanted += (1.0 - np.exp(-dt / _FOLLOWS)) * (self._plan[7:] - self._wanted)
+        follow = 1.0 - float(np.exp(-dt / habits.body_time))
         self._over += follow * (self._plan_over - self._over)
         mujoco.mj_subtreeVel(self.model, data)
         sway = habits.sway_stiffness * (self._over - data.subtree_com[self._pelvis][:2])
@@ -217,7 +222,7 @@ class MassHolding(Holding):
         weight = np.zeros((len(self._grasp.points(data)), 3))
         weight[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(weight)
         torque = self._support.torques(data, sway, self._grasp.on_person(data, weight))
-        data.ctrl[: PERSON_DOFS - 6] = self._wanted + self._is.compensation * torque / _TORQUE_PARTS
+        data.ctrl[: PERSON_DOFS - 6] = self._wanted + self._is.compensation * torque / _STIFFNESS
 
     def _think(self) -> None:
         """Move the plan a step on, toward where the object was before the person's delay."""

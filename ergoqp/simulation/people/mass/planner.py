@@ -26,12 +26,19 @@ _ON_LAP: Final = 40.0
 _LEVEL_PELVIS: Final = 5.0
 """What errors cost, per m^2 or rad^2, where a joint's effort costs 0.5 to 7 per rad^2."""
 
+_DAMPING: Final = 0.5
+"""Cost of a step itself, per rad^2 or m^2: the steps leave out how the frames turn as they move."""
+
 _FAR: Final = 0.10
 """Longest way that one step takes a hand or a sole [m]."""
 
 _LONGEST: Final = 0.25
 """Largest change of a joint in one step [rad]."""
 
+# A joint that is wanted at its very end would be pushed beyond it by what hangs on it.
+_INSET: Final = np.radians(2.0)
+_LOWEST: Final = LOWER + _INSET
+_HIGHEST: Final = UPPER - _INSET
 _BASE: Final = list(range(6))
 _NECK: Final = [6 + i for i, name in enumerate(JOINTS) if name.startswith("neck")]
 _ARMS: Final = {
@@ -127,7 +134,7 @@ class Planner:
         velocity = np.zeros(self._model.nv)
         velocity[:PERSON_DOFS] = change
         mujoco.mj_integratePos(self._model, after, velocity, 1.0)
-        after[7:PERSON_QPOS] = np.clip(after[7:PERSON_QPOS], LOWER, UPPER)
+        after[7:PERSON_QPOS] = np.clip(after[7:PERSON_QPOS], _LOWEST, _HIGHEST)
         return after[:PERSON_QPOS], float(np.abs(change).max())
 
     def settle(
@@ -217,7 +224,7 @@ class Planner:
         rows = np.vstack([jacobian for jacobian, _, _ in self._rows])
         errors = np.concatenate([error for _, error, _ in self._rows])
         hessian = rows.T @ (rows * costs[:, None])
-        hessian[np.diag_indices(PERSON_DOFS)] += 0.05
+        hessian[np.diag_indices(PERSON_DOFS)] += _DAMPING
         hessian[np.arange(6, PERSON_DOFS), np.arange(6, PERSON_DOFS)] += wishes.efforts
         pull = rows.T @ (costs * errors)
         pull[6:] += wishes.efforts * (wishes.comfort - joints)
@@ -228,8 +235,8 @@ class Planner:
             change = np.zeros(PERSON_DOFS)
             change[free] = np.linalg.solve(hessian[np.ix_(free, free)], pull[free])
             after = joints + change[6:]
-            stuck = ((after > UPPER) & (joints > UPPER - 1e-6)) | (
-                (after < LOWER) & (joints < LOWER + 1e-6)
+            stuck = ((after > _HIGHEST) & (joints > _HIGHEST - 1e-6)) | (
+                (after < _LOWEST) & (joints < _LOWEST + 1e-6)
             )
             if not (stuck & free[6:]).any():
                 break

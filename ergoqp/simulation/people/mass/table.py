@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ergoqp.joints import JOINTS
+from ergoqp.problem.robot import DeclaredRobot
 
 FRICTION: Final = 0.8
 """Of soles on the floor and trousers on the seat, as in ``models/person_with_mass.xml``."""
@@ -81,9 +82,10 @@ class Habits:
             whole fist several times that.
         grasp_damping: [N s/m].
         grasp_lever: half the width of what the hand closes around, along the tool's axis [m].
-        slip_force: at which the hand slides along the object [N]: a moderate squeeze of 120 N of
+        slip_force: at which the hand slides along the object [N]: a moderate squeeze of 80 N from
             both sides at a friction of 0.5.
-        plan_time: in which the wanted posture follows the planned one [s].
+        body_time: in which trunk, neck and legs follow the planned posture [s].
+        arm_time: in which the arms do, which only have to yield to what they hold [s].
         plan_period: between two thoughts of where to be [s].
         tick: between two commands to the muscles [s].
         sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
@@ -95,8 +97,9 @@ class Habits:
     grasp_stiffness: float = 3000.0
     grasp_damping: float = 60.0
     grasp_lever: float = 0.05
-    slip_force: float = 60.0
-    plan_time: float = 0.5
+    slip_force: float = 80.0
+    body_time: float = 0.6
+    arm_time: float = 0.2
     plan_period: float = 0.05
     tick: float = 0.01
     sway_stiffness: float = 8.0
@@ -130,3 +133,7 @@ class SoftRobot:
 
 
 SOFT_ROBOT: Final = SoftRobot()
+
+SOFT_ROBOT_DECLARED: Final = DeclaredRobot(lag=0.06, pose_noise=0.005, pose_noise_deg=0.5)
+"""What a controller may be told of that robot: its lag with an arm's mass on it, and how far the
+person's pull and push move the object, which the robot measures truly."""
