@@ -22,6 +22,9 @@ ROBOT_GROUP: Final = 1
 HAND_GROUP: Final = 2
 """Actuator groups of the robot and of the hands, so that they can let go."""
 
+BALL_END: Final = 0.18 / (FRACTIONS["foot_length"] * NOMINAL_STATURE)
+"""How far the sole reaches ahead of the ankle, as a share of the foot's length."""
+
 ON_OBJECT: Final = "_object"
 """Ends the name of the object's site that a hand's site holds."""
 

@@ -89,13 +89,16 @@ class Support:
             pushes.append(np.concatenate([own.sum(axis=0), torque]))
         return pushes
 
-    def torques(self, data: mujoco.MjData, sway: np.ndarray, load: np.ndarray) -> np.ndarray:
+    def torques(
+        self, data: mujoco.MjData, sway: np.ndarray, ready: np.ndarray, felt: np.ndarray
+    ) -> np.ndarray:
         """Return the joint torques (32,) [N m] that carry the body on its support.
 
         Args:
             data: kinematics and bias forces.
             sway: acceleration of the centre of mass that is wanted (2,) [m/s^2].
-            load: that the person is ready to carry, on their coordinates (38,).
+            ready: load that the arms are ready to carry, on the person's coordinates (38,).
+            felt: load that the legs stand up to (38,).
         """
         bias = data.qfrc_bias[:PERSON_DOFS]
         turn = data.xmat[self._pelvis].reshape(3, 3)
@@ -103,9 +106,9 @@ class Support:
         limited = sway * min(1.0, _MOST_ACCELERATION / (float(np.linalg.norm(sway)) + 1e-9))
         force = mass * np.array([limited[0], limited[1], 0.0])
         lever = data.subtree_com[self._pelvis] - data.xpos[self._pelvis]
-        wrench = np.concatenate([bias[:3] - load[:3], turn @ (bias[3:6] - load[3:6])])
+        wrench = np.concatenate([bias[:3] - felt[:3], turn @ (bias[3:6] - felt[3:6])])
         wrench += np.concatenate([force, np.cross(lever, force)])
-        needed = bias[6:] - load[6:]
+        needed = bias[6:] - ready[6:]
         jacobian = np.zeros((6, self._model.nv))
         for body, push in zip(self.bodies, self.push(data, wrench), strict=True):
             if body != self._pelvis:

@@ -114,6 +114,7 @@ class MassHolding(Holding):
         self._over = data.subtree_com[self._pelvis][:2].copy()
         self._plan_over = self._over.copy()
         self._carried = 0.0
+        self._felt = np.zeros((len(self._grasp.points(data)), 3))
         self._late: deque[np.ndarray] = deque()
         self._clock, self._ticks = 0.0, 0
         self._begin_still()
@@ -219,9 +220,16 @@ class MassHolding(Holding):
         feel = 1.0 - float(np.exp(-dt / habits.load_time))
         alone = bool(self.model.opt.disableactuator & 1 << ROBOT_GROUP)
         self._carried += feel * (alone - self._carried)
-        weight = np.zeros((len(self._grasp.points(data)), 3))
-        weight[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(weight)
-        torque = self._support.torques(data, sway, self._grasp.on_person(data, weight))
+        self._felt += feel * (self._grasp.forces(data) - self._felt)
+        ready = np.zeros_like(self._felt)
+        ready[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(ready)
+        beyond = habits.bracing * (self._felt - ready)
+        torque = self._support.torques(
+            data,
+            sway,
+            self._grasp.on_person(data, ready),
+            self._grasp.on_person(data, ready + beyond),
+        )
         data.ctrl[: PERSON_DOFS - 6] = self._wanted + self._is.compensation * torque / _STIFFNESS
 
     def _think(self) -> None:
@@ -237,7 +245,8 @@ class MassHolding(Holding):
         soles = None
         if self._is.soles is not None:
             soles = [_flat(site_pose(data, f"{side}_sole")) for side in ("right", "left")]
-        self._plan, _ = self._is.planner.step(self._plan, points, soles)
+        for _ in range(2):
+            self._plan, _ = self._is.planner.step(self._plan, points, soles)
         seen = self._is.planner.look(self._plan)
         self._plan_over = seen.subtree_com[self._pelvis][:2].copy()
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
-from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS, holding_points
+from ergoqp.simulation.people.mass.anatomy import BALL_END, PERSON_DOFS, holding_points
 from ergoqp.simulation.people.mass.table import HABITS
 from ergoqp.simulation.people.way import turn_between
 
@@ -86,6 +86,8 @@ class Planner:
         self._data = mujoco.MjData(model)
         self._pelvis = model.body("pelvis").id
         self._holds = [int(model.site(name).id) for name in holding_points(model)]
+        ball = model.geom("right_ball")
+        self._ahead = HABITS.ahead * float(ball.pos[0] + ball.size[0]) / BALL_END
         self._jacobian = np.zeros((6, model.nv))
         self._rows: list[tuple[np.ndarray, np.ndarray, float]] = []
 
@@ -126,7 +128,9 @@ class Planner:
         if not wishes.seated:
             self._stay_level()
             if soles is not None:
-                self._balance((soles[0][:2, 3] + soles[1][:2, 3]) / 2)
+                self._balance(
+                    np.mean([sole[:2, 3] + self._ahead * sole[:2, 0] for sole in soles], axis=0)
+                )
         change = self._solve(joints)
         after = np.zeros(self._model.nq)
         after[:PERSON_QPOS] = qpos

@@ -37,13 +37,13 @@ MUSCLES: Final[dict[str, Muscle]] = {
     "neck_flexion": Muscle(30.0, 2.0, 50.0, 2.0),
     "neck_side_bend": Muscle(30.0, 2.0, 50.0, 4.0),
     "neck_twist": Muscle(20.0, 1.0, 25.0, 2.0),
-    "shoulder_flexion": Muscle(50.0, 5.0, 90.0, 1.2),
-    "shoulder_abduction": Muscle(50.0, 5.0, 80.0, 2.5),
-    "shoulder_rotation": Muscle(30.0, 2.0, 50.0, 1.0),
-    "elbow_flexion": Muscle(40.0, 2.5, 70.0, 0.7),
-    "forearm_pronation": Muscle(10.0, 0.4, 12.0, 0.5),
-    "wrist_flexion": Muscle(12.0, 0.5, 18.0, 1.2),
-    "wrist_deviation": Muscle(15.0, 0.5, 18.0, 1.8),
+    "shoulder_flexion": Muscle(30.0, 3.0, 90.0, 1.2),
+    "shoulder_abduction": Muscle(30.0, 3.0, 80.0, 2.5),
+    "shoulder_rotation": Muscle(15.0, 1.0, 50.0, 1.0),
+    "elbow_flexion": Muscle(20.0, 1.5, 70.0, 0.7),
+    "forearm_pronation": Muscle(6.0, 0.3, 12.0, 0.5),
+    "wrist_flexion": Muscle(8.0, 0.4, 18.0, 1.2),
+    "wrist_deviation": Muscle(10.0, 0.4, 18.0, 1.8),
     "hip_flexion": Muscle(500.0, 50.0, 250.0, 1.5),
     "hip_abduction": Muscle(500.0, 50.0, 200.0, 4.0),
     "hip_rotation": Muscle(150.0, 10.0, 80.0, 4.0),
@@ -53,9 +53,9 @@ MUSCLES: Final[dict[str, Muscle]] = {
 }
 """By joint, both sides alike.
 
-Stiffness: shoulder and elbow as of a hand that holds its place (Mussa-Ivaldi, Hogan and Bizzi 1985,
-20 to 60), wrist of a firm grasp (passive 1 to 3: Formica et al. 2012; a clenched fist several times
-that), ankles of quiet standing (Loram and Lakie 2002: both together 0.9 of the body's toppling
+Stiffness: shoulder and elbow as of a hand that is led and does not resist (Mussa-Ivaldi, Hogan and
+Bizzi 1985 found 20 to 60 of one that resists), wrist of a firm grasp (passive 1 to 3: Formica et
+al. 2012; a clenched fist several times that), ankles of quiet standing (Loram and Lakie 2002: both together 0.9 of the body's toppling
 stiffness), trunk of an active one (Cholewicki and McGill 1996, order 500); knees and hips so that
 the stance is no softer than the ankles. Damping: 0.2 to 0.7 of critical with the segments beyond.
 Strength: maximal voluntary torques of untrained adults, as tabulated by Chaffin, Andersson and
@@ -91,6 +91,9 @@ class Habits:
         sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
         sway_damping: of the same [1/s].
         load_time: in which a load in the hand is felt, or one to come is taken over [s].
+        bracing: share of a felt load that the legs stand up to.
+        ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
+            foot's length: quiet standing has it 40 to 50 mm ahead.
         eye_range: that the eyes take without the neck [rad].
     """
 
@@ -104,7 +107,9 @@ class Habits:
     tick: float = 0.01
     sway_stiffness: float = 8.0
     sway_damping: float = 4.0
-    load_time: float = 0.3
+    load_time: float = 0.15
+    bracing: float = 0.7
+    ahead: float = 0.17
     eye_range: float = 0.35
 
 
