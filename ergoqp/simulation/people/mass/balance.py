@@ -9,6 +9,7 @@ import numpy as np
 
 from ergoqp.joints import SIDES
 from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS
+from ergoqp.simulation.people.mass.vectors import cross
 
 _SEAT_SHARE: Final = 8.0
 """How many times rather a point of the seat carries than one of a sole."""
@@ -18,6 +19,8 @@ _MOST_ACCELERATION: Final = 2.0
 
 _MOST_DROPPED: Final = 6
 
+_AXES: Final = np.eye(3)
+
 
 class Support:
     """The corners on which a person stands or sits, and who they push.
@@ -26,11 +29,16 @@ class Support:
         model: of the person.
         seated: whether the pelvis is on a seat.
         feet: whether the soles reach the floor.
+
+    Attributes:
+        on_feet: whether they do.
+        bodies: numbers of the bodies that carry.
     """
 
     def __init__(self, model: mujoco.MjModel, seated: bool, feet: bool) -> None:
         """Read the corners off the model's boxes."""
         self._model, self._pelvis = model, int(model.body("pelvis").id)
+        self.on_feet = feet
         self.bodies, self._corners, self._shares = [], [], []
         for side in SIDES if feet else ():
             heel, ball = _under(model, f"{side}_heel"), _under(model, f"{side}_ball")
@@ -49,9 +57,18 @@ class Support:
             for body, corners in zip(self.bodies, self._corners, strict=True)
         ]
 
+    def centre(self, data: mujoco.MjData) -> np.ndarray:
+        """Return the place on the floor below the centre of mass (2,) [m]."""
+        return data.subtree_com[self._pelvis][:2].copy()
+
+    def speed(self, data: mujoco.MjData) -> np.ndarray:
+        """Return how fast it moves (2,) [m/s]."""
+        mujoco.mj_subtreeVel(self._model, data)
+        return data.subtree_linvel[self._pelvis][:2].copy()
+
     def carries(self, data: mujoco.MjData) -> bool:
         """Return whether the centre of mass is above what carries the person."""
-        away = np.vstack(self.corners(data))[:, :2] - data.subtree_com[self._pelvis][:2]
+        away = np.vstack(self.corners(data))[:, :2] - self.centre(data)
         angles = np.sort(np.arctan2(away[:, 1], away[:, 0]))
         gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
         return bool(gaps.max() < np.pi)
@@ -68,10 +85,10 @@ class Support:
         origin = data.xpos[self._pelvis]
         outer = [points[:4] for points in self.corners(data)]
         points = np.vstack(outer)
-        maps = np.zeros((6, 3 * len(points)))
-        for number, away in enumerate(points - origin):
-            maps[:3, 3 * number : 3 * number + 3] = np.eye(3)
-            maps[3:, 3 * number : 3 * number + 3] = _cross(away)
+        levers = points - origin
+        maps = np.empty((6, 3 * len(points)))
+        maps[:3] = np.tile(_AXES, len(points))
+        maps[3:] = cross(levers[:, None], _AXES).reshape(-1, 3).T
         shares = np.repeat(self._shares, 12)
         for _ in range(_MOST_DROPPED):
             weighted = maps * shares
@@ -85,7 +102,7 @@ class Support:
         pushes = []
         for number, body in enumerate(self.bodies):
             own = forces[4 * number : 4 * number + 4]
-            torque = np.cross(outer[number] - data.xpos[body], own).sum(axis=0)
+            torque = cross(outer[number] - data.xpos[body], own).sum(axis=0)
             pushes.append(np.concatenate([own.sum(axis=0), torque]))
         return pushes
 
@@ -107,7 +124,7 @@ class Support:
         force = mass * np.array([limited[0], limited[1], 0.0])
         lever = data.subtree_com[self._pelvis] - data.xpos[self._pelvis]
         wrench = np.concatenate([bias[:3] - felt[:3], turn @ (bias[3:6] - felt[3:6])])
-        wrench += np.concatenate([force, np.cross(lever, force)])
+        wrench += np.concatenate([force, cross(lever, force)])
         needed = bias[6:] - ready[6:]
         jacobian = np.zeros((6, self._model.nv))
         for body, push in zip(self.bodies, self.push(data, wrench), strict=True):
@@ -122,7 +139,3 @@ def _under(model: mujoco.MjModel, name: str) -> np.ndarray:
     geom = model.geom(name)
     x, y, z = geom.size
     return geom.pos + np.array([[-x, -y, -z], [-x, y, -z], [x, -y, -z], [x, y, -z]])
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

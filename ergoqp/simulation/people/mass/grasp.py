@@ -14,6 +14,7 @@ from ergoqp.simulation.people.mass.anatomy import (
     holding_points,
 )
 from ergoqp.simulation.people.mass.table import HABITS
+from ergoqp.simulation.people.mass.vectors import cross
 
 _ANOTHER: Final = 0.5
 """A hand that slides again after this long has slipped once more [s]."""
@@ -57,9 +58,14 @@ class Grasp:
         vars(other).update(vars(self), model=model, _slid=self._slid.copy())
         return other
 
-    def points(self, data: mujoco.MjData) -> np.ndarray:
-        """Return where on the object the hands hold, in its frame (k, 3) [m]."""
-        return self.model.site_pos[self._on_object].copy()
+    @property
+    def points(self) -> int:
+        """How many there are."""
+        return len(self._on_hand)
+
+    def places(self, data: mujoco.MjData) -> np.ndarray:
+        """Return where on the object the hands hold, in the world (k, 3) [m]."""
+        return data.site_xpos[self._on_object].copy()
 
     def gap(self, data: mujoco.MjData) -> float:
         """Return the largest distance of a hand from where it took the object [m]."""
@@ -70,7 +76,7 @@ class Grasp:
 
     def slide(self, data: mujoco.MjData) -> None:
         """Let the points that pull more than a hand can hold slide along the object."""
-        pose, turn = self._frame(data)
+        turn = self._frame(data)[1]
         stretch = data.site_xpos[self._on_hand] - data.site_xpos[self._on_object]
         length = np.linalg.norm(stretch, axis=1)
         longest = self._most / self._stiffness
@@ -96,7 +102,7 @@ class Grasp:
         """Return the object's wrench on the hands (6,) at its frame, world-aligned [N, N m]."""
         forces = self.forces(data)
         levers = data.site_xpos[self._on_hand] - self._frame(data)[0]
-        return np.concatenate([forces.sum(axis=0), np.cross(levers, forces).sum(axis=0)])
+        return np.concatenate([forces.sum(axis=0), cross(levers, forces).sum(axis=0)])
 
     def on_person(self, data: mujoco.MjData, forces: np.ndarray) -> np.ndarray:
         """Return what forces (k, 3) at the points do to the person's coordinates (38,)."""

@@ -12,6 +12,7 @@ import numpy as np
 from ergoqp.human import Body
 from ergoqp.joints import LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.people.mass.anatomy import build
 from ergoqp.simulation.people.mass.angles import reported, upright
 from ergoqp.simulation.people.mass.contact_frame import (
@@ -21,6 +22,7 @@ from ergoqp.simulation.people.mass.contact_frame import (
 )
 from ergoqp.simulation.people.mass.holding import Beginning, MassHolding
 from ergoqp.simulation.people.mass.planner import PERSON_QPOS, Planner
+from ergoqp.simulation.people.mass.table import SOFT_ROBOT_DECLARED
 from ergoqp.simulation.people.mass.traits import Traits, draw_traits
 from ergoqp.simulation.people.person import Person
 from ergoqp.simulation.people.senses import Senses
@@ -53,6 +55,11 @@ class Mass(Person):
     def senses(self) -> Senses:
         """The person's own delay, and sensors of the plainer sort."""
         return self.traits.senses
+
+    @property
+    def robot(self) -> DeclaredRobot:
+        """The impedance that holds the object with the person."""
+        return SOFT_ROBOT_DECLARED
 
     @property
     def comfort(self) -> np.ndarray:
@@ -119,6 +126,7 @@ class Mass(Person):
                 compensation=self.traits.compensation,
                 qpos=qpos,
                 soles=soles,
+                height=self.seat if self.traits.wishes.seated else self._hips_above_soles,
             ),
             senses or self.senses,
         )

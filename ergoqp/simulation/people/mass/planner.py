@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import mujoco
@@ -12,6 +11,8 @@ import numpy as np
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.simulation.people.mass.anatomy import BALL_END, PERSON_DOFS, holding_points
 from ergoqp.simulation.people.mass.table import HABITS
+from ergoqp.simulation.people.mass.vectors import cross
+from ergoqp.simulation.people.mass.wishes import Wishes
 from ergoqp.simulation.people.way import turn_between
 
 PERSON_QPOS: Final = 7 + len(JOINTS)
@@ -51,25 +52,6 @@ _ARMS: Final = {
 }
 # The centre of mass is kept over the soles by pelvis, trunk and legs: never by neck or arms.
 _CARRIERS: Final = np.array([i < 9 or i >= 26 for i in range(PERSON_DOFS)])
-
-
-@dataclass(frozen=True)
-class Wishes:
-    """What one person minds.
-
-    Attributes:
-        comfort: posture with nothing to reach for (32,) [rad].
-        efforts: what it costs to be away from it (32,), per rad^2.
-        balance: what it costs to have the centre of mass off the middle of the soles, per m^2.
-        hands: that hold the object.
-        seated: whether the pelvis stays on a seat.
-    """
-
-    comfort: np.ndarray
-    efforts: np.ndarray
-    balance: float
-    hands: tuple[str, ...]
-    seated: bool
 
 
 class Planner:
@@ -187,7 +169,7 @@ class Planner:
         ahead = self._data.site_xmat[eyes].reshape(3, 3)[:, 0]
         toward = work - self._data.site_xpos[eyes]
         toward /= np.linalg.norm(toward)
-        axis = np.cross(ahead, toward)
+        axis = cross(ahead, toward)
         angle = float(np.arctan2(np.linalg.norm(axis), ahead @ toward))
         excess = angle - HABITS.eye_range
         if excess > 0:
@@ -212,7 +194,7 @@ class Planner:
         up = turn[:, 2]
         jacobian = np.zeros((2, PERSON_DOFS))
         for column in range(3):
-            jacobian[:, 3 + column] = np.cross(turn[:, column], up)[:2]
+            jacobian[:, 3 + column] = cross(turn[:, column], up)[:2]
         self._rows.append((jacobian, -up[:2], _LEVEL_PELVIS))
 
     def _balance(self, middle: np.ndarray) -> None:

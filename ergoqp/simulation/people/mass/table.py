@@ -55,11 +55,12 @@ MUSCLES: Final[dict[str, Muscle]] = {
 
 Stiffness: shoulder and elbow as of a hand that is led and does not resist (Mussa-Ivaldi, Hogan and
 Bizzi 1985 found 20 to 60 of one that resists), wrist of a firm grasp (passive 1 to 3: Formica et
-al. 2012; a clenched fist several times that), ankles of quiet standing (Loram and Lakie 2002: both together 0.9 of the body's toppling
-stiffness), trunk of an active one (Cholewicki and McGill 1996, order 500); knees and hips so that
-the stance is no softer than the ankles. Damping: 0.2 to 0.7 of critical with the segments beyond.
-Strength: maximal voluntary torques of untrained adults, as tabulated by Chaffin, Andersson and
-Martin (Occupational Biomechanics). Effort: the trunk carries half the body, the forearm nothing.
+al. 2012; a clenched fist several times that), ankles of quiet standing (Loram and Lakie 2002: both
+together 0.9 of the body's toppling stiffness), trunk of an active one (Cholewicki and McGill 1996,
+order 500); knees and hips so that the stance is no softer than the ankles. Damping: 0.2 to 0.7 of
+critical with the segments beyond. Strength: maximal voluntary torques of untrained adults, as
+tabulated by Chaffin, Andersson and Martin (Occupational Biomechanics). Effort: the trunk carries
+half the body, the forearm nothing.
 """
 
 

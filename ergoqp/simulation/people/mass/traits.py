@@ -12,9 +12,9 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
-from ergoqp.simulation.people.mass.planner import Wishes
 from ergoqp.simulation.people.mass.segments import Sex
 from ergoqp.simulation.people.mass.table import per_joint
+from ergoqp.simulation.people.mass.wishes import Wishes
 from ergoqp.simulation.people.senses import Senses
 
 _STATURES: Final[dict[Sex, tuple[float, float]]] = {"female": (1.64, 0.065), "male": (1.77, 0.070)}
