@@ -56,7 +56,7 @@ class Control:
         self.plan = data.qpos[:PERSON_QPOS].copy()
         self.wanted = self.plan[7:].copy()
         self._over = self._planned_over = support.centre(data)
-        self._felt = np.zeros((points, 3))
+        self._felt = self._lifts = np.zeros((points, 3))
         self._carried, self._ticks = 0.0, 0
         self._late: deque[np.ndarray] = deque()
 
@@ -76,7 +76,7 @@ class Control:
             dt: until the next command [s].
         """
         if self._ticks % round(HABITS.plan_period / HABITS.tick) == 0:
-            self._think(data, grasp)
+            self._think(data, grasp, alone)
         self._ticks += 1
         self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (self.plan[7:] - self.wanted)
         self._over = self._over + _share(dt, HABITS.body_time) * (self._planned_over - self._over)
@@ -96,16 +96,25 @@ class Control:
         # A muscle's spring rests where its torque at the wanted angle is the one that carries.
         data.ctrl[: PERSON_DOFS - 6] = self.wanted + self._compensation * torque / _STIFFNESS
 
-    def _think(self, data: mujoco.MjData, grasp: Grasp) -> None:
-        """Move the plan on, toward where the object was before the person's delay."""
-        self._late.append(grasp.places(data))
-        while len(self._late) > self._delay + 1:
-            self._late.popleft()
+    def _think(self, data: mujoco.MjData, grasp: Grasp, alone: bool) -> None:
+        """Move the plan on, toward where the object was before the person's delay.
+
+        Who carries it alone keeps it there, and lifts as much as it sinks.
+        """
+        places = grasp.places(data)
+        if alone:
+            self._lifts = self._lifts + _share(HABITS.plan_period, HABITS.lift_time) * (
+                self._late[0] - places
+            )
+        else:
+            self._late.append(places)
+            while len(self._late) > self._delay + 1:
+                self._late.popleft()
         soles = None
         if self._support.on_feet:
             soles = [_flat(site_pose(data, f"{side}_sole")) for side in SIDES]
         for _ in range(_STEPS):
-            self.plan, _ = self._planner.step(self.plan, self._late[0], soles)
+            self.plan, _ = self._planner.step(self.plan, self._late[0] + self._lifts, soles)
         self._planned_over = self._support.centre(self._planner.look(self.plan))
 
 

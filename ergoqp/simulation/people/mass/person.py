@@ -87,23 +87,21 @@ class Mass(Person):
     @cached_property
     def _hips_above_soles(self) -> float:
         """Height of the hip centres over the soles in comfort [m]."""
-        model = self.body.model
+        model = self._built(None)
         data = mujoco.MjData(model)
-        data.qpos[4:] = self.comfort
+        data.qpos[3], data.qpos[7:PERSON_QPOS] = 1.0, self.comfort
         mujoco.mj_kinematics(model, data)
         return float(-min(data.site(f"{side}_sole").xpos[2] for side in SIDES))
 
     @cached_property
     def model(self) -> mujoco.MjModel:
         """The person with object, robot and seat; who changes it takes a copy."""
-        return build(
-            self.body,
-            self.traits.sex,
-            self.traits.wishes.hands,
-            np.array(AXIS[self.traits.tool]),
-            self.traits.free_about_tool,
-            self.seat if self.traits.wishes.seated else None,
-        )
+        return self._built(self.seat if self.traits.wishes.seated else None)
+
+    def _built(self, seat: float | None) -> mujoco.MjModel:
+        traits = self.traits
+        axis = np.array(AXIS[traits.tool])
+        return build(self.body, traits.sex, traits.wishes.hands, axis, traits.free_about_tool, seat)
 
     @cached_property
     def planner(self) -> Planner:
@@ -180,11 +178,12 @@ def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
     """Return a person with mass for a problem, the same for the same seed.
 
     Args:
-        problem: its response must be an `IkResponse`; only what it says of the task is read.
+        problem: only what its response says of the task is read: hands, stance, tool, comfort
+            and seat.
         seed: of the person.
         body: the person's body; None: drawn.
 
     Raises:
-        InputError: if the problem's response is of another kind.
+        InputError: if the problem's response does not say that.
     """
     return Mass(draw_traits(problem, seed, body))

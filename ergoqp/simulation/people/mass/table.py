@@ -92,6 +92,7 @@ class Habits:
         sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
         sway_damping: of the same [1/s].
         load_time: in which a load in the hand is felt, or one to come is taken over [s].
+        lift_time: in which a sinking load is lifted again [s].
         bracing: share of a felt load that the legs stand up to.
         ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
             foot's length: quiet standing has it 40 to 50 mm ahead.
@@ -109,6 +110,7 @@ class Habits:
     sway_stiffness: float = 8.0
     sway_damping: float = 4.0
     load_time: float = 0.15
+    lift_time: float = 1.0
     bracing: float = 0.7
     ahead: float = 0.17
     eye_range: float = 0.35

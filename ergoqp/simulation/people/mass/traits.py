@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.people.mass.segments import Sex
 from ergoqp.simulation.people.mass.table import per_joint
 from ergoqp.simulation.people.mass.wishes import Wishes
@@ -19,6 +18,9 @@ from ergoqp.simulation.people.senses import Senses
 
 _STATURES: Final[dict[Sex, tuple[float, float]]] = {"female": (1.64, 0.065), "male": (1.77, 0.070)}
 """Mean and standard deviation of adults' statures [m]."""
+
+_READ: Final = ("hands", "stance", "tool", "free_about_tool", "comfort", "seat_height")
+"""What is read of a problem's response: the task, and nothing of how it reckons."""
 
 _SHORTEST, _TALLEST = 1.50, 1.95
 """Who is drawn [m]."""
@@ -63,17 +65,19 @@ def draw_traits(problem: Problem, seed: int, body: Body | None = None) -> Traits
     that the muscles hold of themselves (0.9 to 1).
 
     Args:
-        problem: its response must be an `IkResponse`; only what it says of the task is read.
+        problem: only what its response says of the task is read: hands, stance, tool, comfort
+            and seat.
         seed: of the person.
         body: the person's body; None: drawn.
 
     Raises:
-        InputError: if the problem's response is of another kind.
+        InputError: if the problem's response does not say that.
     """
-    task = problem.response
-    if not isinstance(task, IkResponse):
+    task: Any = problem.response
+    if missing := [name for name in _READ if not hasattr(task, name)]:
         raise InputError(
-            f"simulated person: got a response of type {type(task).__name__}, allowed IkResponse"
+            f"simulated person: got a response of type {type(task).__name__} that does not say"
+            f" {', '.join(missing)}, allowed one such as IkResponse"
         )
     rng = np.random.default_rng([seed, 11])
     sex: Sex = "female" if rng.random() < 0.5 else "male"
