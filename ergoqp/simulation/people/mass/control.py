@@ -15,7 +15,8 @@ from ergoqp.simulation.people.mass.angles import upright
 from ergoqp.simulation.people.mass.balance import Support
 from ergoqp.simulation.people.mass.contact_frame import site_pose
 from ergoqp.simulation.people.mass.grasp import Grasp
-from ergoqp.simulation.people.mass.planner import PERSON_QPOS, Planner
+from ergoqp.simulation.people.mass.plan import PERSON_QPOS, Plan
+from ergoqp.simulation.people.mass.planner import Planner
 from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT, per_joint
 
 _STEPS: Final = 2
@@ -53,8 +54,8 @@ class Control:
         """Want the posture as it is."""
         self._planner, self._support, self._compensation = planner, support, compensation
         self._delay = round(delay / HABITS.plan_period)
-        self.plan = data.qpos[:PERSON_QPOS].copy()
-        self.wanted = self.plan[7:].copy()
+        self.plan = Plan(data.qpos[:PERSON_QPOS].copy())
+        self.wanted = self.plan.qpos[7:].copy()
         self._over = self._planned_over = support.centre(data)
         self._felt = self._lifts = np.zeros((points, 3))
         self._carried, self._ticks = 0.0, 0
@@ -78,7 +79,9 @@ class Control:
         if self._ticks % round(HABITS.plan_period / HABITS.tick) == 0:
             self._think(data, grasp, alone)
         self._ticks += 1
-        self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (self.plan[7:] - self.wanted)
+        self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (
+            self.plan.qpos[7:] - self.wanted
+        )
         self._over = self._over + _share(dt, HABITS.body_time) * (self._planned_over - self._over)
         sway = HABITS.sway_stiffness * (self._over - self._support.centre(data))
         sway -= HABITS.sway_damping * self._support.speed(data)
@@ -114,8 +117,8 @@ class Control:
         if self._support.on_feet:
             soles = [_flat(site_pose(data, f"{side}_sole")) for side in SIDES]
         for _ in range(_STEPS):
-            self.plan, _ = self._planner.step(self.plan, self._late[0] + self._lifts, soles)
-        self._planned_over = self._support.centre(self._planner.look(self.plan))
+            self.plan = self._planner.step(self.plan, self._late[0] + self._lifts, soles)
+        self._planned_over = self._support.centre(self._planner.look(self.plan.qpos))
 
 
 def _share(dt: float, time: float) -> float:

@@ -16,7 +16,8 @@ from ergoqp.simulation.people.mass.contact_frame import contact_in
 from ergoqp.simulation.people.mass.control import Control
 from ergoqp.simulation.people.mass.falling import has_fallen
 from ergoqp.simulation.people.mass.grasp import Grasp
-from ergoqp.simulation.people.mass.planner import PERSON_QPOS, Planner
+from ergoqp.simulation.people.mass.plan import PERSON_QPOS
+from ergoqp.simulation.people.mass.planner import Planner
 from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT
 from ergoqp.simulation.people.person import LET_GO, Holding
 from ergoqp.simulation.people.senses import Senses
@@ -162,7 +163,7 @@ class MassHolding(Holding):
         while self._clock < end and quiet < _CALM and not self.fallen:
             self.follow(pose, _PERIOD)
             speed = float(np.abs(self.data.qvel[6:PERSON_DOFS]).max())
-            missing = float(np.abs(self._control.plan[7:] - self._control.wanted).max())
+            missing = float(np.abs(self._control.plan.qpos[7:] - self._control.wanted).max())
             quiet = quiet + 1 if max(speed, missing) < _AT_REST else 0
         return self.gap < _HELD and not self.fallen
 

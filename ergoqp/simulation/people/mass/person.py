@@ -21,7 +21,8 @@ from ergoqp.simulation.people.mass.contact_frame import (
     site_pose,
 )
 from ergoqp.simulation.people.mass.holding import Beginning, MassHolding
-from ergoqp.simulation.people.mass.planner import PERSON_QPOS, Planner
+from ergoqp.simulation.people.mass.plan import PERSON_QPOS
+from ergoqp.simulation.people.mass.planner import Planner
 from ergoqp.simulation.people.mass.table import SOFT_ROBOT_DECLARED
 from ergoqp.simulation.people.mass.traits import Traits, draw_traits
 from ergoqp.simulation.people.person import Person
@@ -153,7 +154,7 @@ class Mass(Person):
             stands[:3, :3], stands[:2, 3] = upright(sole[:3, :3]), sole[:2, 3]
             flat.append(stands)
         as_given = replace(self.traits.wishes, comfort=qpos[7:], balance=0.0)
-        return Planner(self.model, as_given).settle(qpos, None, flat, steps=30), flat
+        return Planner(self.model, as_given).settle(qpos, None, flat, steps=30).qpos, flat
 
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Plan from comfort, without simulating, the posture with the object at `pose` (4, 4)."""
@@ -162,8 +163,9 @@ class Mass(Person):
         contact = contact_in(self.planner.look(qpos), self.traits.wishes.hands, self.traits.tool)
         local = (points - contact[:3, 3]) @ contact[:3, :3]
         there = pose[:3, 3] + local @ pose[:3, :3].T
-        qpos = self.planner.settle(qpos, there, soles)
-        reached = self.planner.misses(qpos, there) < REACHED
+        plan = self.planner.settle(qpos, there, soles)
+        qpos = plan.qpos
+        reached = plan.arrived and self.planner.misses(qpos, there) < REACHED
         data = self.planner.look(qpos)
         if soles is not None:
             off = max(

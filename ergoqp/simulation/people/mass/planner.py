@@ -10,13 +10,11 @@ import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.simulation.people.mass.anatomy import BALL_END, PERSON_DOFS, holding_points
+from ergoqp.simulation.people.mass.plan import PERSON_QPOS, Plan
 from ergoqp.simulation.people.mass.table import HABITS
 from ergoqp.simulation.people.mass.vectors import cross
 from ergoqp.simulation.people.mass.wishes import Wishes
 from ergoqp.simulation.people.way import turn_between
-
-PERSON_QPOS: Final = 7 + len(JOINTS)
-"""Pelvis position and quaternion, then the joints."""
 
 _HANDS: Final = 1e4
 _SOLES: Final = 2e4
@@ -26,9 +24,6 @@ _HANGING: Final = 20.0
 _ON_LAP: Final = 40.0
 _LEVEL_PELVIS: Final = 5.0
 """What errors cost, per m^2 or rad^2, where a joint's effort costs 0.5 to 7 per rad^2."""
-
-_DAMPING: Final = 0.5
-"""Cost of a step itself, per rad^2 or m^2: the steps leave out how the frames turn as they move."""
 
 _FAR: Final = 0.10
 """Longest way that one step takes a hand or a sole [m]."""
@@ -85,17 +80,16 @@ class Planner:
         return self._data
 
     def step(
-        self, qpos: np.ndarray, points: np.ndarray | None, soles: Sequence[np.ndarray] | None
-    ) -> tuple[np.ndarray, float]:
-        """Return the state (39,) after one step, and the largest change of a joint [rad].
+        self, plan: Plan, points: np.ndarray | None, soles: Sequence[np.ndarray] | None
+    ) -> Plan:
+        """Return the plan after one step.
 
         Args:
-            qpos: pelvis and joints now (39,).
+            plan: before.
             points: where the hands should hold (k, 3) [m]; None: nowhere.
             soles: where the soles stand (4, 4) each [m]; None: they hang.
         """
-        wishes, data = self._wishes, self.look(qpos)
-        joints = qpos[7:]
+        wishes, data = self._wishes, self.look(plan.qpos)
         self._rows = []
         if points is not None:
             for site, point in zip(self._holds, points, strict=True):
@@ -113,29 +107,30 @@ class Planner:
                 self._balance(
                     np.mean([sole[:2, 3] + self._ahead * sole[:2, 0] for sole in soles], axis=0)
                 )
-        change = self._solve(joints)
+        change = self._solve(plan.qpos[7:], plan.damping)
         after = np.zeros(self._model.nq)
-        after[:PERSON_QPOS] = qpos
+        after[:PERSON_QPOS] = plan.qpos
         after[PERSON_QPOS + 3] = 1.0
         velocity = np.zeros(self._model.nv)
         velocity[:PERSON_DOFS] = change
         mujoco.mj_integratePos(self._model, after, velocity, 1.0)
         after[7:PERSON_QPOS] = np.clip(after[7:PERSON_QPOS], _LOWEST, _HIGHEST)
-        return after[:PERSON_QPOS], float(np.abs(change).max())
+        return plan.after(after[:PERSON_QPOS], change)
 
     def settle(
         self,
         qpos: np.ndarray,
         points: np.ndarray | None,
         soles: Sequence[np.ndarray] | None,
-        steps: int = 80,
-    ) -> np.ndarray:
-        """Return the state (39,) to which steps lead."""
+        steps: int = 120,
+    ) -> Plan:
+        """Return the plan to which steps from a state (39,) lead."""
+        plan = Plan(qpos)
         for _ in range(steps):
-            qpos, change = self.step(qpos, points, soles)
-            if change < 1e-3:
+            plan = self.step(plan, points, soles)
+            if plan.arrived:
                 break
-        return qpos
+        return plan
 
     def misses(self, qpos: np.ndarray, points: np.ndarray) -> float:
         """Return how far at most a hand's point is from where it should hold [m]."""
@@ -203,14 +198,14 @@ class Planner:
         error = middle - self._data.subtree_com[self._pelvis][:2]
         self._rows.append((jacobian, _capped(error, _FAR), self._wishes.balance))
 
-    def _solve(self, joints: np.ndarray) -> np.ndarray:
+    def _solve(self, joints: np.ndarray, damping: float) -> np.ndarray:
         """Return the change (38,) of least cost within the joints' ranges."""
         wishes = self._wishes
         costs = np.concatenate([np.full(len(error), cost) for _, error, cost in self._rows])
         rows = np.vstack([jacobian for jacobian, _, _ in self._rows])
         errors = np.concatenate([error for _, error, _ in self._rows])
         hessian = rows.T @ (rows * costs[:, None])
-        hessian[np.diag_indices(PERSON_DOFS)] += _DAMPING
+        hessian[np.diag_indices(PERSON_DOFS)] += damping
         hessian[np.arange(6, PERSON_DOFS), np.arange(6, PERSON_DOFS)] += wishes.efforts
         pull = rows.T @ (costs * errors)
         pull[6:] += wishes.efforts * (wishes.comfort - joints)
