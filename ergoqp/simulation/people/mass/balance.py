@@ -49,6 +49,7 @@ class Support:
             self.bodies.append(self._pelvis)
             self._corners.append(_under(model, "buttocks"))
             self._shares.append(_SEAT_SHARE)
+        self._same = np.tile(_AXES, 4 * len(self.bodies))
 
     def corners(self, data: mujoco.MjData) -> list[np.ndarray]:
         """Return the corners of every carrying body in the world (k, 3) [m], outer ones first."""
@@ -87,9 +88,10 @@ class Support:
         points = np.vstack(outer)
         levers = points - origin
         maps = np.empty((6, 3 * len(points)))
-        maps[:3] = np.tile(_AXES, len(points))
+        maps[:3] = self._same
         maps[3:] = cross(levers[:, None], _AXES).reshape(-1, 3).T
         shares = np.repeat(self._shares, 12)
+        forces = np.zeros((len(points), 3))
         for _ in range(_MOST_DROPPED):
             weighted = maps * shares
             gram = weighted @ maps.T

@@ -24,8 +24,10 @@ _STEPS: Final = 2
 
 _STIFFNESS: Final = per_joint("stiffness")
 
+_ARMS: Final = np.arange(6, 20)
+
 _FOLLOWS: Final = np.array(
-    [HABITS.arm_time if 6 <= i < 20 else HABITS.body_time for i in range(len(JOINTS))]
+    [HABITS.arm_time if i in _ARMS else HABITS.body_time for i in range(len(JOINTS))]
 )
 """In what time every joint follows the planned posture (32,) [s]."""
 
@@ -56,6 +58,7 @@ class Control:
         self._delay = round(delay / HABITS.plan_period)
         self.plan = Plan(data.qpos[:PERSON_QPOS].copy())
         self.wanted = self.plan.qpos[7:].copy()
+        self._toward = self.wanted.copy()
         self._over = self._planned_over = support.centre(data)
         self._felt = self._lifts = np.zeros((points, 3))
         self._carried, self._ticks = 0.0, 0
@@ -79,9 +82,7 @@ class Control:
         if self._ticks % round(HABITS.plan_period / HABITS.tick) == 0:
             self._think(data, grasp, alone)
         self._ticks += 1
-        self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (
-            self.plan.qpos[7:] - self.wanted
-        )
+        self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (self._toward - self.wanted)
         self._over = self._over + _share(dt, HABITS.body_time) * (self._planned_over - self._over)
         sway = HABITS.sway_stiffness * (self._over - self._support.centre(data))
         sway -= HABITS.sway_damping * self._support.speed(data)
@@ -90,12 +91,9 @@ class Control:
         self._felt = self._felt + feel * (grasp.forces(data) - self._felt)
         ready = np.zeros_like(self._felt)
         ready[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(ready)
-        torque = self._support.torques(
-            data,
-            sway,
-            grasp.on_person(data, ready),
-            grasp.on_person(data, ready + HABITS.bracing * (self._felt - ready)),
-        )
+        felt = ready + HABITS.bracing * (self._felt - ready)
+        loads = grasp.on_person(data, np.stack([ready, felt]))
+        torque = self._support.torques(data, sway, ready=loads[0], felt=loads[1])
         # A muscle's spring rests where its torque at the wanted angle is the one that carries.
         data.ctrl[: PERSON_DOFS - 6] = self.wanted + self._compensation * torque / _STIFFNESS
 
@@ -116,9 +114,15 @@ class Control:
         soles = None
         if self._support.on_feet:
             soles = [_flat(site_pose(data, f"{side}_sole")) for side in SIDES]
+        points = self._late[0] + self._lifts
         for _ in range(_STEPS):
-            self.plan = self._planner.step(self.plan, self._late[0] + self._lifts, soles)
+            self.plan = self._planner.step(self.plan, points, soles)
         self._planned_over = self._support.centre(self._planner.look(self.plan.qpos))
+        # The body takes its time to get there; meanwhile the arms make up for it.
+        now = data.qpos[:PERSON_QPOS].copy()
+        now[7:][_ARMS] = self.wanted[_ARMS]
+        self._toward = self.plan.qpos[7:].copy()
+        self._toward[_ARMS] = self._planner.arms(now, points, self.plan)[_ARMS]
 
 
 def _share(dt: float, time: float) -> float:

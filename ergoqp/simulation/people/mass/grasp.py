@@ -105,12 +105,12 @@ class Grasp:
         return np.concatenate([forces.sum(axis=0), cross(levers, forces).sum(axis=0)])
 
     def on_person(self, data: mujoco.MjData, forces: np.ndarray) -> np.ndarray:
-        """Return what forces (k, 3) at the points do to the person's coordinates (38,)."""
-        jacobian, total = np.zeros((3, self.model.nv)), np.zeros(PERSON_DOFS)
-        for site, force in zip(self._on_hand, forces, strict=True):
-            mujoco.mj_jacSite(self.model, data, jacobian, None, site)
-            total += jacobian[:, :PERSON_DOFS].T @ force
-        return total
+        """Return what forces (..., k, 3) at the points do to the person's coordinates (..., 38)."""
+        jacobian = np.zeros((self.points, 3, self.model.nv))
+        for site, part in zip(self._on_hand, jacobian, strict=True):
+            mujoco.mj_jacSite(self.model, data, part, None, site)
+        rows = jacobian[:, :, :PERSON_DOFS].reshape(-1, PERSON_DOFS)
+        return forces.reshape(*forces.shape[:-2], -1) @ rows
 
     def _frame(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         return data.xpos[self._object], data.xmat[self._object].reshape(3, 3)

@@ -28,6 +28,9 @@ _LEVEL_PELVIS: Final = 5.0
 _FAR: Final = 0.10
 """Longest way that one step takes a hand or a sole [m]."""
 
+_DAMPING: Final = 0.5
+"""Cost of moving the arms alone, per rad^2."""
+
 _LONGEST: Final = 0.25
 """Largest change of a joint in one step [rad]."""
 
@@ -44,6 +47,9 @@ _ARMS: Final = {
         if name.startswith(side) and not name.endswith("deviation")
     ]
     for side in SIDES
+}
+_WHOLE_ARMS: Final = {
+    side: [6 + INDEX[name] for name in JOINTS[6:20] if name.startswith(side)] for side in SIDES
 }
 # The centre of mass is kept over the soles by pelvis, trunk and legs: never by neck or arms.
 _CARRIERS: Final = np.array([i < 9 or i >= 26 for i in range(PERSON_DOFS)])
@@ -107,7 +113,9 @@ class Planner:
                 self._balance(
                     np.mean([sole[:2, 3] + self._ahead * sole[:2, 0] for sole in soles], axis=0)
                 )
-        change = self._solve(plan.qpos[7:], plan.damping)
+        free = np.ones(PERSON_DOFS, dtype=bool)
+        free[_BASE] = not wishes.seated
+        change = self._solve(plan.qpos[7:], wishes.comfort, free, plan.damping)
         after = np.zeros(self._model.nq)
         after[:PERSON_QPOS] = plan.qpos
         after[PERSON_QPOS + 3] = 1.0
@@ -116,6 +124,26 @@ class Planner:
         mujoco.mj_integratePos(self._model, after, velocity, 1.0)
         after[7:PERSON_QPOS] = np.clip(after[7:PERSON_QPOS], _LOWEST, _HIGHEST)
         return plan.after(after[:PERSON_QPOS], change)
+
+    def arms(self, qpos: np.ndarray, points: np.ndarray, plan: Plan) -> np.ndarray:
+        """Return joints (32,) of which the holding arms' have the hands nearer to their points.
+
+        The body stays as it is; of all ways to do it the arms take that nearest to the plan's.
+
+        Args:
+            qpos: pelvis and joints now (39,).
+            points: where the hands should hold (k, 3) [m].
+            plan: of the whole posture.
+        """
+        data, free = self.look(qpos), np.zeros(PERSON_DOFS, dtype=bool)
+        for side in self._wishes.hands:
+            free[_WHOLE_ARMS[side]] = True
+        self._rows = []
+        for site, point in zip(self._holds, points, strict=True):
+            error = _capped(point - data.site_xpos[site], _FAR)
+            self._reach(site, error, _HANDS / len(points))
+        change = self._solve(qpos[7:], plan.qpos[7:], free, _DAMPING)
+        return np.clip(qpos[7:] + change[6:], _LOWEST, _HIGHEST)
 
     def settle(
         self,
@@ -198,8 +226,17 @@ class Planner:
         error = middle - self._data.subtree_com[self._pelvis][:2]
         self._rows.append((jacobian, _capped(error, _FAR), self._wishes.balance))
 
-    def _solve(self, joints: np.ndarray, damping: float) -> np.ndarray:
-        """Return the change (38,) of least cost within the joints' ranges."""
+    def _solve(
+        self, joints: np.ndarray, comfort: np.ndarray, free: np.ndarray, damping: float
+    ) -> np.ndarray:
+        """Return the change (38,) of least cost within the joints' ranges.
+
+        Args:
+            joints: now (32,) [rad].
+            comfort: where they would be best (32,) [rad].
+            free: which coordinates may change (38,) bool; written to.
+            damping: what a change costs of itself.
+        """
         wishes = self._wishes
         costs = np.concatenate([np.full(len(error), cost) for _, error, cost in self._rows])
         rows = np.vstack([jacobian for jacobian, _, _ in self._rows])
@@ -208,12 +245,10 @@ class Planner:
         hessian[np.diag_indices(PERSON_DOFS)] += damping
         hessian[np.arange(6, PERSON_DOFS), np.arange(6, PERSON_DOFS)] += wishes.efforts
         pull = rows.T @ (costs * errors)
-        pull[6:] += wishes.efforts * (wishes.comfort - joints)
-        free = np.ones(PERSON_DOFS, dtype=bool)
-        if wishes.seated:
-            free[_BASE] = False
+        pull[6:] += wishes.efforts * (comfort - joints)
+        change = np.zeros(PERSON_DOFS)
         for _ in range(4):
-            change = np.zeros(PERSON_DOFS)
+            change[:] = 0.0
             change[free] = np.linalg.solve(hessian[np.ix_(free, free)], pull[free])
             after = joints + change[6:]
             stuck = ((after > _HIGHEST) & (joints > _HIGHEST - 1e-6)) | (
@@ -222,7 +257,7 @@ class Planner:
             if not (stuck & free[6:]).any():
                 break
             free[6:] &= ~stuck
-        return change * min(1.0, _LONGEST / (np.abs(change).max() + 1e-12))
+        return change * min(1.0, _LONGEST / (float(np.abs(change).max()) + 1e-12))
 
 
 def _only(jacobian: np.ndarray, columns: list[int]) -> np.ndarray:
