@@ -74,7 +74,7 @@ def there_and_back(who: MassHolding, axes: tuple[str, ...]) -> list[bool]:
 
 def measure(out: report.Report) -> None:
     """Hold, rest, carry and move, per problem."""
-    people = out.pick(2, 20)
+    people = out.pick(1, 20)
     for name in PROBLEMS:
         problem = load_problem(name)
         drifts, falls, growths, errors, seconds, unbalanced = [], 0, [], [], [], []
