@@ -4,7 +4,7 @@ Per problem, over people drawn by seed, each holding the object at an awkward st
 
 - ``hold_drift_mm``: how far a hand goes at most in 20 s of holding still; ``falls`` in that time;
 - ``energy_growth_j``: how much potential and kinetic energy of person and object grow at most in
-  the 2 s after it, while nobody moves anything;
+  the 2 s after it, while nobody moves anything; negative: it falls;
 - ``box_force_error_pct``: by how much the hands' force on the box differs at most from its weight
   once the robot has let go of it and the person holds it still;
 - ``seconds_per_second``: processor time of one simulated second, the person's own Python included;
@@ -44,7 +44,7 @@ def energy(who: MassHolding) -> float:
 
 def growth_at_rest(who: MassHolding) -> float:
     """Return by how much the energy grows at most in two seconds of rest [J]."""
-    pose, begin, most = who.pose.copy(), energy(who), 0.0
+    pose, begin, most = who.pose.copy(), energy(who), -np.inf
     for _ in range(40):
         who.follow(pose, 0.05)
         most = max(most, energy(who) - begin)

@@ -37,10 +37,10 @@ MUSCLES: Final[dict[str, Muscle]] = {
     "neck_flexion": Muscle(30.0, 2.0, 50.0, 2.0),
     "neck_side_bend": Muscle(30.0, 2.0, 50.0, 4.0),
     "neck_twist": Muscle(20.0, 1.0, 25.0, 2.0),
-    "shoulder_flexion": Muscle(30.0, 3.0, 90.0, 1.2),
-    "shoulder_abduction": Muscle(30.0, 3.0, 80.0, 2.5),
-    "shoulder_rotation": Muscle(15.0, 1.0, 50.0, 1.0),
-    "elbow_flexion": Muscle(20.0, 1.5, 70.0, 0.7),
+    "shoulder_flexion": Muscle(30.0, 6.0, 90.0, 1.2),
+    "shoulder_abduction": Muscle(30.0, 6.0, 80.0, 2.5),
+    "shoulder_rotation": Muscle(15.0, 2.0, 50.0, 1.0),
+    "elbow_flexion": Muscle(20.0, 3.0, 70.0, 0.7),
     "forearm_pronation": Muscle(6.0, 0.3, 12.0, 0.5),
     "wrist_flexion": Muscle(8.0, 0.4, 18.0, 1.2),
     "wrist_deviation": Muscle(10.0, 0.4, 18.0, 1.8),
@@ -110,7 +110,7 @@ class Habits:
     sway_stiffness: float = 8.0
     sway_damping: float = 4.0
     load_time: float = 0.15
-    lift_time: float = 1.0
+    lift_time: float = 3.0
     bracing: float = 0.7
     ahead: float = 0.17
     eye_range: float = 0.35
