@@ -12,6 +12,7 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.loop import with_own_robot
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.mass import holding
+from ergoqp.simulation.people.mass.person import draw
 from ergoqp.simulation.people.mass.table import SOFT_ROBOT_DECLARED
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.starts import awkward_start
@@ -55,7 +56,7 @@ def test_a_task_that_says_too_little_is_named() -> None:
 
 
 def test_people_differ_within_what_is_drawn() -> None:
-    people = [person_of_kind("mass", load_problem("screwing"), seed) for seed in range(60)]
+    people = [draw(load_problem("screwing"), seed) for seed in range(60)]
     statures = [person.body.stature for person in people]
     assert min(statures) >= 1.50
     assert max(statures) <= 1.95
