@@ -10,10 +10,11 @@ loop, and the kinds of `KEPT` are refused: nobody looks at the loop with them wh
 
 A unit is a kind, a problem and a seed. Its start is a place drawn in the workspace, to which the
 object is carried straight from comfort, and where the person has come to rest (even seeds: the
-worst of six such places, since awkward ones are what this is about); it counts if that rest scores at least 2 points above the best. The best is frozen before any loop is run: the lowest
-exact score of the person's own undisturbed rest over places carried to straight from this start
-(48 spread over the workspace, searched around the best two; the rule's, the nominal optimum's).
-From there the same person with the same noise is led by
+worst of six such places, since awkward ones are what this is about). It counts if that rest scores
+at least 2 points above the best. The best is frozen before any loop is run: the lowest exact score
+of the person's own undisturbed rest over places carried to straight from this start (48 spread over
+the workspace, searched around the best two; the rule's, the nominal optimum's). From
+there the same person with the same noise is led by
 
 - (no suffix): ergoqp as ``ergoqp run --guide best``, guided by the optimum of its own model;
 - ``.descent``: the same without a guide, a part taken away;

@@ -18,9 +18,10 @@ from ergoqp.datasets.postures import posture_data
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
-from ergoqp.simulation.loop import Controller, Trace, power_above, run_loop
+from ergoqp.simulation.loop import Controller, Trace, power_above, run_loop, with_own_robot
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
 from ergoqp.simulation.people.way import pose_error
@@ -41,6 +42,8 @@ METHODS = (
 
 DURATION = 60.0
 """Longest time of a loop [s]; it ends earlier once the object goes nowhere for `STILL` seconds."""
+GRADIENT = 30.0
+"""Of a gradient's loop: it has no memory and never rests, and is where it goes to by then."""
 STILL = 10.0
 _STAYS = (5e-3, np.radians(1.0))
 """An object that stays this near to where it is goes nowhere [m], [rad]."""
@@ -112,7 +115,7 @@ def controller_of(unit: Unit, method: str) -> Controller:
     if method == "still":
         return Still(problem)
     if method not in ("rule", "own_rule", "open_loop"):
-        return _built(problem.name, method)
+        return _built(problem.name, method, unit.person.robot)
     nominal = model_optimum(problem.name)
     goals: dict[str, Callable[[], np.ndarray]] = {
         "rule": lambda: rule_pose(problem, problem.response.body),
@@ -126,9 +129,10 @@ def controller_of(unit: Unit, method: str) -> Controller:
 
 
 @cache
-def _built(name: str, method: str) -> Controller:
-    """Return what takes long to build: once per process."""
+def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
+    """Return what takes long to build: once per process; it is told of a robot of its own."""
     problem, _ = judged(name)
+    problem = problem if robot is None else problem.replace(robot=robot)
     if method == "gradient":
         return Gradient(problem, svr())
     if method == "gradient_smooth":
@@ -181,13 +185,15 @@ def routes_of(unit: Unit) -> list[int]:
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
     """Return the numbers of one method."""
     person, watch = unit.start.copy(), _Watch(unit.start.pose)
+    problem, robot = with_own_robot(unit.problem, unit.person, None)
     trace = run_loop(
-        unit.problem,
+        problem,
         person,
-        duration=DURATION,
+        duration=GRADIENT if method.startswith("gradient") else DURATION,
         seed=unit.seed,
         controller=controller_of(unit, method),
         beside=watch,
+        robot=robot,
     )
     end, holds = rest_score(unit.problem, person)
     return {

@@ -65,15 +65,20 @@ def about_person(
     return sentences
 
 
-def about_robot(problem: Problem, robot: RobotKind | None) -> list[str]:
+def about_robot(problem: Problem, robot: RobotKind | None, person: Person) -> list[str]:
     """Return what is declared of the robot, and what it does.
 
     Args:
         problem: declares it.
         robot: what it does; None: as is declared.
+        person: whose simulation may have a robot of its own.
     """
     declared = _told(problem.robot)
     does = _told(robot) if robot is not None else ""
+    own = (
+        "holds the object by a spring and a damper, so it is late, and what the person pulls and"
+        " pushes moves the object"
+    )
     return [
         (
             f"The controller is told of the robot: {declared}."
@@ -85,7 +90,9 @@ def about_robot(problem: Problem, robot: RobotKind | None) -> list[str]:
         ),
         "The simulated robot "
         + (
-            "does exactly that."
+            f"{own}{f', and has {does}' if does else ''}."
+            if person.robot is not None
+            else "does exactly that."
             if robot is None and not declared
             else "is as bad as that."
             if robot is None

@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.people.person import LET_GO, Holding
+from ergoqp.simulation.people.person import LET_GO, Holding, Person
 from ergoqp.simulation.people.senses import frames
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
@@ -157,6 +157,24 @@ def run_loop(
         if stop_when_still is not None and still >= stop_when_still:
             break
     return trace
+
+
+def with_own_robot(
+    problem: Problem, person: Person, robot: RobotKind | None
+) -> tuple[Problem, RobotKind | None]:
+    """Return problem and robot of a loop with a person whose simulation has a robot of its own.
+
+    Where the problem declares no robot, the controller is told what is true of that one, and
+    nothing else comes between what is sent and it.
+
+    Args:
+        problem: the task.
+        person: who follows.
+        robot: as for `run_loop`.
+    """
+    if person.robot is None or problem.robot.declared:
+        return problem, robot
+    return problem.replace(robot=person.robot), robot or RobotKind()
 
 
 def outside_of_range(postures: np.ndarray) -> dict[str, int]:

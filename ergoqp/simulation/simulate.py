@@ -19,7 +19,7 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture
-from ergoqp.simulation.loop import outside_of_range, run_loop, settle_time
+from ergoqp.simulation.loop import outside_of_range, run_loop, settle_time, with_own_robot
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
@@ -70,7 +70,8 @@ def simulate(
         guide: a place that the control step is drawn to where descent alone comes to rest at a
             worse one: the optimum of `ergoqp.optimise` or a pose (4, 4), see
             `ergoqp.step.guide.place.read_guide`; None: descent alone.
-        robot: how the robot really does what it is sent; None: as badly as the problem declares it.
+        robot: how the robot really does what it is sent; None: as badly as the problem declares it,
+            or, where it declares nothing, as the person's simulation has it.
         senses: what lies between person and controller, constant errors of angles too; None: the
             usual noise.
 
@@ -110,6 +111,7 @@ def simulate(
             person = person_of_kind(follower, problem, seed, person)
         start = person.hold(start_posture, senses, seed)
     who = start.person
+    problem, robot = with_own_robot(problem, who, robot)
     unmoved = start.copy()
     unmoved.rest(unmoved.pose)
     checker = _Watched(problem, progress, round(duration / problem.dt))
@@ -167,7 +169,7 @@ def simulate(
             *assumptions,
             *beyond,
             *about_person(model, who, start.senses, unobserved, place),
-            *about_robot(problem, robot),
+            *about_robot(problem, robot, who),
         ],
         recording=None if recording is None else str(recording),
         start_time=start_time,

@@ -22,6 +22,7 @@ _MAKERS: Final = {
     "pushed": "pushed:draw",
     "looking": "looking:draw",
     "trembling": "trembling:draw",
+    "mass": "mass.person:draw",
 }
 
 KINDS: Final = tuple(_MAKERS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from ergoqp.errors import InputError
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 
-_TOOL_IN_GRIP = {"along": np.eye(3), "thumb": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])}
-"""Rotation of the tool in the grip: out of the fist along the forearm, or past the thumb."""
+AXIS: Final = {"along": (1.0, 0.0, 0.0), "thumb": (0.0, 0.0, 1.0)}
+"""The tool's axis in a grip's frame: out of the fist, or past the thumb."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +50,25 @@ class Work:
         return cls(said.hands, said.stance, said.seat_height, said.tool, said.free_about_tool)
 
     def contact(self, grips: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the object's contact frame (4, 4) where the hands' grips (4, 4) each are.
+        """Return the object's contact frame (4, 4) where the hands' grips (4, 4) each are."""
+        return contact_of(grips, self.tool)
 
-        x is the tool's axis. One hand: at the grip. Two: midway, y from the right to the left one.
-        """
-        axes = [grip[:3, :3] @ _TOOL_IN_GRIP[self.tool] for grip in grips]
-        frame = np.eye(4)
-        frame[:3, 3] = np.mean([grip[:3, 3] for grip in grips], axis=0)
-        if len(grips) == 1:
-            frame[:3, :3] = axes[0]
-            return frame
+
+def contact_of(grips: Sequence[np.ndarray], tool: str) -> np.ndarray:
+    """Return the contact frame (4, 4) [m] of grips (4, 4): x is the tool's axis.
+
+    One hand: at the grip. Two hands: midway, y from the right grip to the left one, x as near as
+    that allows to the mean of the two tools' axes.
+    """
+    frame = np.eye(4)
+    frame[:3, 3] = np.mean([grip[:3, 3] for grip in grips], axis=0)
+    x = np.sum([grip[:3, :3] @ AXIS[tool] for grip in grips], axis=0)
+    if len(grips) == 1:
+        frame[:3, 0], frame[:3, 1] = x, grips[0][:3, 1]
+    else:
         y = grips[1][:3, 3] - grips[0][:3, 3]
-        y /= np.linalg.norm(y)
-        x = axes[0][:, 0] + axes[1][:, 0]
-        x -= y * (x @ y)
-        x /= np.linalg.norm(x)
-        frame[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
-        return frame
+        frame[:3, 1] = y / np.linalg.norm(y)
+        x = x - frame[:3, 1] * (frame[:3, 1] @ x)
+        frame[:3, 0] = x / np.linalg.norm(x)
+    frame[:3, 2] = np.cross(frame[:3, 0], frame[:3, 1])
+    return frame

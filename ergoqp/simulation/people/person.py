@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ergoqp.human import Body
+from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.way import straight
 
@@ -119,6 +120,14 @@ class Person(ABC):
     def senses(self) -> Senses:
         """What lies between the person and what the controller sees of them."""
         return Senses()
+
+    @property
+    def robot(self) -> DeclaredRobot | None:
+        """What is true of the robot that this person's simulation has of its own.
+
+        None: it has none, and the object is where it is told to be.
+        """
+        return None
 
     @abstractmethod
     def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:

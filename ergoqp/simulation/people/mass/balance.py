@@ -1,0 +1,143 @@
+"""What carries a person, and the joint torques that hold the body up on it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from ergoqp.joints import SIDES
+from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS
+from ergoqp.simulation.people.mass.vectors import cross
+
+_SEAT_SHARE: Final = 8.0
+"""How many times rather a point of the seat carries than one of a sole."""
+
+_MOST_ACCELERATION: Final = 2.0
+"""Of the centre of mass, that the person asks of the floor [m/s^2]."""
+
+_MOST_DROPPED: Final = 6
+
+_AXES: Final = np.eye(3)
+
+
+class Support:
+    """The corners on which a person stands or sits, and who they push.
+
+    Args:
+        model: of the person.
+        seated: whether the pelvis is on a seat.
+        feet: whether the soles reach the floor.
+
+    Attributes:
+        on_feet: whether they do.
+        bodies: numbers of the bodies that carry.
+    """
+
+    def __init__(self, model: mujoco.MjModel, seated: bool, feet: bool) -> None:
+        """Read the corners off the model's boxes."""
+        self._model, self._pelvis = model, int(model.body("pelvis").id)
+        self.on_feet = feet
+        self.bodies, self._corners, self._shares = [], [], []
+        for side in SIDES if feet else ():
+            heel, ball = _under(model, f"{side}_heel"), _under(model, f"{side}_ball")
+            self.bodies.append(int(model.body(f"{side}_foot").id))
+            self._corners.append(np.vstack([heel[:2], ball[2:], heel[2:], ball[:2]]))
+            self._shares.append(1.0)
+        if seated:
+            self.bodies.append(self._pelvis)
+            self._corners.append(_under(model, "buttocks"))
+            self._shares.append(_SEAT_SHARE)
+        self._same = np.tile(_AXES, 4 * len(self.bodies))
+
+    def corners(self, data: mujoco.MjData) -> list[np.ndarray]:
+        """Return the corners of every carrying body in the world (k, 3) [m], outer ones first."""
+        return [
+            data.xpos[body] + corners @ data.xmat[body].reshape(3, 3).T
+            for body, corners in zip(self.bodies, self._corners, strict=True)
+        ]
+
+    def centre(self, data: mujoco.MjData) -> np.ndarray:
+        """Return the place on the floor below the centre of mass (2,) [m]."""
+        return data.subtree_com[self._pelvis][:2].copy()
+
+    def speed(self, data: mujoco.MjData) -> np.ndarray:
+        """Return how fast it moves (2,) [m/s]."""
+        mujoco.mj_subtreeVel(self._model, data)
+        return data.subtree_linvel[self._pelvis][:2].copy()
+
+    def carries(self, data: mujoco.MjData) -> bool:
+        """Return whether the centre of mass is above what carries the person."""
+        away = np.vstack(self.corners(data))[:, :2] - self.centre(data)
+        angles = np.sort(np.arctan2(away[:, 1], away[:, 0]))
+        gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+        return bool(gaps.max() < np.pi)
+
+    def push(self, data: mujoco.MjData, wrench: np.ndarray) -> list[np.ndarray]:
+        """Return what each body pushes with (6,), at its origin, so that the wrench results.
+
+        The corners share it with least squares, and none pulls.
+
+        Args:
+            data: kinematics.
+            wrench: force and torque about the pelvis' origin that are wanted (6,) [N, N m].
+        """
+        origin = data.xpos[self._pelvis]
+        outer = [points[:4] for points in self.corners(data)]
+        points = np.vstack(outer)
+        levers = points - origin
+        maps = np.empty((6, 3 * len(points)))
+        maps[:3] = self._same
+        maps[3:] = cross(levers[:, None], _AXES).reshape(-1, 3).T
+        shares = np.repeat(self._shares, 12)
+        forces = np.zeros((len(points), 3))
+        for _ in range(_MOST_DROPPED):
+            weighted = maps * shares
+            gram = weighted @ maps.T
+            gram[np.diag_indices(6)] += 1e-6
+            forces = (weighted.T @ np.linalg.solve(gram, wrench)).reshape(-1, 3)
+            pulls = (forces[:, 2] < -1e-6) & (shares[::3] > 1e-6)
+            if not pulls.any() or (shares[::3] > 1e-6).sum() - pulls.sum() < 3:
+                break
+            shares[np.repeat(pulls, 3)] = 1e-9
+        pushes = []
+        for number, body in enumerate(self.bodies):
+            own = forces[4 * number : 4 * number + 4]
+            torque = cross(outer[number] - data.xpos[body], own).sum(axis=0)
+            pushes.append(np.concatenate([own.sum(axis=0), torque]))
+        return pushes
+
+    def torques(
+        self, data: mujoco.MjData, sway: np.ndarray, ready: np.ndarray, felt: np.ndarray
+    ) -> np.ndarray:
+        """Return the joint torques (32,) [N m] that carry the body on its support.
+
+        Args:
+            data: kinematics and bias forces.
+            sway: acceleration of the centre of mass that is wanted (2,) [m/s^2].
+            ready: load that the arms are ready to carry, on the person's coordinates (38,).
+            felt: load that the legs stand up to (38,).
+        """
+        bias = data.qfrc_bias[:PERSON_DOFS]
+        turn = data.xmat[self._pelvis].reshape(3, 3)
+        mass = float(self._model.body_subtreemass[self._pelvis])
+        limited = sway * min(1.0, _MOST_ACCELERATION / (float(np.linalg.norm(sway)) + 1e-9))
+        force = mass * np.array([limited[0], limited[1], 0.0])
+        lever = data.subtree_com[self._pelvis] - data.xpos[self._pelvis]
+        wrench = np.concatenate([bias[:3] - felt[:3], turn @ (bias[3:6] - felt[3:6])])
+        wrench += np.concatenate([force, cross(lever, force)])
+        needed = bias[6:] - ready[6:]
+        jacobian = np.zeros((6, self._model.nv))
+        for body, push in zip(self.bodies, self.push(data, wrench), strict=True):
+            if body != self._pelvis:
+                mujoco.mj_jacBody(self._model, data, jacobian[:3], jacobian[3:], body)
+                needed = needed - jacobian[:, 6:PERSON_DOFS].T @ push
+        return needed
+
+
+def _under(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """Return the lower corners (4, 3) of a box in its body's frame: the two in the back first."""
+    geom = model.geom(name)
+    x, y, z = geom.size
+    return geom.pos + np.array([[-x, -y, -z], [-x, y, -z], [x, -y, -z], [x, y, -z]])

@@ -1,0 +1,248 @@
+"""A person with mass from moment to moment: the simulation, and what is seen of it."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Final, Self
+
+import mujoco
+import numpy as np
+
+from ergoqp.joints import SIDES
+from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS, ROBOT_GROUP
+from ergoqp.simulation.people.mass.angles import reported, upright
+from ergoqp.simulation.people.mass.balance import Support
+from ergoqp.simulation.people.mass.contact_frame import contact_in
+from ergoqp.simulation.people.mass.control import Control
+from ergoqp.simulation.people.mass.falling import has_fallen
+from ergoqp.simulation.people.mass.grasp import Grasp
+from ergoqp.simulation.people.mass.plan import PERSON_QPOS
+from ergoqp.simulation.people.mass.planner import Planner
+from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT
+from ergoqp.simulation.people.person import LET_GO, Holding, Person
+from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.way import between, pose_error
+
+STILL: Final = 20.0
+"""For how long everybody holds still before it counts [s]."""
+
+RESTS: Final = 6.0
+"""Longest time that coming to rest is waited for [s]."""
+
+CARRY_SPEED: Final = 0.15
+CARRY_TURN: Final = 0.4
+"""How fast an object is carried to a place [m/s], [rad/s]."""
+
+_HELD: Final = 0.02
+"""A hand within this distance of where it took the object holds it [m]."""
+
+_AT_REST: Final = 0.02
+"""Joint speeds, and ways to the planned posture, below which a person rests [rad/s], [rad]."""
+
+_CALM: Final = 10
+"""And for how many periods."""
+
+_KEPT: Final = 4
+"""After how many periods a place on the way counts as reached."""
+
+_PERIOD: Final = 0.05
+"""In what parts time passes while the person is left alone [s]."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Who takes hold of the object, and how they stand then.
+
+    Attributes:
+        person: who.
+        model: of the person, the object and the robot; not changed.
+        planner: which posture the person wants.
+        hands: that hold.
+        tool: axis of the tool in the hand.
+        seated: whether the pelvis is on a seat.
+        compensation: share of gravity that the muscles hold of themselves.
+        qpos: pelvis and joints (39,).
+        soles: where they stand (4, 4) each [m]; None: they hang.
+        height: of the pelvis on its seat, or in standing upright [m].
+    """
+
+    person: Person
+    model: mujoco.MjModel
+    planner: Planner
+    hands: tuple[str, ...]
+    tool: str
+    seated: bool
+    compensation: float
+    qpos: np.ndarray
+    soles: list[np.ndarray] | None
+    height: float
+
+
+class MassHolding(Holding):
+    """A person with mass, the object in hand and the robot that holds it too.
+
+    Args:
+        beginning: who, and how they stand.
+        senses: how late they follow.
+
+    Attributes:
+        held_drift: how far a hand went at most during the first 20 s of holding still [m].
+        data: of the simulation, to be looked at.
+    """
+
+    def __init__(self, beginning: Beginning, senses: Senses) -> None:
+        """Take hold of the object, and hold it still for `STILL` seconds."""
+        self._is, self.person, self.senses = beginning, beginning.person, senses
+        self.model = copy(beginning.model)
+        self.data = data = mujoco.MjData(self.model)
+        self._pelvis = int(self.model.body("pelvis").id)
+        data.qpos[:PERSON_QPOS] = beginning.qpos
+        data.qpos[-4] = 1.0
+        mujoco.mj_kinematics(self.model, data)
+        self._asked = contact_in(data, beginning.hands, beginning.tool)
+        data.qpos[-7:-4] = self._asked[:3, 3]
+        mujoco.mju_mat2Quat(data.qpos[-4:], self._asked[:3, :3].ravel())
+        mujoco.mj_forward(self.model, data)
+        self._grasp = Grasp(self.model, beginning.hands)
+        self._grasp.take(data)
+        mujoco.mj_forward(self.model, data)
+        self._support = Support(self.model, beginning.seated, beginning.soles is not None)
+        self._control = Control(
+            beginning.planner,
+            self._support,
+            beginning.compensation,
+            senses.delay,
+            data,
+            self._grasp.points,
+        )
+        self._clock, self._stood = 0.0, None
+        self.held_drift = self._hold_still()
+
+    def _hold_still(self) -> float:
+        """Return how far a hand goes at most in that time [m]."""
+        hands = [self.model.site(f"{side}_grip").id for side in self._is.hands]
+        before, drift = self.data.site_xpos[hands].copy(), 0.0
+        for _ in range(round(STILL / _PERIOD)):
+            self.follow(self._asked, _PERIOD)
+            away = np.linalg.norm(self.data.site_xpos[hands] - before, axis=1)
+            drift = max(drift, float(away.max()))
+        self.slipped = self._grasp.slipped = 0
+        self._stood = self._soles()
+        return drift
+
+    def _soles(self) -> np.ndarray:
+        """Return where the soles are (2, 3) [m]."""
+        return np.array([self.data.site(f"{side}_sole").xpos for side in SIDES])
+
+    @property
+    def base(self) -> np.ndarray:
+        """Pelvis in the world, upright (4, 4) [m]."""
+        pose = np.eye(4)
+        pose[:3, :3] = upright(self.data.xmat[self._pelvis].reshape(3, 3))
+        pose[:3, 3] = self.data.xpos[self._pelvis]
+        return pose
+
+    def follow(self, pose: np.ndarray, dt: float) -> None:
+        """Live on for `dt` seconds while the robot takes the object to `pose` (4, 4) [m].
+
+        Who has fallen is not simulated on: they stay as they lie.
+        """
+        before, begin = self._asked, self._clock
+        self._asked = pose.copy()
+        if self.fallen:
+            self.pose = pose.copy()
+            return
+        self._clock += dt
+        step = self.model.opt.timestep
+        due = round((self._clock - self.data.time) / step)
+        while due > 0:
+            steps = min(round(HABITS.tick / step), due)
+            share = min(1.0, (self.data.time + steps * step - begin) / dt)
+            self._live(between(before, pose, share) if share < 1.0 else pose, steps)
+            due -= steps
+        self._see()
+
+    def rest(self, pose: np.ndarray) -> bool:
+        """Come to rest with the object at `pose` (4, 4), to which it is carried where it is not."""
+        for part in self._way(pose):
+            self.follow(part, _PERIOD)
+        quiet, end = 0, self._clock + RESTS
+        while self._clock < end and quiet < _CALM and not self.fallen:
+            self.follow(pose, _PERIOD)
+            speed = float(np.abs(self.data.qvel[6:PERSON_DOFS]).max())
+            missing = float(np.abs(self._control.plan.qpos[7:] - self._control.wanted).max())
+            quiet = quiet + 1 if max(speed, missing) < _AT_REST else 0
+        return self.gap < _HELD and not self.fallen
+
+    def carry(self, pose: np.ndarray) -> bool:
+        """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there."""
+        last = self.copy()
+        for number, part in enumerate(self._way(pose)):
+            self.follow(part, _PERIOD)
+            if self.gap > _HELD or self.fallen:
+                break
+            if number % _KEPT == 0:
+                last = self.copy()
+        else:
+            if self.rest(pose):
+                return True
+        vars(self).update(vars(last))
+        self.rest(self._asked)
+        return False
+
+    def copy(self) -> Self:
+        """Return another who goes on from the same moment."""
+        other = copy(self)
+        other.model = copy(self.model)
+        other.data = mujoco.MjData(other.model)
+        mujoco.mj_copyData(other.data, other.model, self.data)
+        other._grasp = self._grasp.copy(other.model)
+        other._control = self._control.copy()
+        return other
+
+    def release(self) -> None:
+        """Have the robot let go of the object: from now on the hands carry it alone."""
+        self.model.opt.disableactuator |= 1 << ROBOT_GROUP
+
+    def _way(self, pose: np.ndarray) -> list[np.ndarray]:
+        """Return the poses of the straight way to one, a period apart."""
+        way, begin = pose_error(self._asked, pose), self._asked
+        shift, turn = float(np.linalg.norm(way[:3])), float(np.linalg.norm(way[3:]))
+        parts = int(np.ceil(max(shift / CARRY_SPEED, turn / CARRY_TURN) / _PERIOD))
+        return [between(begin, pose, part / parts) for part in range(1, parts + 1)]
+
+    def _live(self, pose: np.ndarray, steps: int) -> None:
+        """Simulate some steps between two commands to the muscles."""
+        model, data = self.model, self.data
+        data.mocap_pos[0] = pose[:3, 3]
+        mujoco.mju_mat2Quat(data.mocap_quat[0], pose[:3, :3].ravel())
+        # The robot carries the object, so its springs are stretched by the weight alone.
+        data.ctrl[-6:-3] = pose[2, :3] * SOFT_ROBOT.load * 9.81 / SOFT_ROBOT.stiffness
+        mujoco.mj_step1(model, data)
+        alone = bool(model.opt.disableactuator & 1 << ROBOT_GROUP)
+        self._control.command(data, self._grasp, alone, steps * model.opt.timestep)
+        mujoco.mj_step2(model, data)
+        if steps > 1:
+            mujoco.mj_step(model, data, nstep=steps - 1)
+        self._grasp.slide(data)
+
+    def _see(self) -> None:
+        """Read off what others see of the person and the object."""
+        data = self.data
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        self.posture = reported(data.xmat[self._pelvis].reshape(3, 3), data.qpos[7:PERSON_QPOS])
+        held = data.body("object")
+        self.pose = np.eye(4)
+        self.pose[:3, :3], self.pose[:3, 3] = held.xmat.reshape(3, 3), held.xpos
+        self.gap = self._grasp.gap(data)
+        if self.gap > LET_GO:
+            self._grasp.let_go()
+        if self._stood is not None:
+            away = np.linalg.norm(self._soles() - self._stood, axis=1)
+            self.slid = max(self.slid, float(away.max()))
+        self.force = self._grasp.wrench(data)
+        self.slipped = self._grasp.slipped
+        self.unbalanced = not self._support.carries(data)
+        self.fallen = has_fallen(data, self._is.seated, self._is.height)

@@ -1,0 +1,190 @@
+"""Who has mass: body, sex, wishes, how they are drawn, and how they take hold of the object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Final
+
+import mujoco
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.joints import LOWER, SIDES, UPPER
+from ergoqp.problem.problem import Problem
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.simulation.people.grasp import AXIS
+from ergoqp.simulation.people.mass.anatomy import build
+from ergoqp.simulation.people.mass.angles import reported, upright
+from ergoqp.simulation.people.mass.contact_frame import contact_in, site_pose
+from ergoqp.simulation.people.mass.holding import Beginning, MassHolding
+from ergoqp.simulation.people.mass.plan import PERSON_QPOS
+from ergoqp.simulation.people.mass.planner import Planner
+from ergoqp.simulation.people.mass.table import SOFT_ROBOT_DECLARED
+from ergoqp.simulation.people.mass.traits import Traits, draw_traits
+from ergoqp.simulation.people.person import Person
+from ergoqp.simulation.people.senses import Senses
+
+REACHED: Final = 0.02
+"""A hand's point within this distance of where it should hold counts as reached [m]."""
+
+
+@dataclass(frozen=True)
+class Mass(Person):
+    """A person with mass.
+
+    Attributes:
+        traits: what makes them who they are.
+    """
+
+    traits: Traits
+    kind: ClassVar[str] = "mass"
+    manner: ClassVar[str] = "who has mass, muscles that yield and a grip that may slip"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Go to another process as the fields: the models are rebuilt there."""
+        return {"traits": self.traits}
+
+    @property
+    def body(self) -> Body:
+        """The person's body."""
+        return self.traits.body
+
+    @property
+    def senses(self) -> Senses:
+        """The person's own delay, and sensors of the plainer sort."""
+        return self.traits.senses
+
+    @property
+    def robot(self) -> DeclaredRobot:
+        """The impedance that holds the object with the person."""
+        return SOFT_ROBOT_DECLARED
+
+    @property
+    def comfort(self) -> np.ndarray:
+        """Posture that the person takes with nothing to reach for (32,) [rad]."""
+        return self.traits.wishes.comfort
+
+    @property
+    def footing(self) -> str:
+        """What carries the person, as a clause for people."""
+        if not self.traits.wishes.seated:
+            return "the person stands on both soles by friction and balance alone"
+        feet = "stand on" if self.feet else "hang above"
+        return f"the pelvis rests on a seat, {self.seat:.2f} m high, and the feet {feet} the floor"
+
+    @cached_property
+    def seat(self) -> float:
+        """Height of the hip centres above the floor when seated [m]."""
+        return self.traits.seat_height or self._hips_above_soles
+
+    @property
+    def feet(self) -> bool:
+        """Whether the soles reach the floor."""
+        return not self.traits.wishes.seated or self.seat - self._hips_above_soles < REACHED
+
+    @cached_property
+    def _hips_above_soles(self) -> float:
+        """Height of the hip centres over the soles in comfort [m]."""
+        model = self._built(None)
+        data = mujoco.MjData(model)
+        data.qpos[3], data.qpos[7:PERSON_QPOS] = 1.0, self.comfort
+        mujoco.mj_kinematics(model, data)
+        return float(-min(data.site(f"{side}_sole").xpos[2] for side in SIDES))
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The person with object, robot and seat; who changes it takes a copy."""
+        return self._built(self.seat if self.traits.wishes.seated else None)
+
+    def _built(self, seat: float | None) -> mujoco.MjModel:
+        traits = self.traits
+        axis = np.array(AXIS[traits.tool])
+        return build(self.body, traits.sex, traits.wishes.hands, axis, traits.free_about_tool, seat)
+
+    @cached_property
+    def planner(self) -> Planner:
+        """Which posture the person wants."""
+        return Planner(self.model, self.traits.wishes)
+
+    def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> MassHolding:
+        """Return the person as they hold the object in a posture (32,) [rad].
+
+        They have held it still for `ergoqp.simulation.people.mass.holding.STILL` seconds.
+        """
+        qpos, soles = self.stand(posture)
+        return MassHolding(
+            Beginning(
+                person=self,
+                model=self.model,
+                planner=self.planner,
+                hands=self.traits.wishes.hands,
+                tool=self.traits.tool,
+                seated=self.traits.wishes.seated,
+                compensation=self.traits.compensation,
+                qpos=qpos,
+                soles=soles,
+                height=self.seat if self.traits.wishes.seated else self._hips_above_soles,
+            ),
+            senses or self.senses,
+        )
+
+    def stand(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
+        """Return pelvis and joints (39,) in a posture, and where the soles stand (4, 4) each.
+
+        The soles are flat on the floor; where the posture's are not, the legs are as near to it as
+        that allows. No soles where they hang.
+        """
+        qpos = np.zeros(PERSON_QPOS)
+        qpos[3], qpos[7:] = 1.0, np.clip(posture, LOWER, UPPER)
+        qpos[2] = self.seat if self.traits.wishes.seated else 0.0
+        if not self.feet:
+            return qpos, None
+        soles = [site_pose(self.planner.look(qpos), f"{side}_sole") for side in SIDES]
+        if not self.traits.wishes.seated:
+            heading = upright(soles[0][:3, :3] + soles[1][:3, :3])
+            middle = (soles[0][:3, 3] + soles[1][:3, 3]) / 2
+            qpos[:3] = heading.T @ (qpos[:3] - middle)
+            mujoco.mju_mat2Quat(qpos[3:7], heading.T.ravel())
+            soles = [site_pose(self.planner.look(qpos), f"{side}_sole") for side in SIDES]
+        flat = []
+        for sole in soles:
+            stands = np.eye(4)
+            stands[:3, :3], stands[:2, 3] = upright(sole[:3, :3]), sole[:2, 3]
+            flat.append(stands)
+        as_given = replace(self.traits.wishes, comfort=qpos[7:], balance=0.0)
+        return Planner(self.model, as_given).settle(qpos, None, flat, steps=30).qpos, flat
+
+    def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Plan from comfort, without simulating, the posture with the object at `pose` (4, 4)."""
+        qpos, soles = self.stand(self.comfort)
+        points = self.planner.held(qpos)
+        contact = contact_in(self.planner.look(qpos), self.traits.wishes.hands, self.traits.tool)
+        local = (points - contact[:3, 3]) @ contact[:3, :3]
+        there = pose[:3, 3] + local @ pose[:3, :3].T
+        plan = self.planner.settle(qpos, there, soles)
+        qpos = plan.qpos
+        reached = plan.arrived and self.planner.misses(qpos, there) < REACHED
+        data = self.planner.look(qpos)
+        if soles is not None:
+            off = max(
+                float(np.linalg.norm(site_pose(data, f"{side}_sole")[:3, 3] - sole[:3, 3]))
+                for side, sole in zip(SIDES, soles, strict=True)
+            )
+            reached = reached and off < REACHED
+        return reported(data.body("pelvis").xmat.reshape(3, 3), qpos[7:]), reached
+
+
+def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
+    """Return a person with mass for a problem, the same for the same seed.
+
+    Args:
+        problem: only what its response says of the task is read: hands, stance, tool, comfort
+            and seat.
+        seed: of the person.
+        body: the person's body; None: drawn.
+
+    Raises:
+        InputError: if the problem's response does not say that.
+    """
+    return Mass(draw_traits(problem, seed, body))

@@ -1,0 +1,148 @@
+"""Every number of how a person with mass moves, in one table; each with where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ergoqp.joints import JOINTS
+from ergoqp.problem.robot import DeclaredRobot
+
+FRICTION: Final = 0.8
+"""Of soles on the floor and trousers on the seat, as in ``models/person_with_mass.xml``."""
+
+
+class Muscle(NamedTuple):
+    """How a joint is held.
+
+    Attributes:
+        stiffness: toward the posture that the person wants [N m/rad].
+        damping: [N m s/rad].
+        strength: greatest torque [N m].
+        effort: what it costs to be away from comfort, per rad^2; relative.
+    """
+
+    stiffness: float
+    damping: float
+    strength: float
+    effort: float
+
+
+MUSCLES: Final[dict[str, Muscle]] = {
+    "trunk_flexion": Muscle(500.0, 60.0, 350.0, 3.0),
+    "trunk_side_bend": Muscle(500.0, 50.0, 250.0, 7.0),
+    "trunk_twist": Muscle(250.0, 20.0, 150.0, 5.0),
+    "neck_flexion": Muscle(30.0, 2.0, 50.0, 2.0),
+    "neck_side_bend": Muscle(30.0, 2.0, 50.0, 4.0),
+    "neck_twist": Muscle(20.0, 1.0, 25.0, 2.0),
+    "shoulder_flexion": Muscle(30.0, 6.0, 90.0, 1.2),
+    "shoulder_abduction": Muscle(30.0, 6.0, 80.0, 2.5),
+    "shoulder_rotation": Muscle(15.0, 2.0, 50.0, 1.0),
+    "elbow_flexion": Muscle(20.0, 3.0, 70.0, 0.7),
+    "forearm_pronation": Muscle(6.0, 0.3, 12.0, 0.5),
+    "wrist_flexion": Muscle(8.0, 0.4, 18.0, 1.2),
+    "wrist_deviation": Muscle(10.0, 0.4, 18.0, 1.8),
+    "hip_flexion": Muscle(500.0, 50.0, 250.0, 1.5),
+    "hip_abduction": Muscle(500.0, 50.0, 200.0, 4.0),
+    "hip_rotation": Muscle(150.0, 10.0, 80.0, 4.0),
+    "knee_flexion": Muscle(400.0, 30.0, 280.0, 2.5),
+    "ankle_flexion": Muscle(300.0, 20.0, 200.0, 2.0),
+    "ankle_inversion": Muscle(100.0, 6.0, 60.0, 4.0),
+}
+"""By joint, both sides alike.
+
+Stiffness: shoulder and elbow as of a hand that is led and does not resist (Mussa-Ivaldi, Hogan and
+Bizzi 1985 found 20 to 60 of one that resists), wrist of a firm grasp (passive 1 to 3: Formica et
+al. 2012; a clenched fist several times that), ankles of quiet standing (Loram and Lakie 2002: both
+together 0.9 of the body's toppling stiffness), trunk of an active one (Cholewicki and McGill 1996,
+order 500); knees and hips so that the stance is no softer than the ankles. Damping: 0.2 to 0.7 of
+critical with the segments beyond. Strength: maximal voluntary torques of untrained adults, as
+tabulated by Chaffin, Andersson and Martin (Occupational Biomechanics). Effort: the trunk carries
+half the body, the forearm nothing.
+"""
+
+
+def per_joint(field: str) -> np.ndarray:
+    """Return one column of `MUSCLES` for every joint (32,)."""
+    return np.array(
+        [
+            getattr(MUSCLES[name.removeprefix("right_").removeprefix("left_")], field)
+            for name in JOINTS
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How a person of this kind plans, balances and holds; the same for all unless said.
+
+    Attributes:
+        grasp_stiffness: of a hand's hold of the object [N/m]; fingertips in the order of 1000, a
+            whole fist several times that.
+        grasp_damping: [N s/m].
+        grasp_lever: half the width of what the hand closes around, along the tool's axis [m].
+        slip_force: at which the hand slides along the object [N]: a moderate squeeze of 80 N from
+            both sides at a friction of 0.5.
+        body_time: in which trunk, neck and legs follow the planned posture [s].
+        arm_time: in which the arms do, which only have to yield to what they hold [s].
+        plan_period: between two thoughts of where to be [s].
+        tick: between two commands to the muscles [s].
+        sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
+        sway_damping: of the same [1/s].
+        load_time: in which a load in the hand is felt, or one to come is taken over [s].
+        lift_time: in which a sinking load is lifted again [s].
+        bracing: share of a felt load that the legs stand up to.
+        ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
+            foot's length: quiet standing has it 40 to 50 mm ahead.
+        eye_range: that the eyes take without the neck [rad].
+    """
+
+    grasp_stiffness: float = 3000.0
+    grasp_damping: float = 60.0
+    grasp_lever: float = 0.05
+    slip_force: float = 80.0
+    body_time: float = 0.6
+    arm_time: float = 0.2
+    plan_period: float = 0.05
+    tick: float = 0.01
+    sway_stiffness: float = 8.0
+    sway_damping: float = 4.0
+    load_time: float = 0.15
+    lift_time: float = 3.0
+    bracing: float = 0.7
+    ahead: float = 0.17
+    eye_range: float = 0.35
+
+
+HABITS: Final = Habits()
+
+
+@dataclass(frozen=True)
+class SoftRobot:
+    """The impedance with which the simulated robot holds the object.
+
+    Its damping is to the ground, so it lags by damping over stiffness, 50 ms in shift and turn.
+
+    Attributes:
+        stiffness: [N/m].
+        damping: [N s/m].
+        turn_stiffness: [N m/rad].
+        turn_damping: [N m s/rad].
+        load: mass of the object [kg], which the robot carries.
+    """
+
+    stiffness: float = 5000.0
+    damping: float = 250.0
+    turn_stiffness: float = 200.0
+    turn_damping: float = 10.0
+    load: float = 3.0
+
+
+SOFT_ROBOT: Final = SoftRobot()
+
+SOFT_ROBOT_DECLARED: Final = DeclaredRobot(lag=0.08, pose_noise=0.010, pose_noise_deg=1.0)
+"""What a controller may be told of that robot, as upper ends: its lag with a body on it, and how
+far a person who is led pulls and pushes it off its way (up to 85 N were seen at full speed). With
+60 ms and 5 mm one loop in three met a fault of the robot, with these none."""

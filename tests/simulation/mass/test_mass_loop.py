@@ -1,0 +1,67 @@
+"""A loop around a person with mass: the controller is told of their robot, and the score falls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ergoqp
+from ergoqp.errors import InputError
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem_files.load import load_problem
+from ergoqp.simulation.loop import with_own_robot
+from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.people.mass import holding
+from ergoqp.simulation.people.mass.person import draw
+from ergoqp.simulation.people.mass.table import SOFT_ROBOT_DECLARED
+from ergoqp.simulation.robot import RobotKind
+from ergoqp.simulation.starts import awkward_start
+
+
+@pytest.mark.parametrize("name", ["dentist", "low_bin"])
+def test_the_loop_helps_and_meets_no_fault_of_the_robot(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(holding, "STILL", 3.0)
+    problem = load_problem(name)
+    person = person_of_kind("mass", problem, seed=0)
+    start = awkward_start(problem, person, seed=0, places=10)
+    run = ergoqp.simulate(problem, start, duration=6.0, person=person)
+    assert run.follower == "mass"
+    assert not [reason for reason in run.reasons if reason.startswith("robot")]
+    assert run.fell is None
+    assert run.let_go is None
+    assert run.unbalanced == 0.0
+    assert np.isfinite(run.forces).all()
+    assert min(run.cost[-100:]) < run.cost[0]
+    assert any("spring and a damper" in sentence for sentence in run.assumptions)
+    assert any("lag 80 ms" in sentence for sentence in run.assumptions)
+
+
+def test_what_a_problem_declares_stays() -> None:
+    problem = load_problem("desk")
+    own = problem.replace(robot=DeclaredRobot(lag=0.2))
+    mass, alike = (person_of_kind(kind, problem, 0) for kind in ("mass", "alike"))
+    assert with_own_robot(own, mass, None) == (own, None)
+    assert with_own_robot(problem, alike, None) == (problem, None)
+    told, robot = with_own_robot(problem, mass, None)
+    assert told.robot == SOFT_ROBOT_DECLARED
+    assert robot == RobotKind()
+
+
+def test_a_task_that_says_too_little_is_named() -> None:
+    forearm = load_problem("forearm")
+    with pytest.raises(InputError, match="does not say hands, stance"):
+        person_of_kind("mass", forearm, 0)
+
+
+def test_people_differ_within_what_is_drawn() -> None:
+    people = [draw(load_problem("screwing"), seed) for seed in range(60)]
+    statures = [person.body.stature for person in people]
+    assert min(statures) >= 1.50
+    assert max(statures) <= 1.95
+    assert np.ptp(statures) > 0.2
+    assert {person.traits.sex for person in people} == {"female", "male"}
+    compensation = [person.traits.compensation for person in people]
+    assert 0.9 <= min(compensation) < max(compensation) <= 1.0
+    assert all(0.0 <= person.senses.delay <= 0.3 for person in people)
