@@ -5,6 +5,7 @@ A unit is drawn by its kind, its problem and its seed alone, and what comes out 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -149,10 +150,11 @@ def judged(name: str) -> tuple[Problem, Judge]:
 
 def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
     """Return the numbers of a unit: of its start, and of every method from there."""
+    begin = time.process_time()
     unit = draw_unit(kind, name, seed)
     found: dict[str, Any] = {"kind": kind, "problem": name, "seed": seed, "drawn": unit is not None}
     if unit is None:
-        return found
+        return found | {"cpu_s": time.process_time() - begin}
     found |= {
         "stature": unit.person.body.stature,
         "still": unit.still,
@@ -160,7 +162,8 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
         "anywhere": unit.anywhere,
     }
     found["routes"] = routes_of(unit)
-    return found | {"ways": {method or "ergoqp": way_of(unit, method) for method in methods}}
+    found["ways"] = {method or "ergoqp": way_of(unit, method) for method in methods}
+    return found | {"cpu_s": time.process_time() - begin}
 
 
 def routes_of(unit: Unit) -> list[int]:
