@@ -24,8 +24,11 @@ from ergoqp.step.answer.step import Step
 AHEAD = 0.40
 """How far before the shoulder the rule of thumb wants the object [m]."""
 
-GRADIENT_GAIN = 0.01
-"""The factor epsilon of the EPFL report's equation 3.2, which it leaves open [m^2/s per point]."""
+GRADIENT_GAIN = 0.1
+"""The factor epsilon of the EPFL report's equation 3.2, which it leaves open [m^2/s per point].
+
+Of 0.003, 0.01, 0.03 and 0.1 the one that ended lowest, on 20 starts that figures are not of.
+"""
 
 
 class Sent(Step):

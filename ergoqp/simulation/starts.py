@@ -23,7 +23,14 @@ _EDGE = 0.02
 
 
 def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLACES) -> np.ndarray:
-    """Return the worst-scored rest posture (32,) [rad] of a person over random object places.
+    """Return the worst-scored rest posture (32,) [rad] of `awkward_place`."""
+    return awkward_place(problem, person, seed, places)[1]
+
+
+def awkward_place(
+    problem: Problem, person: Person, seed: int, places: int = PLACES
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the random object place (4, 4) at which a person rests worst, and how: (32,) [rad].
 
     Args:
         problem: its workspace and tool axis say where the object can be.
@@ -45,7 +52,7 @@ def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLA
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     inset = np.minimum(_EDGE, (upper - lower) / 2)
     rotations = tilted_frames(cone, problem.twist_limit.axes, TURNS)
-    postures, notes = [], []
+    found, postures, notes = [], [], []
     for _ in range(places):
         pose = np.eye(4)
         pose[:3, 3] = rng.uniform(lower + inset, upper - inset)
@@ -55,6 +62,7 @@ def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLA
         if note:
             notes.append(note)
         else:
+            found.append(pose)
             postures.append(posture)
     if not postures:
         words = ", ".join(f"{count} {note}" for note, count in sorted(Counter(notes).items()))
@@ -62,4 +70,5 @@ def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLA
             f"problem {problem.name}: none of {places} places of the workspace can be a start"
             f" ({words}); enlarge the workspace or loosen the limits"
         )
-    return postures[int(np.argmax(problem.assess(np.array(postures)).final))]
+    worst = int(np.argmax(problem.assess(np.array(postures)).final))
+    return found[worst], postures[worst]

@@ -38,7 +38,7 @@ from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate
-from ergoqp.simulation.starts import PLACES, awkward_start
+from ergoqp.simulation.starts import PLACES, awkward_place
 from ergoqp.step.guide.place import Guide
 
 
@@ -155,13 +155,15 @@ def _from_awkward_place(
     seed: int,
     duration: float,
     options: RecordingOptions,
-    place: Guide | None,
+    guide: Guide | None,
     how: Simulated,
 ) -> Run:
     body = None if options.person_value is None else given_person(options.person_value)
     with working("looking for an awkward place"):
         person = person_of_kind(how.follower, problem, seed, body)
-        posture = awkward_start(problem, person, seed)
+        place, posture = awkward_place(problem, person, seed)
+        terms = how.terms(person.senses)
+        start = person.at(place, terms.pop("senses", None), seed)
     screen.print(Text(f"starts at the worst of {PLACES} random places: {_score(problem, posture)}"))
     note = (
         f"The object starts at the worst-scored of {PLACES} random places of the workspace (seed"
@@ -170,14 +172,13 @@ def _from_awkward_place(
     with working(f"closed loop, {duration:g} s") as done:
         return simulate(
             problem,
-            posture,
+            start,
             duration,
             seed,
-            person=person,
             assumptions=[note],
             progress=done,
-            guide=place,
-            **how.terms(person.senses),
+            guide=guide,
+            **terms,
         )
 
 

@@ -142,6 +142,16 @@ class Person(ABC):
             seed: of what the person does by chance.
         """
 
+    def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> Holding:
+        """Return the person at rest with the object at `pose` (4, 4), or as near as they reach.
+
+        Args:
+            pose: of the object, in the world of `hold`.
+            senses: as for `hold`.
+            seed: as for `hold`.
+        """
+        return self.hold(self.reach(pose)[0], senses, seed)
+
     @abstractmethod
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Come to rest from comfort with the object at `pose` (4, 4) at once.

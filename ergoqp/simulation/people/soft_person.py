@@ -110,6 +110,15 @@ class SoftPerson(Person):
         reached = held.carry(pose)
         return held.posture, reached
 
+    def at(self, pose: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
+        """Return the person at rest with the object at `pose` (4, 4), carried there from comfort.
+
+        Whoever stepped on the way stands where they are then.
+        """
+        held = self.hold(self.comfort, senses, seed)
+        held.carry(pose)
+        return held
+
 
 def draw_senses(rng: np.random.Generator) -> Senses:
     """Return how late a person follows, 0 to 300 ms, and what is seen of them."""
