@@ -188,7 +188,7 @@ def routes_of(unit: Unit) -> list[int]:
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
     """Return the numbers of one method."""
     person, watch = unit.start.copy(), _Watch(unit.start.pose)
-    problem, robot = with_own_robot(unit.problem, unit.person, None)
+    problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     trace = run_loop(
         problem,
         person,

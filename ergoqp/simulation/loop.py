@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -160,21 +160,27 @@ def run_loop(
 
 
 def with_own_robot(
-    problem: Problem, person: Person, robot: RobotKind | None
+    problem: Problem, person: Person, robot: RobotKind | None, seed: int
 ) -> tuple[Problem, RobotKind | None]:
     """Return problem and robot of a loop with a person whose simulation has a robot of its own.
 
-    Where the problem declares no robot, the controller is told what is true of that one, and
-    nothing else comes between what is sent and it.
+    What the problem declares stands before it: the controller is told of both, one after the other.
 
     Args:
         problem: the task.
         person: who follows.
         robot: as for `run_loop`.
+        seed: as for `run_loop`.
     """
-    if person.robot is None or problem.robot.declared:
+    own, declared = person.robot, problem.robot
+    if own is None:
         return problem, robot
-    return problem.replace(robot=person.robot), robot or RobotKind()
+    both = {
+        name: getattr(own, name) + getattr(declared, name)
+        for name in ("lag", "pose_noise", "pose_noise_deg")
+    }
+    robot = robot or RobotKind.of(declared, np.random.default_rng([seed, 7]))
+    return problem.replace(robot=replace(declared, **both)), robot
 
 
 def outside_of_range(postures: np.ndarray) -> dict[str, int]:

@@ -111,7 +111,7 @@ def simulate(
             person = person_of_kind(follower, problem, seed, person)
         start = person.hold(start_posture, senses, seed)
     who = start.person
-    problem, robot = with_own_robot(problem, who, robot)
+    problem, robot = with_own_robot(problem, who, robot, seed)
     unmoved = start.copy()
     unmoved.rest(unmoved.pose)
     checker = _Watched(problem, progress, round(duration / problem.dt))

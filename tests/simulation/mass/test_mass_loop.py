@@ -38,15 +38,22 @@ def test_the_loop_helps_and_meets_no_fault_of_the_robot(
     assert any("lag 80 ms" in sentence for sentence in run.assumptions)
 
 
-def test_what_a_problem_declares_stays() -> None:
+def test_a_robot_that_a_problem_declares_stands_before_the_soft_one() -> None:
     problem = load_problem("desk")
-    own = problem.replace(robot=DeclaredRobot(lag=0.2))
+    own = problem.replace(robot=DeclaredRobot(delay=0.02, lag=0.2, gain_error=0.02))
     mass, alike = (person_of_kind(kind, problem, 0) for kind in ("mass", "alike"))
-    assert with_own_robot(own, mass, None) == (own, None)
-    assert with_own_robot(problem, alike, None) == (problem, None)
-    told, robot = with_own_robot(problem, mass, None)
+    assert with_own_robot(problem, alike, None, 0) == (problem, None)
+    told, robot = with_own_robot(problem, mass, None, 0)
     assert told.robot == SOFT_ROBOT_DECLARED
     assert robot == RobotKind()
+    told, robot = with_own_robot(own, mass, None, 0)
+    assert told.robot.lag == pytest.approx(0.2 + SOFT_ROBOT_DECLARED.lag)
+    assert (told.robot.delay, told.robot.gain_error) == (0.02, 0.02)
+    assert told.robot.pose_noise == SOFT_ROBOT_DECLARED.pose_noise
+    assert robot is not None
+    assert (robot.delay, robot.lag) == (0.02, 0.2)
+    assert 0 < abs(robot.gain - 1) <= 0.02
+    assert with_own_robot(own, mass, RobotKind(lag=0.1), 0)[1] == RobotKind(lag=0.1)
 
 
 def test_a_task_that_says_too_little_is_named() -> None:
