@@ -18,8 +18,8 @@ Beside them, from the same starts and for the same people, the object where nobo
 anything:
 
 - ``PROBLEM.rule_share_at_best``, ``PROBLEM.rule_mean_end``: carried straight to the height of the
-  elbow, 0.40 m ahead, level (`benchmarks.loops.rule_pose`); ``PROBLEM.placed_...``: to the optimum
-  of the model, without a step that looks at the person.
+  elbow, 0.40 m ahead, level (`ergoqp.simulation.baselines.rule_pose`); ``PROBLEM.placed_...``: to the
+  optimum of the model, without a step that looks at the person.
 
 The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the
 object was drawn to the place, ``returned_share``: share in which it was drawn back, because the
@@ -39,12 +39,13 @@ from benchmarks.loops import (
     gather,
     optimum_of,
     placed_score,
-    rule_pose,
     run_loops,
 )
 from benchmarks.report import Report, run
 from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.population import person_of
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.loop import Trace
 from ergoqp.simulation.people.alike import Start, sample_person
 from ergoqp.step.guide.trial import BACK, THERE
@@ -78,7 +79,7 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
     own = optimum_of(problem, person)
     places = {"": model_optimum(name), "own_": own, "alone_": None}
     loops = {way: GuidedLoops() for way in WAYS}
-    rule, placed = rule_pose(problem), model_optimum(name).pose
+    rule, placed = rule_pose(problem, person_of(problem).body), model_optimum(name).pose
 
     def beside(start: Start, seed: int, trace: Trace) -> None:
         loops[""].beside(start, seed, trace)

@@ -10,17 +10,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 
-import casadi as ca
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
-from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import draw_starts, frame_of, workspace_map
+from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
 from ergoqp.simulation.people.alike import Alike, Start
@@ -143,45 +140,9 @@ def placed_score(problem: Problem, person: Alike, start: Start, pose: np.ndarray
 
     Where it is out of reach the object stays at the last place on the way that was not.
     """
-    posture, parts = start.posture, 20
-    turn = Rotation.from_matrix(pose[:3, :3] @ start.pose[:3, :3].T).as_rotvec()
-    for part in range(1, parts + 1):
-        at = start.pose.copy()
-        at[:3, 3] += (pose[:3, 3] - start.pose[:3, 3]) * part / parts
-        at[:3, :3] = Rotation.from_rotvec(turn * part / parts).as_matrix() @ start.pose[:3, :3]
-        rest, reached = person.settle(posture, at, start.grasp, start.soles)
-        if not reached:
-            break
-        posture = rest
-    return int(problem.assess(posture).final[0])
-
-
-def rule_pose(problem: Problem) -> np.ndarray:
-    """Return the object's rule-of-thumb pose: elbow height, 0.40 m before the person, tool level.
-
-    In front of the shoulder of the hand that holds it, or in the middle for both; within the
-    workspace.
-    """
-    response = person_of(problem)
-    kinematics = response.kinematics
-    pelvis = np.array(response.contact()(response.comfort)[1])
-    q = ca.SX.sym("q", len(problem.coordinates))
-    at = [
-        ca.vertcat(*(kinematics.at(f"{hand}_{part}", q)[0] for part in ("shoulder", "elbow")))
-        for hand in response.hands
-    ]
-    points = np.array(ca.Function("arms", [q], [ca.horzcat(*at)])(response.comfort)).mean(axis=1)
-    shoulder, elbow = (pelvis[:3, :3] @ part + pelvis[:3, 3] for part in (points[:3], points[3:]))
-    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-    pose, toward = np.eye(4), np.array(cone.direction)
-    wished = np.array([shoulder[0] + 0.40, shoulder[1], elbow[2]])
-    pose[:3, 3] = np.clip(wished, box.lower, box.upper)
-    level = np.array([toward[0], toward[1], 0.0])
-    leans = np.degrees(np.arcsin(min(1.0, abs(toward[2]))))
-    pose[:3, :3] = frame_of(
-        level / np.linalg.norm(level) if leans < cone.half_angle_deg else toward
-    )
-    return pose
+    held = person.holding(start)
+    held.carry(pose)
+    return int(problem.assess(held.posture).final[0])
 
 
 def gather(

@@ -27,7 +27,7 @@ there the same person with the same noise is led by
 The figures are described in `benchmarks.people_figures`: over all kinds, ``KIND.figure``,
 ``PROBLEM.figure``, ``kept.figure`` for the kinds that nothing was tuned on. Finished units are kept
 in ``--out`` (``out/people``) by what they depend on: a run that was ended goes on from there. The
-page ``report.html`` there has the tables and the worst ten runs as replays.
+page ``report.html`` there has the tables, ``tables.md`` too, and the worst ten runs as replays.
 """
 
 from __future__ import annotations
@@ -185,12 +185,17 @@ def measure(report: Report, options: argparse.Namespace) -> None:
         report.say(f"page: {os.path.relpath(path)}")
 
 
+def parser() -> argparse.ArgumentParser:
+    """Return what reads the options of this benchmark; the others are those of all."""
+    own = argparse.ArgumentParser(add_help=False)
+    own.add_argument("--kinds", help="kinds of people, with commas between")
+    own.add_argument("--problems", help="problems, with commas between")
+    own.add_argument("--tuning", action="store_true", help="seeds for building the loop")
+    own.add_argument("--page", action="store_true", help="write the page for a quick run too")
+    own.add_argument("--out", type=Path, default=_ROOT / "out" / "people")
+    return own
+
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--kinds", help="kinds of people, with commas between")
-    parser.add_argument("--problems", help="problems, with commas between")
-    parser.add_argument("--tuning", action="store_true", help="seeds for building the loop")
-    parser.add_argument("--page", action="store_true", help="write the page for a quick run too")
-    parser.add_argument("--out", type=Path, default=_ROOT / "out" / "people")
-    own, rest = parser.parse_known_args()
-    run(lambda report: measure(report, own), __doc__ or "", rest)
+    options, rest = parser().parse_known_args()
+    run(lambda report: measure(report, options), __doc__ or "", rest)

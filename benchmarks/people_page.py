@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.people_figures import Numbers, figures_of, table_of
 from benchmarks.people_unit import draw_unit, model_optimum
+from ergoqp.files.whole import write_whole
 from ergoqp.report.charts import svg
 from ergoqp.report.charts.frame import WIDTH, time_axis
 from ergoqp.report.charts.scales import Scale
@@ -74,6 +75,7 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
     )
     path = folder / "report.html"
     write_page(page, path)
+    write_whole(folder / "tables.md", markdown_of(drawn, ways))
     return path
 
 
@@ -169,3 +171,21 @@ def _write_replay(numbers: dict[str, Any], path: Path) -> None:
     guide = model_optimum(numbers["problem"])
     run = simulate(unit.problem, unit.start, seconds, unit.seed, guide=guide)
     write_run_page(run, path)
+
+
+def markdown_of(drawn: Sequence[Numbers], ways: Sequence[str]) -> str:
+    """Return the page's tables for a text: every way, then every kind and problem."""
+    kinds, problems = (list(dict.fromkeys(unit[what] for unit in drawn)) for what in _GROUPS)
+    matrix = _matrix(drawn, kinds, problems)
+    tables = [(HEAD, table_of(drawn, ways)), (matrix.head, matrix.rows)]
+    return "\n".join(
+        "\n".join(
+            [
+                f"| {' | '.join(head)} |",
+                f"|{'---|' * len(head)}",
+                *(f"| {' | '.join(row)} |" for row in rows),
+                "",
+            ]
+        )
+        for head, rows in tables
+    )

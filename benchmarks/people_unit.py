@@ -18,6 +18,7 @@ from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
+from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
@@ -93,7 +94,7 @@ def draw_unit(kind: str, name: str, seed: int) -> Unit | None:
     problem, judge = judged(name)
     person = person_of_kind(kind, problem, seed)
     rng = np.random.default_rng([seed, 41])
-    known = [rule_pose(problem, each) for each in (problem.response.body, person.body)]
+    known = [rule_pose(problem, each) for each in (person_of(problem).body, person.body)]
     known.append(model_optimum(name).pose)
     search = _SEARCH.get(kind, {})
     home = person.hold(person.comfort, seed=seed)
@@ -119,7 +120,7 @@ def controller_of(unit: Unit, method: str) -> Controller:
         return _built(problem.name, method, unit.person.robot)
     nominal = model_optimum(problem.name)
     goals: dict[str, Callable[[], np.ndarray]] = {
-        "rule": lambda: rule_pose(problem, problem.response.body),
+        "rule": lambda: rule_pose(problem, person_of(problem).body),
         "own_rule": lambda: rule_pose(problem, unit.person.body),
         "open_loop": lambda: nominal.pose,
     }
@@ -287,7 +288,7 @@ def _of_trace(unit: Unit, trace: Trace) -> dict[str, Any]:
 def model_optimum(name: str) -> Optimum:
     """Return the best place for the controller's own model of the person: once per process."""
     problem, _ = judged(name)
-    return optimise(problem, problem.response.comfort)
+    return optimise(problem, person_of(problem).comfort)
 
 
 @cache

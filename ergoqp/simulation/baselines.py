@@ -7,6 +7,8 @@ workspace and the cone of the tool's axis.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 
@@ -43,7 +45,7 @@ class Sent(Step):
         """No model of a person moves (32,)."""
         return np.zeros(32)
 
-    @property
+    @cached_property
     def slack(self) -> dict[str, float]:
         """No row is soft."""
         return {}

@@ -294,9 +294,19 @@ class AlikeHolding(Holding):
 
     def __init__(self, person: Alike, start: Start, senses: Senses) -> None:
         """Hold the object as in `start`."""
-        self.person, self.start, self.senses = person, start, senses
-        self.posture, self.pose = start.posture.copy(), start.pose.copy()
+        self._person, self.start, self.senses = person, start, senses
+        self._posture, self.pose = start.posture.copy(), start.pose.copy()
         self._late: deque[np.ndarray] = deque()
+
+    @property
+    def person(self) -> Alike:
+        """Who it is."""
+        return self._person
+
+    @property
+    def posture(self) -> np.ndarray:
+        """The person's true posture now (32,) [rad]."""
+        return self._posture
 
     @property
     def base(self) -> np.ndarray:
@@ -312,7 +322,7 @@ class AlikeHolding(Holding):
         followed = self._late.popleft()
         held = np.hstack([followed @ grip for grip in self.start.grasp])
         follow = 1.0 - float(np.exp(-dt / self.senses.hand_time))
-        self.posture, self.gap, _ = self.person.move(
+        self._posture, self.gap, _ = self.person.move(
             self.posture, held, self.start.soles, follow, dt
         )
 
@@ -320,7 +330,7 @@ class AlikeHolding(Holding):
         """Settle where the object is."""
         start = self.start
         posture, reached = self.person.settle(self.posture, pose, start.grasp, start.soles)
-        self.posture, self.pose = posture, pose
+        self._posture, self.pose = posture, pose
         self._late.clear()
         return reached
 

@@ -20,8 +20,6 @@ class Holding(ABC):
     """A person with the object in hand, from moment to moment.
 
     Attributes:
-        person: who.
-        posture: the person's true posture now (32,) [rad].
         pose: the object's true contact frame in the world (4, 4) [m].
         gap: largest distance of a hand from where it holds the object [m].
         senses: what lies between the person and what the controller sees of them.
@@ -33,8 +31,6 @@ class Holding(ABC):
         slid: how far a sole has been from where it was put, at most [m].
     """
 
-    person: Person
-    posture: np.ndarray
     pose: np.ndarray
     senses: Senses
     gap: float = 0.0
@@ -43,6 +39,16 @@ class Holding(ABC):
     fallen: bool = False
     unbalanced: bool = False
     slid: float = 0.0
+
+    @property
+    @abstractmethod
+    def person(self) -> Person:
+        """Who it is."""
+
+    @property
+    @abstractmethod
+    def posture(self) -> np.ndarray:
+        """The person's true posture now (32,) [rad]."""
 
     @property
     @abstractmethod

@@ -46,13 +46,12 @@ class PushedHolding(SoftHolding):
         tasks = self.person.tasks
         tasks.place(self.placement)
         have, moves = tasks.frame("trunk")[:2, 3], tasks.jacobian("trunk")[:2]
-        if self._from is None:
-            self._from = have.copy()
+        begin = self._from = have.copy() if self._from is None else self._from
         gone = (self.time - self._next) / LASTS
         if gone >= 1.0:
             self._plan(self.time)
             return []
-        return [((self._from + gone * self._way - have) / _FIRMLY, moves / _FIRMLY)]
+        return [((begin + gone * self._way - have) / _FIRMLY, moves / _FIRMLY)]
 
     def _plan(self, now: float) -> None:
         """Draw the next push: the same for the same seed, whatever the controller does."""

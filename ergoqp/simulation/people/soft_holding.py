@@ -76,7 +76,7 @@ class SoftHolding(Holding):
         self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
         """Hold the object as the posture has it."""
-        self.person, self.senses, self.seed = person, senses, seed
+        self._person, self.senses, self.seed = person, senses, seed
         self.placement = person.placed(posture)
         tasks = person.tasks
         self.soles = [tasks.frame(f"{side}_sole") for side in SIDES]
@@ -85,6 +85,11 @@ class SoftHolding(Holding):
         self._grasp = [np.linalg.solve(self.pose, grip) for grip in grips]
         self._followed, self._late = self.pose, deque[np.ndarray]()
         self._angle, self.time, self._since = 0.0, 0.0, 0.0
+
+    @property
+    def person(self) -> SoftPerson:
+        """Who it is."""
+        return self._person
 
     @property
     def posture(self) -> np.ndarray:

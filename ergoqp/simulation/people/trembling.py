@@ -18,7 +18,7 @@ from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import SoftHolding
 from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
 
-TREMOR: Final = np.radians([0.3, 1.2])
+TREMOR: Final = (float(np.radians(0.3)), float(np.radians(1.2)))
 """Least and largest amplitude of a joint's tremor [rad]."""
 
 FREQUENCY: Final = (4.0, 8.0)

@@ -93,7 +93,7 @@ class MassHolding(Holding):
 
     def __init__(self, beginning: Beginning, senses: Senses) -> None:
         """Take hold of the object, and hold it still for `STILL` seconds."""
-        self._is, self.person, self.senses = beginning, beginning.person, senses
+        self._is, self.senses = beginning, senses
         self.model = copy(beginning.model)
         self.data = data = mujoco.MjData(self.model)
         self._pelvis = int(self.model.body("pelvis").id)
@@ -134,6 +134,16 @@ class MassHolding(Holding):
     def _soles(self) -> np.ndarray:
         """Return where the soles are (2, 3) [m]."""
         return np.array([self.data.site(f"{side}_sole").xpos for side in SIDES])
+
+    @property
+    def person(self) -> Person:
+        """Who it is."""
+        return self._is.person
+
+    @property
+    def posture(self) -> np.ndarray:
+        """The person's true posture now (32,) [rad]."""
+        return self._posture
 
     @property
     def base(self) -> np.ndarray:
@@ -232,7 +242,7 @@ class MassHolding(Holding):
         data = self.data
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
-        self.posture = reported(data.xmat[self._pelvis].reshape(3, 3), data.qpos[7:PERSON_QPOS])
+        self._posture = reported(data.xmat[self._pelvis].reshape(3, 3), data.qpos[7:PERSON_QPOS])
         held = data.body("object")
         self.pose = np.eye(4)
         self.pose[:3, :3], self.pose[:3, 3] = held.xmat.reshape(3, 3), held.xpos
