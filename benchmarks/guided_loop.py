@@ -18,8 +18,8 @@ Beside them, from the same starts and for the same people, the object where nobo
 anything:
 
 - ``PROBLEM.rule_share_at_best``, ``PROBLEM.rule_mean_end``: carried straight to the height of the
-  elbow, 0.40 m ahead, level (`ergoqp.simulation.baselines.rule_pose`); ``PROBLEM.placed_...``: to the
-  optimum of the model, without a step that looks at the person.
+  elbow, 0.40 m ahead, level (`ergoqp.simulation.baselines.rule_pose`); ``PROBLEM.placed_...``: to
+  the optimum of the model, without a step that looks at the person.
 
 The figures are those of ``closed_loop``, and ``travelled_share``: share of the loops in which the
 object was drawn to the place, ``returned_share``: share in which it was drawn back, because the

@@ -13,6 +13,9 @@ from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.step.guide.place import Guide
 
+_MANY = 6
+"""Joints that read wrong are named one by one up to here."""
+
 
 def about_person(
     model: IkResponse,
@@ -50,7 +53,13 @@ def about_person(
             f"The control step is given the place ({x:.2f}, {y:.2f}, {z:.2f}) m, to be drawn there"
             " where descent alone comes to rest at a worse one."
         )
-    if senses.bias_deg:
+    if len(senses.bias_deg) > _MANY:
+        most = max(map(abs, senses.bias_deg.values()))
+        sentences.append(
+            f"The sensors read {len(senses.bias_deg)} angles wrong all the time, by up to"
+            f" {most:.1f} deg, and the controller does not know."
+        )
+    elif senses.bias_deg:
         wrong = ", ".join(
             f"{spoken(name)} by {error:+g} deg" for name, error in senses.bias_deg.items()
         )

@@ -11,6 +11,7 @@ from ergoqp.joints import JOINTS, LOWER, UPPER, spoken
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.loop import LONGEST
 
+_OTHERWISE_DEG = 2.0  # more than that and the start is said to be another
 _AT_END = np.radians(0.01)  # a start this far beyond a joint's range is rounding
 
 
@@ -53,6 +54,19 @@ def read_posture(posture: ArrayLike) -> tuple[np.ndarray, list[str]]:
         return inside, []
     return inside, [
         f"The start is beyond the range of {', '.join(beyond)}; the person starts at its end."
+    ]
+
+
+def stood_otherwise(given: np.ndarray, start: np.ndarray) -> list[str]:
+    """Return a sentence if a person does not start in the posture (32,) that was given [rad]."""
+    apart = np.degrees(np.abs(start - given))
+    joint = int(np.argmax(apart))
+    if apart[joint] <= _OTHERWISE_DEG:
+        return []
+    return [
+        "Before the run begins the person stands with flat soles, or sits with feet that reach the"
+        " floor, and holds the object still: the start differs from the posture that was given, by"
+        f" up to {apart[joint]:.0f} deg ({spoken(JOINTS[joint])})."
     ]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import check_called, check_kind, check_number, sentences
+from ergoqp.arguments import check_called, check_kind, check_number, sentences, shown
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
@@ -18,7 +18,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
-from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture
+from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture, stood_otherwise
 from ergoqp.simulation.loop import outside_of_range, run_loop, settle_time, with_own_robot
 from ergoqp.simulation.options import options_of
 from ergoqp.simulation.people import KINDS, person_of_kind
@@ -42,7 +42,7 @@ def simulate(
     seed: int = 0,
     *,
     person: Person | Body | None = None,
-    follower: str = "alike",
+    follower: str | None = None,
     observed: ArrayLike | None = None,
     recording: str | Path | None = None,
     start_time: float | None = None,
@@ -61,7 +61,8 @@ def simulate(
         duration: of the loop [s].
         seed: of the person, of noise and of lost frames.
         person: who follows, or their body; None: drawn with the seed.
-        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`.
+        follower: kind of the person who is drawn, one of `ergoqp.simulation.people.KINDS`; None:
+            ``"alike"``.
         observed: (32,) bool, False for joints that the controller does not see; None: all are seen.
         recording: name of the recording that the posture comes from, for the report.
         start_time: when it was taken there [s].
@@ -72,8 +73,8 @@ def simulate(
             `ergoqp.step.guide.place.read_guide`; None: descent alone.
         robot: how the robot really does what it is sent; None: as badly as the problem declares it,
             or, where it declares nothing, as the person's simulation has it.
-        senses: what lies between person and controller, constant errors of angles too; None: the
-            usual noise.
+        senses: what lies between person and controller, constant errors of angles too; None: as
+            the person's are.
 
     Returns:
         Everything that happened, judged by the independent checker.
@@ -86,7 +87,7 @@ def simulate(
     none = type(None)
     for what, value, kind, allowed in (
         ("person", person, (Person, Body, none), "a Person, a Body or None"),
-        ("follower", follower, str, f"one of {', '.join(KINDS)}"),
+        ("follower", follower, (str, none), f"one of {', '.join(KINDS)}, or None"),
         ("robot", robot, (RobotKind, none), "a RobotKind or None"),
         ("senses", senses, (Senses, none), "Senses or None"),
         ("recording", recording, (str, Path, none), "the name of a recording or None"),
@@ -103,13 +104,23 @@ def simulate(
             " IkResponse"
         )
     seen = read_observed(observed)
+    if follower is not None and follower not in KINDS:
+        raise InputError(f"follower: got {shown(follower)}, allowed one of {', '.join(KINDS)}")
     if isinstance(posture, Holding):
+        for what, value in (("person", person), ("follower", follower), ("senses", senses)):
+            if value is not None:
+                raise InputError(
+                    f"{what}: got one beside a person who holds the object already, allowed none"
+                )
         start, beyond = posture.copy(), []
     else:
         start_posture, beyond = read_posture(posture)
         if not isinstance(person, Person):
-            person = person_of_kind(follower, problem, seed, person)
+            person = person_of_kind(follower or "alike", problem, seed, person)
+        elif follower not in (None, person.kind):
+            raise InputError(f"follower: got {follower!r}, but the person given is {person.kind!r}")
         start = person.hold(start_posture, senses, seed)
+        beyond += stood_otherwise(start_posture, start.posture)
     who = start.person
     problem, robot = with_own_robot(problem, who, robot, seed)
     unmoved = start.copy()

@@ -75,7 +75,9 @@ class Simulated:
             names = [entry.name for entry in fields(RobotKind)]
             terms["robot"] = RobotKind(**_pairs("--robot", self.robot, names))
         if self.bias_deg is not None:
-            terms["senses"] = replace(senses, bias_deg=_pairs("--bias-deg", self.bias_deg, JOINTS))
+            terms["senses"] = replace(
+                senses, bias_deg={**senses.bias_deg, **_pairs("--bias-deg", self.bias_deg, JOINTS)}
+            )
         return terms
 
 

@@ -69,9 +69,35 @@ class BodyTasks:
         mujoco.mj_jacSubtreeCom(self.model, self._data, moves, self._pelvis)
         return self._data.subtree_com[self._pelvis][:2].copy(), moves[:2] * self._balances
 
-    def support(self) -> np.ndarray:
-        """Return the middle of heels and toes over the floor (2,)."""
-        return self._data.site_xpos[self._feet, :2].sum(axis=0) / len(self._feet)
+    def feet(self) -> np.ndarray:
+        """Return where heels and toes are over the floor (4, 2) [m]."""
+        return self._data.site_xpos[self._feet, :2]
+
+    def step_within(
+        self, placement: np.ndarray, hessian: np.ndarray, pull: np.ndarray, mobile: np.ndarray
+    ) -> np.ndarray:
+        """Return the Newton step (36,) of mobile entries; others stop at the end of their range.
+
+        Args:
+            placement: from which it goes (36,).
+            hessian: (36, 36).
+            pull: what the step follows (36,).
+            mobile: which entries may move (36,) bool.
+        """
+        lower, upper = self.lower - placement, self.upper - placement
+        step = np.zeros(len(pull))
+        for _ in range(4):
+            free = np.flatnonzero(mobile)
+            left = pull[free]
+            if step.any():
+                left = left - hessian[free] @ np.where(mobile, 0.0, step)
+            step[free] = np.linalg.solve(hessian[free[:, None], free], left)
+            beyond = mobile & ((step < lower) | (step > upper))
+            if not beyond.any():
+                return step
+            step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
+            mobile = mobile & ~beyond
+        return np.minimum(np.maximum(step, lower), upper)
 
     def standing(self, posture: np.ndarray) -> np.ndarray:
         """Return the placement (36,) of a posture (32,) with the world's origin between the soles.

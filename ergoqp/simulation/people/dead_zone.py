@@ -6,16 +6,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.anatomy import draw_body
 from ergoqp.simulation.people.body_tasks import BASE
-from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import draw_habits
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding, Wish
-from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.soft_person import SoftPerson
 from ergoqp.simulation.people.way import pose_error
 
 SHIFT: Final = 0.03
@@ -27,6 +22,9 @@ _SETTLED: Final = 0.005
 
 
 _MISSES: Final = 5
+"""Steps after which a hand that is not where it holds wakes up the body."""
+
+_NUMBERED: Final = tuple(enumerate(JOINTS))
 
 
 class DeadZoneHolding(SoftHolding):
@@ -58,9 +56,6 @@ class DeadZoneHolding(SoftHolding):
         return change
 
 
-_NUMBERED: Final = tuple(enumerate(JOINTS))
-
-
 class DeadZonePerson(SoftPerson):
     """Follows with the arm, and with the body from time to time."""
 
@@ -69,7 +64,4 @@ class DeadZonePerson(SoftPerson):
     holding: ClassVar[type[SoftHolding]] = DeadZoneHolding
 
 
-def draw(problem: Problem, seed: int, body: Body | None = None) -> DeadZonePerson:
-    """Return a person with a dead zone for a problem, the same for the same seed."""
-    rng, work = np.random.default_rng([seed, 22]), Work.of(problem)
-    return DeadZonePerson(body or draw_body(rng), work, draw_habits(work, rng), draw_senses(rng))
+draw = DeadZonePerson.drawn

@@ -34,7 +34,6 @@ _LEGS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
         "hip_abduction": (3.0, 1.5),
         "knee_flexion": (10.0, 0.0),
         "ankle_flexion": (5.0, 0.0),
-        "ankle_inversion": (-3.0, 0.0),
     },
     "seated": {"hip_flexion": (84.0, 3.0), "knee_flexion": (84.0, 3.0)},
 }
@@ -104,6 +103,8 @@ def draw_habits(work: Work, rng: np.random.Generator) -> Habits:
         name = joint if side is None else joint.removeprefix(f"{side}_")
         is_free = side is not None and side not in work.hands and number < 20
         angle = _FREE_ARM[work.stance].get(name, 0.0) if is_free else ease.get(name, 0.0)
+        if name == "ankle_inversion":
+            angle = ease.get("hip_abduction", 0.0)  # a leg turned out stands on a level sole
         comfort[number] = np.radians(angle)
         spread[number] = np.radians(_SPREAD[name] * own[name])
     return Habits(

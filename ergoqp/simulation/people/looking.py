@@ -6,16 +6,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from ergoqp.human import Body
-from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.anatomy import draw_body
-from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import draw_habits
 from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
-from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.soft_person import SoftPerson
 
 EYES: Final = np.array([0.090, 0.0, 0.060])
-"""Where the eyes are in the head, as shares of its height times 2: ahead and up."""
+"""Where the eyes are in the head of a person of 1.75 m, ahead of the top of the neck and up [m]."""
 
 AT_EASE: Final = float(np.radians(15.0))
 """The eyes rest this far below the head's level [rad] (the normal line of sight)."""
@@ -64,7 +59,4 @@ class LookingPerson(SoftPerson):
     holding: ClassVar[type[SoftHolding]] = LookingHolding
 
 
-def draw(problem: Problem, seed: int, body: Body | None = None) -> LookingPerson:
-    """Return a person who looks at the work for a problem, the same for the same seed."""
-    rng, work = np.random.default_rng([seed, 26]), Work.of(problem)
-    return LookingPerson(body or draw_body(rng), work, draw_habits(work, rng), draw_senses(rng))
+draw = LookingPerson.drawn

@@ -6,14 +6,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from ergoqp.human import Body
-from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.anatomy import draw_body
-from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import draw_habits
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
-from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.soft_person import SoftPerson
 
 EVERY: Final = (3.0, 7.0)
 """Least and longest time between two pushes [s]."""
@@ -70,7 +65,4 @@ class PushedPerson(SoftPerson):
     holding: ClassVar[type[SoftHolding]] = PushedHolding
 
 
-def draw(problem: Problem, seed: int, body: Body | None = None) -> PushedPerson:
-    """Return a person who is pushed for a problem, the same for the same seed."""
-    rng, work = np.random.default_rng([seed, 25]), Work.of(problem)
-    return PushedPerson(body or draw_body(rng), work, draw_habits(work, rng), draw_senses(rng))
+draw = PushedPerson.drawn

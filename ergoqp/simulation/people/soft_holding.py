@@ -19,7 +19,7 @@ from ergoqp.joints import INDEX, SIDES
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.person import Holding
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.way import LONGEST_SHIFT, between, pose_error, straight
+from ergoqp.simulation.people.way import LONGEST_SHIFT, LONGEST_TURN, between, pose_error, straight
 
 if TYPE_CHECKING:
     from ergoqp.simulation.people.soft_person import SoftPerson
@@ -53,7 +53,10 @@ _WAITS = 10
 _LARGEST = 0.2
 """Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
 
-_SOLES = tuple(f"{side}_sole" for side in SIDES)
+_BESIDE = np.array([0.0, 0.04])
+"""How far a foot reaches ahead of its toe and beside its middle [m]."""
+
+SOLES = tuple(f"{side}_sole" for side in SIDES)
 
 _HANGS = 0.9
 """Share of the trunk's bend that a hanging arm makes up for: it stays upright."""
@@ -77,9 +80,8 @@ class SoftHolding(Holding):
     ) -> None:
         """Hold the object as the posture has it."""
         self._person, self.senses, self.seed = person, senses, seed
-        self.placement = person.placed(posture)
+        self.placement, self.soles = person.placed(posture)
         tasks = person.tasks
-        self.soles = [tasks.frame(f"{side}_sole") for side in SIDES]
         grips = [tasks.frame(f"{hand}_grip") for hand in person.work.hands]
         self.pose = person.work.contact(grips)
         self._grasp = [np.linalg.solve(self.pose, grip) for grip in grips]
@@ -119,6 +121,9 @@ class SoftHolding(Holding):
         self._followed = between(self._followed, late, share)
         self.advance(self._followed, self._since, self.disturbance())
         self._since = 0.0
+        # How far the hands are from the object itself, which nobody follows at once.
+        pairs = zip(self._hands, self._grasp, strict=True)
+        self.gap = max(math.dist(hand, (pose @ grasp)[:3, 3]) for hand, grasp in pairs)
 
     def rest(self, pose: np.ndarray) -> bool:
         """Come to rest, with nothing to disturb, while the object stays at `pose` (4, 4) [m]."""
@@ -132,31 +137,36 @@ class SoftHolding(Holding):
             pace = min(max(pace, _PACE[0]), _PACE[1])
         # The gap is that before the last step.
         self.advance(pose, 1e-9)
-        return self.gap < REACHED and self._angle < REACHED_ANGLE and speed < RESTLESS
+        holds = self.gap < REACHED and self._angle < REACHED_ANGLE
+        return holds and speed < RESTLESS and not self.unbalanced
 
     def carry(self, pose: np.ndarray) -> bool:
         """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there."""
-        held = self.copy()
+        kept = [self.copy()]
         for part in straight(self.pose, pose):
-            before = self.copy()
             self._arrive(part)
             self.advance(part, CARRIED)
-            # The gap is that to this part before the step: what the part before left, and a part.
-            if self.gap > LONGEST_SHIFT + REACHED and not self._waited_for(part):
+            # Gap and angle are those before the step: what the part before left, and a part.
+            lags = self.gap > LONGEST_SHIFT + REACHED or self._angle > LONGEST_TURN + REACHED_ANGLE
+            if (lags or self.unbalanced) and not self._waited_for(part):
                 break
-            held = before
+            kept.append(self.copy())
         else:
             if self.rest(pose):
                 return True
-        vars(self).update(vars(held))
-        self.rest(self.pose)
-        return False
+        # Back, in ever longer strides, to where the person comes to rest with the object in hand.
+        back = 1
+        while True:
+            vars(self).update(vars(kept[max(len(kept) - back, 0)].copy()))
+            if self.rest(self.pose) or back >= len(kept):
+                return False
+            back *= 2
 
     def _waited_for(self, pose: np.ndarray) -> bool:
-        """Wait with the object at `pose`; return whether the hands come there."""
+        """Wait with the object at `pose`; return whether the hands come there, in balance."""
         for _ in range(_WAITS):
             self.advance(pose, CARRIED)
-            if self.gap < REACHED:
+            if self.gap < REACHED and self._angle < REACHED_ANGLE and not self.unbalanced:
                 return True
         return False
 
@@ -173,9 +183,11 @@ class SoftHolding(Holding):
             target: where the hands take the object to be (4, 4) [m].
         """
         person, tasks = self.person, self.person.tasks
-        wishes, self.gap, self._angle = [], 0.0, 0.0
+        wishes, self.gap, self._angle, self._hands = [], 0.0, 0.0, []
         for hand, grasp in zip(person.grips, self._grasp, strict=True):
-            error, moves = pose_error(tasks.frame(hand), target @ grasp), tasks.jacobian(hand)
+            frame, moves = tasks.frame(hand), tasks.jacobian(hand)
+            error = pose_error(frame, target @ grasp)
+            self._hands.append(frame[:3, 3])
             if person.work.free_about_tool:
                 axis = target[:3, 0]
                 error[3:] -= axis * (axis @ error[3:])
@@ -184,7 +196,7 @@ class SoftHolding(Holding):
             self._angle = max(self._angle, math.hypot(*error[3:]))
             wishes.append((error / GRIP, moves / GRIP[:, None]))
         if not person.is_seated:
-            for name, sole in zip(_SOLES, self.soles, strict=True):
+            for name, sole in zip(SOLES, self.soles, strict=True):
                 error = pose_error(tasks.frame(name), sole)
                 self.slid = max(self.slid, math.hypot(*error[:3]))
                 wishes.append((error / SOLE, tasks.jacobian(name) / SOLE[:, None]))
@@ -215,30 +227,12 @@ class SoftHolding(Holding):
         hessian = moves.T @ moves
         # On the diagonal: ease, and the damping of M / dt.
         hessian.flat[:: len(pull) + 1] += person.stiffness + person.damping / dt
-        step = self._within_ranges(hessian, pull)
+        step = person.tasks.step_within(placement, hessian, pull, self.mobile())
         largest = float(np.abs(step).max())
         if largest > _LARGEST:
             step *= _LARGEST / largest
         self.placement = placement + step
         return min(largest, _LARGEST)
-
-    def _within_ranges(self, hessian: np.ndarray, pull: np.ndarray) -> np.ndarray:
-        """Return the step of the free entries while others stop at the end of their range."""
-        tasks, moves = self.person.tasks, self.mobile()
-        lower, upper = tasks.lower - self.placement, tasks.upper - self.placement
-        step = np.zeros(len(pull))
-        for _ in range(4):
-            free = np.flatnonzero(moves)
-            left = pull[free]
-            if step.any():
-                left = left - hessian[free] @ np.where(moves, 0.0, step)
-            step[free] = np.linalg.solve(hessian[free[:, None], free], left)
-            beyond = moves & ((step < lower) | (step > upper))
-            if not beyond.any():
-                return step
-            step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
-            moves = moves & ~beyond
-        return np.minimum(np.maximum(step, lower), upper)
 
     def _ease(self) -> np.ndarray:
         """Return the posture at ease now (32,): an arm that holds nothing hangs down."""
@@ -252,9 +246,12 @@ class SoftHolding(Holding):
     def _balance(self) -> Wish:
         tasks, habits = self.person.tasks, self.person.habits
         centre, moves = tasks.mass_centre()
-        yaw, apart = float(self.placement[3]), centre - tasks.support()
-        length = self.person.body.lengths["foot_length"]
-        self.unbalanced = max(abs(float(apart[0])), abs(float(apart[1]))) > 0.5 * length
+        yaw, feet = float(self.placement[3]), tasks.feet()
+        apart = centre - feet.mean(axis=0)
+        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        ends, there = feet @ turn, centre @ turn
+        beyond = np.maximum(ends.min(axis=0) - there, there - ends.max(axis=0)) - _BESIDE
+        self.unbalanced = bool(beyond.max() > 0)
         error = habits.lean * np.array([math.cos(yaw), math.sin(yaw)]) - apart
         return error / habits.steadiness, moves / habits.steadiness
 

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.people.anatomy import draw_body
 from ergoqp.simulation.people.body_tasks import BASE, BodyTasks
 from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import Habits
+from ergoqp.simulation.people.habits import Habits, draw_habits
 from ergoqp.simulation.people.person import Person
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.soft_holding import SoftHolding
+from ergoqp.simulation.people.soft_holding import SOLE, SOLES, SoftHolding
+from ergoqp.simulation.people.way import pose_error
 
 _PELVIS = np.full(BASE, 0.25)
 """How far the pelvis moves as readily as joints go by their spread [m], [rad]."""
+
+
+_STANDS = 40
+"""Steps in which the legs bring the soles down flat."""
 
 
 class SoftPerson(Person):
@@ -58,6 +66,32 @@ class SoftPerson(Person):
             self.mobile[:BASE] = self.mobile[BASE + 20 :] = False
             self.hanging = []
 
+    @classmethod
+    def drawn(cls, problem: Problem, seed: int, body: Body | None = None) -> Self:
+        """Return a person of the kind for a problem, the same for the same seed.
+
+        Body, habits and senses are drawn apart: who is given another body keeps the rest.
+        """
+        said = [seed, *cls.kind.encode(), 0, *problem.name.encode()]
+        bodies, habits, senses = (np.random.default_rng([*said, part]) for part in range(3))
+        work = Work.of(problem)
+        return cls(
+            body or draw_body(bodies),
+            work,
+            cls.habits_of(draw_habits(work, habits), work, habits),
+            cls.senses_of(draw_senses(senses), senses),
+        )
+
+    @classmethod
+    def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
+        """Return how people of the kind hold themselves, who would else have these habits."""
+        return habits
+
+    @classmethod
+    def senses_of(cls, senses: Senses, rng: np.random.Generator) -> Senses:
+        """Return what is seen of people of the kind, who would else have these senses."""
+        return senses
+
     @property
     def body(self) -> Body:
         """The person's body."""
@@ -91,11 +125,35 @@ class SoftPerson(Person):
             return f"the pelvis stays on its seat, {self.seat:.2f} m high"
         return "the soles stay where they stand"
 
-    def placed(self, posture: np.ndarray) -> np.ndarray:
-        """Return the placement (36,) of a posture (32,), see `BodyTasks`."""
+    def placed(self, posture: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return the placement (36,) of a posture (32,), and its soles (4, 4) each.
+
+        Standing, the soles are flat on the floor; where the posture's are not, the legs are as near
+        to it as that allows. Seated, the seat is as high as the problem says, or as the legs need.
+        """
+        tasks = self.tasks
         if self.is_seated:
-            return self.tasks.seated(posture, self.seat)
-        return self.tasks.standing(posture)
+            given = self.work.seat_height
+            seat = tasks.leg_height(posture) if given is None else given
+            placement = tasks.seated(posture, seat)
+            return placement, [tasks.frame(name) for name in SOLES]
+        placement = tasks.standing(posture)
+        soles = [_flat(tasks.frame(name)) for name in SOLES]
+        legs = np.ones(BASE + len(JOINTS), dtype=bool)
+        legs[BASE : BASE + 20] = False
+        wanted = placement.copy()
+        for _ in range(_STANDS):
+            tasks.place(placement)
+            hessian, pull = np.diag(self.stiffness), self.stiffness * (wanted - placement)
+            hessian[range(BASE), range(BASE)] += 1.0
+            for name, sole in zip(SOLES, soles, strict=True):
+                moves = tasks.jacobian(name) / SOLE[:, None]
+                hessian += moves.T @ moves
+                pull += (pose_error(tasks.frame(name), sole) / SOLE) @ moves
+            step = tasks.step_within(placement, hessian, pull, legs)
+            placement = placement + step * min(1.0, 0.2 / max(1e-12, float(np.abs(step).max())))
+        tasks.place(placement)
+        return placement, soles
 
     def hold(self, posture: np.ndarray, senses: Senses | None = None, seed: int = 0) -> SoftHolding:
         """Return the person as they hold the object in a posture (32,) [rad], just now."""
@@ -118,6 +176,14 @@ class SoftPerson(Person):
         held = self.hold(self.comfort, senses, seed)
         held.carry(pose)
         return held
+
+
+def _flat(sole: np.ndarray) -> np.ndarray:
+    """Return a sole's frame (4, 4) turned level and brought to the floor."""
+    flat, yaw = np.eye(4), math.atan2(sole[1, 0], sole[0, 0])
+    flat[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    flat[:2, 3] = sole[:2, 3]
+    return flat
 
 
 def draw_senses(rng: np.random.Generator) -> Senses:

@@ -7,15 +7,12 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from ergoqp.human import Body
 from ergoqp.joints import INDEX
-from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.anatomy import draw_body
 from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import draw_habits
+from ergoqp.simulation.people.habits import Habits
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
-from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.soft_person import SoftPerson
 
 STEP: Final = 0.20
 """The object may be this far from where it is at ease before the person steps after it [m]."""
@@ -60,15 +57,22 @@ class SteppingHolding(SoftHolding):
 
     def advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None = None) -> float:
         """Take one step of time; the feet go after an object that is away for long."""
-        away = target[:2, 3] - self._at_ease - self.feet - self._way
-        distance = float(np.linalg.norm(away))
-        if np.isinf(self._swing):
-            self._away = self._away + dt if distance > STEP else 0.0
-            wanted = self.feet + away * (STEP / max(distance, STEP))
-            if self._away > _HESITATES and np.linalg.norm(wanted) <= FARTHEST:
-                self._way, self._swing, self._away = wanted - self.feet, 0.0, 0.0
+        while dt > _PART and np.isfinite(self._swing):
+            # A foot goes its way in parts, however long a step of time is.
+            self._advance(target, _PART, besides)
+            dt -= _PART
+        return self._advance(target, dt, besides)
+
+    def _advance(self, target: np.ndarray, dt: float, besides: list[Wish] | None) -> float:
         if np.isfinite(self._swing):
             self._put_feet(dt)
+        else:
+            away = target[:2, 3] - self._at_ease - self.feet
+            distance = float(np.linalg.norm(away))
+            self._away = self._away + dt if distance > STEP else 0.0
+            way = away * (STEP / max(distance, STEP))
+            if self._away > _HESITATES and np.linalg.norm(self.feet + way) <= FARTHEST:
+                self._way, self._swing, self._away = way, 0.0, 0.0
         return super().advance(target, dt, besides)
 
     def rest(self, pose: np.ndarray) -> bool:
@@ -106,6 +110,14 @@ class SteppingPerson(SoftPerson):
     manner: ClassVar[str] = "who leans toward the object and steps after it"
     holding: ClassVar[type[SoftHolding]] = SteppingHolding
 
+    @classmethod
+    def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
+        """Return how these people hold themselves: they lean."""
+        spread = habits.spread.copy()
+        for joint, number in INDEX.items():
+            spread[number] *= next((by for name, by in _LEANS.items() if joint.endswith(name)), 1.0)
+        return replace(habits, spread=spread)
+
     @property
     def footing(self) -> str:
         """What carries the person, as a clause for people."""
@@ -114,11 +126,4 @@ class SteppingPerson(SoftPerson):
         return f"the soles step after an object more than {100 * STEP:.0f} cm away"
 
 
-def draw(problem: Problem, seed: int, body: Body | None = None) -> SteppingPerson:
-    """Return a person who steps for a problem, the same for the same seed."""
-    rng, work = np.random.default_rng([seed, 24]), Work.of(problem)
-    body, habits = body or draw_body(rng), draw_habits(work, rng)
-    spread = habits.spread.copy()
-    for joint, number in INDEX.items():
-        spread[number] *= next((by for name, by in _LEANS.items() if joint.endswith(name)), 1.0)
-    return SteppingPerson(body, work, replace(habits, spread=spread), draw_senses(rng))
+draw = SteppingPerson.drawn

@@ -8,13 +8,10 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from ergoqp.human import Body
-from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.anatomy import draw_body
+from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import Habits, draw_habits
-from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.habits import Habits
+from ergoqp.simulation.people.soft_person import SoftPerson
 
 _FAVOURITES: Final[tuple[Mapping[str, tuple[float, float]], ...]] = (
     # Slouches over the work.
@@ -40,25 +37,21 @@ class StubbornPerson(SoftPerson):
     kind: ClassVar[str] = "stubborn"
     manner: ClassVar[str] = "who keeps what they can of a favourite posture"
 
+    @classmethod
+    def habits_of(cls, habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
+        """Return how these people hold themselves: as they like it best."""
+        comfort, spread = habits.comfort.copy(), habits.spread.copy()
+        favourite = _FAVOURITES[rng.integers(len(_FAVOURITES))]
+        mirrored = (-1.0, 1.0)[rng.integers(2)]
+        for name, numbers in favourite.items():
+            angle = np.radians(rng.normal(*numbers))
+            central = name.startswith(("trunk", "neck"))
+            joints = [name] if central else [f"{side}_{name}" for side in work.hands]
+            for joint in joints:
+                sideways = central and not name.endswith("_flexion")
+                comfort[INDEX[joint]] = mirrored * angle if sideways else angle
+                spread[INDEX[joint]] *= _FIRM
+        return replace(habits, comfort=np.clip(comfort, LOWER, UPPER), spread=spread)
 
-def draw(problem: Problem, seed: int, body: Body | None = None) -> StubbornPerson:
-    """Return a stubborn person for a problem, the same for the same seed."""
-    rng, work = np.random.default_rng([seed, 23]), Work.of(problem)
-    body = body or draw_body(rng)
-    habits = _favourite(draw_habits(work, rng), work, rng)
-    return StubbornPerson(body, work, habits, draw_senses(rng))
 
-
-def _favourite(habits: Habits, work: Work, rng: np.random.Generator) -> Habits:
-    comfort, spread = habits.comfort.copy(), habits.spread.copy()
-    favourite = _FAVOURITES[rng.integers(len(_FAVOURITES))]
-    mirrored = (-1.0, 1.0)[rng.integers(2)]
-    for name, numbers in favourite.items():
-        angle = np.radians(rng.normal(*numbers))
-        central = name.startswith(("trunk", "neck"))
-        joints = [name] if central else [f"{side}_{name}" for side in SIDES if side in work.hands]
-        for joint in joints:
-            sideways = central and not name.endswith("_flexion")
-            comfort[INDEX[joint]] = mirrored * angle if sideways else angle
-            spread[INDEX[joint]] *= _FIRM
-    return replace(habits, comfort=np.clip(comfort, LOWER, UPPER), spread=spread)
+draw = StubbornPerson.drawn

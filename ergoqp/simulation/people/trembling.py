@@ -7,16 +7,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from ergoqp.human import Body
 from ergoqp.joints import JOINTS
-from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.anatomy import draw_body
 from ergoqp.simulation.people.body_tasks import BASE
-from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.habits import draw_habits
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import SoftHolding
-from ergoqp.simulation.people.soft_person import SoftPerson, draw_senses
+from ergoqp.simulation.people.soft_person import SoftPerson
 
 TREMOR: Final = (float(np.radians(0.3)), float(np.radians(1.2)))
 """Least and largest amplitude of a joint's tremor [rad]."""
@@ -72,13 +67,12 @@ class TremblingPerson(SoftPerson):
     manner: ClassVar[str] = "whose arms shake, and whose angles read wrong"
     holding: ClassVar[type[SoftHolding]] = TremblingHolding
 
+    @classmethod
+    def senses_of(cls, senses: Senses, rng: np.random.Generator) -> Senses:
+        """Return what is seen of these people: every joint reads wrong, and frames are lost."""
+        sd, most = BIAS_DEG
+        bias = np.round(np.clip(rng.normal(0.0, sd, len(JOINTS)), -most, most), 1)
+        return replace(senses, lost=LOST, bias_deg=dict(zip(JOINTS, bias.tolist(), strict=True)))
 
-def draw(problem: Problem, seed: int, body: Body | None = None) -> TremblingPerson:
-    """Return a person who trembles for a problem, the same for the same seed."""
-    rng, work = np.random.default_rng([seed, 27]), Work.of(problem)
-    habits, body = draw_habits(work, rng), body or draw_body(rng)
-    sd, most = BIAS_DEG
-    bias = np.clip(rng.normal(0.0, sd, len(JOINTS)), -most, most)
-    biased = dict(zip(JOINTS, bias.tolist(), strict=True))
-    senses = replace(draw_senses(rng), lost=LOST, bias_deg=biased)
-    return TremblingPerson(body, work, habits, senses)
+
+draw = TremblingPerson.drawn

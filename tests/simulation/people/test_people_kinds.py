@@ -290,4 +290,4 @@ def test_a_run_says_who_followed(kind: str) -> None:
     held = person.hold(person.comfort)
     again = simulate(problem, held, 0.3, 3)
     np.testing.assert_allclose(again.poses[0], run.poses[0], atol=1e-9)
-    np.testing.assert_array_equal(held.posture, person.comfort)
+    np.testing.assert_allclose(held.posture, person.comfort, atol=1e-4)
