@@ -1,14 +1,16 @@
 """The figures of many units: shares, means, times, ways and forces, for every method.
 
-``share_at_best``: the person's rest at the end scores no more than the best; ``share_at_20s``: had
-the object been left there after 20 s. ``mean_above_best``: points above it on average, none where
-it is beaten; ``beats_best``: share in which it is. ``worse_than_start``, ``worse_than_still``,
-``worse_than_rule``: shares that end worse than the rest at the start, than had the object been left
-alone, than by the rule of thumb; ``gain_over_rule``: points below that. ``never_rests``: share in
+``share_at_best``: the person's rest at the end, in reach and in balance, scores no more than the
+best; ``share_at_20s``: had the object been left there after 20 s; ``share_living_at_best``: what
+the person does in the last second does, be it at rest or not. ``mean_above_best``: points above it
+on average, none where it is beaten; ``beats_best``: share in which it is. ``worse_than_start``,
+``worse_than_still``, ``worse_than_rule``: shares that end worse than the rest at the start, than
+had the object been left alone, than by the rule of thumb; ``gain_over_rule``: points below that.
+``never_rests``: share in
 which the object moved in the last 3 s; ``first_rest_s``: median time until it stood still for a
 second, 60 where never. ``peak_above_start``: share in which the score on the way, a median over
 1 s, was more than a point above the higher of start and still. ``path_m``: median way of the
-object.
+object. ``unbalanced``: share of the time with the centre of mass outside the feet.
 ``power_above_3hz``: share of the twist's power there. ``lets_go``: share that ends out of reach.
 ``force_median_n``, ``force_p99_n``, ``force_peak_n`` (the largest of all), ``slips`` (per run),
 ``falls`` (share): of people with mass.
@@ -29,6 +31,7 @@ SHORT = (
     "worse_than_rule",
     "gain_over_rule",
     "never_rests",
+    "lets_go",
 )
 """Figures that are printed per kind and per problem too."""
 
@@ -50,13 +53,15 @@ def figures_of(units: Sequence[Numbers], method: str) -> dict[str, float]:
         return np.array([read(unit, way) for unit, way in zip(units, ways, strict=True)])
 
     end, best = column(lambda u, w: w["end"]), column(lambda u, w: u["best"])
+    holds = column(lambda u, w: w["holds"]).astype(bool)
     start = column(lambda u, w: u["still"])
     still = column(lambda u, w: u["ways"]["still"]["end"])
     rule = column(lambda u, w: u["ways"]["rule"]["end"])
     first = column(lambda u, w: _LONGEST if w["first_rest"] is None else w["first_rest"])
     figures = {
-        "share_at_best": float(np.mean(end <= best)),
-        "share_at_20s": float(np.mean(column(lambda u, w: w["early"]) <= best)),
+        "share_at_best": float(np.mean(holds & (end <= best))),
+        "share_at_20s": float(np.mean(holds & (column(lambda u, w: w["early"]) <= best))),
+        "share_living_at_best": float(np.mean(holds & (column(lambda u, w: w["lived"]) <= best))),
         "mean_end": float(end.mean()),
         "mean_above_best": float(np.maximum(end - best, 0).mean()),
         "beats_best": float(np.mean(end < best)),
@@ -71,7 +76,8 @@ def figures_of(units: Sequence[Numbers], method: str) -> dict[str, float]:
         ),
         "path_m": float(np.median(column(lambda u, w: w["path"]))),
         "power_above_3hz": float(np.mean(column(lambda u, w: w["power"]))),
-        "lets_go": float(np.mean(column(lambda u, w: not w["holds"]))),
+        "lets_go": float(np.mean(~holds)),
+        "unbalanced": float(np.mean(column(lambda u, w: w["unbalanced"]))),
     }
     forces = np.array([way["force"] for way in ways if way["force"] is not None])
     if len(forces):

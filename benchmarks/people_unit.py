@@ -26,7 +26,7 @@ from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.simulation.loop import Controller, Trace, power_above, run_loop, with_own_robot
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.people.way import pose_error
+from ergoqp.simulation.people.way import between, pose_error, straight
 from ergoqp.simulation.yardstick import Judge
 from ergoqp.step.stepper import Stepper
 
@@ -57,12 +57,19 @@ ABOVE = 2
 _OF = (6, 1)
 """A start is the worst of so many places, where the seed is even, and where it is odd."""
 _TRIES = 20
+_WAITS = 15.0
+"""For how long a person is waited for at a place [s]."""
+_PART = 13
+"""Periods of 20 ms in which a part of the way of 4 cm is gone: 0.15 m/s."""
+_APART = float(np.radians(2.0))
+"""Whose angles are this near to those of their rest, RMS, rests [rad]."""
 _RESTS = (1e-3, np.radians(0.2))
 """An object slower than this is at rest [m/s], [rad/s], for a second."""
 _FILTER = 1.0
 """Time over which the score on the way is the median [s]."""
 _SEARCH = {"mass": {"places": 10, "around": 0}}
 _ROUTES = {"mass": 1}
+_FOLLOWS = {"mass": 1}
 """Smaller searches for people who take long to simulate."""
 
 
@@ -74,6 +81,7 @@ class Unit:
         problem: the task.
         person: who follows.
         start: the person at rest with the object at the start.
+        home: the person at ease with the object.
         still: exact score there.
         best: lowest exact score of places reached straight from there.
         anywhere: lowest found for the person on ways from comfort.
@@ -83,6 +91,7 @@ class Unit:
     problem: Problem
     person: Person
     start: Holding
+    home: Holding
     still: int
     best: int
     anywhere: int
@@ -107,7 +116,7 @@ def draw_unit(kind: str, name: str, seed: int) -> Unit | None:
             continue
         best = judge.best(start, known, **search)[0].score or 15
         if still >= best + ABOVE:
-            return Unit(problem, person, start, still, best, anywhere, seed)
+            return Unit(problem, person, start, home, still, best, anywhere, seed)
     return None
 
 
@@ -124,7 +133,8 @@ def controller_of(unit: Unit, method: str) -> Controller:
         "own_rule": lambda: rule_pose(problem, unit.person.body),
         "open_loop": lambda: nominal.pose,
     }
-    # As far as the person comes along: nobody pulls the object out of a hand.
+    # As far as the person comes along, asked in advance and without noise: nobody pulls the object
+    # out of a hand. ergoqp has nothing like it; it is a favour to these three.
     there = start.copy()
     there.carry(goals[method]())
     return Drive(problem, start.pose, there.pose)
@@ -162,7 +172,7 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
         "best": unit.best,
         "anywhere": unit.anywhere,
     }
-    found["routes"] = routes_of(unit)
+    found |= {"routes": routes_of(unit), "follows": follows_of(unit)}
     found["ways"] = {method or "ergoqp": way_of(unit, method) for method in methods}
     return found | {"cpu_s": time.process_time() - begin}
 
@@ -189,6 +199,7 @@ def routes_of(unit: Unit) -> list[int]:
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
     """Return the numbers of one method."""
     person, watch = unit.start.copy(), _Watch(unit.start.pose)
+    person.slid = 0.0
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     trace = run_loop(
         problem,
@@ -200,8 +211,10 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
         robot=robot,
     )
     end, holds = rest_score(unit.problem, person)
+    second = np.array(trace.postures)[-round(1.0 / problem.dt) :]
     return {
         "end": end,
+        "lived": int(problem.assess(second.mean(axis=0)).final[0]),
         "early": end if watch.early is None else rest_score(unit.problem, watch.early)[0],
         "holds": holds,
         **_of_trace(unit, trace),
@@ -223,6 +236,34 @@ def _at_rest(trace: Trace, person: Holding) -> dict[str, float]:
         "slid_mm": 1e3 * person.slid,
         "hand_mm": 1e3 * rest.gap,
     }
+
+
+def follows_of(unit: Unit) -> list[bool]:
+    """Return, for places that are reached, whether the living person comes to rest there.
+
+    Begun at ease, away from rest: the object goes straight to the place at the speed of `carry`,
+    with the person's delay and chance, and then stays for `_WAITS` seconds.
+    """
+    _, judge = judged(unit.problem.name)
+    rng, rests = np.random.default_rng([unit.seed, 43]), []
+    for _ in range(_FOLLOWS.get(unit.person.kind, 3)):
+        pose = judge.workspace.pose(rng.uniform(-1.0, 1.0, 5))
+        if not judge.carried(unit.home, pose).score:
+            continue
+        person, dt = unit.home.copy(), 0.02
+        for part in straight(person.pose, pose):
+            for share in np.linspace(0.0, 1.0, _PART + 1)[1:]:
+                person.follow(between(person.pose, part, share), dt)
+        lived = []
+        for number in range(round(_WAITS / dt)):
+            person.follow(pose, dt)
+            if number * dt > _WAITS - 5.0:
+                lived.append(person.posture)
+        rest = person.copy()
+        reached = rest.rest(pose)
+        apart = np.sqrt(np.mean((np.array(lived) - rest.posture) ** 2, axis=1)).min()
+        rests.append(bool(reached and apart < _APART))
+    return rests
 
 
 class _Watch:

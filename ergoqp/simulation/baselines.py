@@ -116,7 +116,7 @@ class Drive:
 class Gradient:
     """The EPFL report's controller: xi = -epsilon dV/dq dq/dx (equation 3.2), kept within limits.
 
-    The object never rests for long: the report has no rule for it but to stop below a cost of 1.
+    The report has no rule for coming to rest but to stop below a cost of 1.
 
     Args:
         problem: whose response and limits are taken.
@@ -152,30 +152,26 @@ class Gradient:
             wished = self._gain * evaluator.outputs["g"] * self._free
         allowed = np.where(self._free > 0, limit.speed, np.inf)
         wished = wished / max(1.0, float(np.max(np.abs(wished) / allowed)))
-        change = np.clip(
-            wished - self._twist, -limit.acceleration * self.dt, limit.acceleration * self.dt
-        )
-        twist = self._twist + change
-        if self._leaves(pose, twist):
-            # Stops as fast as allowed, along what it did: what was within stays within.
-            stop = float(np.max(np.abs(self._twist) / limit.acceleration)) or 1.0
-            twist = self._twist * max(0.0, 1.0 - self.dt / stop)
-        self._twist = twist
-        return Sent(twist.copy(), "optimal")
+        most = limit.acceleration * self.dt
+        twist = self._twist + np.clip(wished - self._twist, -most, most)
+        # What would leave the workspace or the cone stops; the rest goes on along the wall.
+        stopped = self._twist - np.clip(self._twist, -most, most)
+        self._twist = np.where(self._leaves(pose, twist), stopped, twist)
+        return Sent(self._twist.copy(), "optimal")
 
-    def _leaves(self, pose: np.ndarray, twist: np.ndarray) -> bool:
-        """Whether a stop from this twist ends beyond the workspace or the cone, and further out."""
+    def _leaves(self, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
+        """Return which axes' stop from this twist ends beyond a limit, and further out (6,)."""
         stop = 2 * self.dt + float(np.max(np.abs(twist) / self._limit.acceleration)) / 2
+        leaves = np.zeros(6, dtype=bool)
         if self._box is not None:
             here, there = pose[:3, 3], pose[:3, 3] + stop * twist[:3]
-            low, high = self._box.lower, self._box.upper
-            for was, ends, least, most in zip(here, there, low, high, strict=True):
-                if ends > max(most, was) or ends < min(least, was):
-                    return True
+            leaves[:3] = (there > np.maximum(self._box.upper, here)) | (
+                there < np.minimum(self._box.lower, here)
+            )
         if self._cone is not None:
             axis = turned(pose[:3, :3], stop * twist[3:])[:, 0]
-            return bool(axis @ self._toward < min(self._least, pose[:3, 0] @ self._toward))
-        return False
+            leaves[3:] = axis @ self._toward < min(self._least, pose[:3, 0] @ self._toward)
+        return leaves
 
 
 def rule_pose(problem: Problem, body: Body) -> np.ndarray:

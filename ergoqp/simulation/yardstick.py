@@ -129,7 +129,7 @@ class Judge:
         known: Iterable[np.ndarray] = (),
         *,
         places: int = 48,
-        around: int = 2,
+        around: int = 3,
         enough: int | None = None,
     ) -> list[Place]:
         """Return all places that were looked at from a start, the best first.

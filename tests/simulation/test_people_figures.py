@@ -18,6 +18,8 @@ def way(end: int, **other: object) -> dict:
     usual = {
         "end": end,
         "early": end,
+        "lived": end,
+        "unbalanced": 0.0,
         "holds": True,
         "first_rest": 2.0,
         "rests": True,
@@ -47,6 +49,7 @@ def test_figures_are_what_their_names_say() -> None:
     ]
     found = figures_of(units, "ergoqp")
     assert found["share_at_best"] == 0.5
+    assert figures_of([unit(5, 2, ergoqp=way(2, holds=False))], "ergoqp")["share_at_best"] == 0.0
     assert found["beats_best"] == 0.25
     assert found["share_at_20s"] == 0.25
     assert found["mean_end"] == 4.0

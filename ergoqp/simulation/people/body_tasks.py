@@ -70,7 +70,7 @@ class BodyTasks:
         return self._data.subtree_com[self._pelvis][:2].copy(), moves[:2] * self._balances
 
     def feet(self) -> np.ndarray:
-        """Return where heels and toes are over the floor (4, 2) [m]."""
+        """Return where heel and toe of each foot are over the floor (4, 2) [m]."""
         return self._data.site_xpos[self._feet, :2]
 
     def step_within(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Final
 
 import numpy as np
@@ -34,14 +35,17 @@ class LookingHolding(SoftHolding):
         tasks, scale = self.person.tasks, self.person.body.stature / 1.75
         head, moves = tasks.frame("head"), tasks.jacobian("head")
         turn, offset = head[:3, :3], head[:3, :3] @ EYES * scale
-        x, y, z = turn.T @ (work - head[:3, 3] - offset)
-        down, left = np.arctan2(-z, np.hypot(x, y)), np.arctan2(y, x)
-        asked = np.array([down - AT_EASE, left])
+        seen = turn.T @ (work - head[:3, 3] - offset)
+        x, y, z = seen
+        level, far = math.hypot(x, y), float(seen @ seen)
+        asked = np.array([math.atan2(-z, level) - AT_EASE, math.atan2(y, x)])
         beyond = asked - np.clip(asked, -RANGE, RANGE)
-        # Turning the head helps, and so does moving the eyes across the line of sight.
+        slopes = np.array(
+            [[z * x / level, z * y / level, -level], [-y * far / level**2, x * far / level**2, 0.0]]
+        )
+        # How the work moves in the head when the head turns and the eyes are carried along.
         turns, shifts = turn.T @ moves[3:], turn.T @ (moves[:3] - _cross(offset) @ moves[3:])
-        distance = max(0.15, float(np.sqrt(x * x + y * y + z * z)))
-        helps = np.array([turns[1] - shifts[2] / distance, turns[2] + shifts[1] / distance])
+        helps = slopes / -far @ (_cross(seen) @ turns - shifts)
         helps[beyond == 0] = 0.0
         return beyond / _FIRM, helps / _FIRM
 

@@ -246,13 +246,14 @@ class SoftHolding(Holding):
     def _balance(self) -> Wish:
         tasks, habits = self.person.tasks, self.person.habits
         centre, moves = tasks.mass_centre()
-        yaw, feet = float(self.placement[3]), tasks.feet()
+        feet = tasks.feet()
         apart = centre - feet.mean(axis=0)
-        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        x, y = feet[1::2].sum(axis=0) - feet[::2].sum(axis=0)
+        turn = np.array([[x, -y], [y, x]]) / math.hypot(x, y)
         ends, there = feet @ turn, centre @ turn
         beyond = np.maximum(ends.min(axis=0) - there, there - ends.max(axis=0)) - _BESIDE
         self.unbalanced = bool(beyond.max() > 0)
-        error = habits.lean * np.array([math.cos(yaw), math.sin(yaw)]) - apart
+        error = habits.lean * turn[:, 0] - apart
         return error / habits.steadiness, moves / habits.steadiness
 
     def _arrive(self, pose: np.ndarray) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,16 @@ from hypothesis import strategies as st
 
 import ergoqp
 from ergoqp.errors import InputError
+from ergoqp.human import Body
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.people.anatomy import STATURES
 from ergoqp.simulation.people.dead_zone import SHIFT
+from ergoqp.simulation.people.follower import FollowerPerson
+from ergoqp.simulation.people.habits import draw_habits
 from ergoqp.simulation.people.looking import RANGE
+from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding
 from ergoqp.simulation.people.soft_person import SoftPerson
 from ergoqp.simulation.people.way import pose_error, straight
@@ -74,14 +79,14 @@ def test_at_rest_hands_hold_soles_stand_and_joints_are_within_their_ranges(
             person.tasks.place(held.placement)
             for side, sole in zip(SIDES, held.soles, strict=True):
                 assert np.linalg.norm(pose_error(person.tasks.frame(f"{side}_sole"), sole)) < 5e-3
-    assert reached >= 3
+    assert reached >= 2
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_no_code_is_shared_with_the_controllers_responses(kind: str) -> None:
-    """Data of a problem's response may be read; what computes with it may not."""
-    if kind == "alike":
-        pytest.skip("alike is the controller's model with other numbers, and says so")
+def test_no_code_is_shared_with_the_controllers_responses() -> None:
+    """Data of a problem's response may be read; what computes with it may not.
+
+    Only `alike` is the controller's model with other numbers, and says so.
+    """
     folder = Path(ergoqp.__file__).parent / "simulation" / "people"
     allowed = {"ergoqp.responses.ik.IkResponse"}
     seen = set()
@@ -93,6 +98,10 @@ def test_no_code_is_shared_with_the_controllers_responses(kind: str) -> None:
                 "ergoqp.responses"
             ):
                 seen |= {f"{node.module}.{name.name}" for name in node.names}
+            if isinstance(node, ast.Import):
+                seen |= {name.name for name in node.names if "ergoqp.responses" in name.name}
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                assert "response" not in ast.unparse(node.func), (path, node.lineno)
     assert seen <= allowed
 
 
@@ -166,16 +175,23 @@ def test_dead_zone_moves_the_arm_alone_for_small_changes() -> None:
     assert np.all(held.posture[trunk[:2]] != before[trunk[:2]])
 
 
-def test_stubborn_people_stray_less_from_what_they_like() -> None:
-    """The same body and place: the favourite joints stay nearer than a follower's do."""
-    stays = []
-    for seed in range(6):
+def test_stubborn_people_keep_a_favourite_that_others_do_not_have() -> None:
+    """Against a follower who would have the same habits, drawn with the same numbers."""
+    kept, others = [], []
+    for seed in range(8):
         person = soft("stubborn", seed=seed)
-        held = at_ease(person)
-        held.carry(shifted(held.pose, 0.1, 0.0, 0.25))
-        firm = person.habits.spread < 0.9 * soft("follower", seed=seed).habits.spread
-        stays.append(np.abs(held.posture - person.comfort)[firm].mean())
-    assert np.degrees(np.mean(stays)) < 20
+        rng = np.random.default_rng([seed, *b"stubborn", 0, *b"screwing", 1])
+        usual = draw_habits(person.work, rng)
+        changed = person.habits.spread < 0.9 * usual.spread
+        assert 2 <= changed.sum() <= 3
+        np.testing.assert_allclose(person.habits.spread[changed], 0.5 * usual.spread[changed])
+        assert np.degrees(np.abs(person.comfort - usual.comfort)[changed]).max() > 5
+        plain = FollowerPerson(person.body, person.work, usual, person.senses)
+        for who, stays in ((person, kept), (plain, others)):
+            held = at_ease(who)
+            held.carry(shifted(held.pose, 0.05, 0.0, 0.15))
+            stays.append(np.abs(held.posture - person.comfort)[changed].mean())
+    assert np.mean(kept) < 0.6 * np.mean(others)
 
 
 def test_stepping_people_go_after_what_is_far_and_only_then() -> None:
@@ -196,15 +212,50 @@ def test_stepping_people_go_after_what_is_far_and_only_then() -> None:
     assert stool.base[2, 3] == pytest.approx(seat[2])
 
 
-def test_pushed_people_are_pushed_and_come_back() -> None:
-    held = at_ease(soft("pushed"))
-    rest, farthest = held.posture, 0.0
-    for _ in range(1000):
+def test_feet_step_one_after_the_other_over_the_floor_after_a_while() -> None:
+    held = at_ease(soft("stepping"))
+    goal, seen = shifted(held.pose, 0.3, 0.0, 0.0), []
+    for _ in range(400):
+        held.follow(goal, 0.01)
+        seen.append([*held.soles[0][:3, 3], *held.soles[1][:3, 3]])
+    feet = np.array(seen)
+    moves = np.abs(np.diff(feet[:, [0, 3]], axis=0)) > 1e-6
+    assert not (moves[:, 0] & moves[:, 1]).any(), "one foot stands"
+    assert moves.any(axis=0).all(), "both step"
+    first = int(np.argmax(moves.any(axis=1)))
+    assert 0.35 < 0.01 * first < 1.0, "after a moment of leaning"
+    assert feet[:, [2, 5]].min() >= -1e-9
+    assert feet[:, [2, 5]].max() > 0.04
+    assert np.abs(np.diff(feet, axis=0)).max() < 0.02, "feet do not jump"
+
+
+def test_pushed_people_are_pushed_now_and_then_and_come_back() -> None:
+    person = soft("pushed")
+    held = at_ease(person)
+    rest, necks = held.posture, []
+    for _ in range(2000):
         held.follow(held.pose, 0.01)
-        farthest = max(farthest, float(np.abs(held.posture - rest).max()))
-    assert np.degrees(farthest) > 2
+        person.tasks.place(held.placement)
+        necks.append(person.tasks.frame("trunk")[:2, 3])
+    away = np.linalg.norm(np.array(necks) - necks[0], axis=1)
+    assert 0.03 < away.max() < 0.09
+    pushes = np.flatnonzero(np.diff((away > 0.02).astype(int)) == 1)
+    assert 3 <= len(pushes) <= 7
+    headings = np.array([necks[push] - necks[0] for push in pushes + 10])
+    assert np.linalg.norm(headings.mean(axis=0)) < 0.8 * np.linalg.norm(headings, axis=1).mean()
     held.rest(held.pose)
     np.testing.assert_allclose(np.degrees(held.posture), np.degrees(rest), atol=1.0)
+
+
+def gaze_beyond(person: SoftPerson, held: SoftHolding) -> np.ndarray:
+    """How far the eyes turn beyond 15 deg around a line 15 deg below the head's level [rad]."""
+    scale = person.body.stature / 1.75
+    person.tasks.place(held.placement)
+    head = person.tasks.frame("head")
+    eyes = head[:3, 3] + head[:3, :3] @ np.array([0.09, 0.0, 0.06]) * scale
+    x, y, z = head[:3, :3].T @ (held.pose[:3, 3] - eyes)
+    asked = np.array([np.arctan2(-z, np.hypot(x, y)) - np.radians(15), np.arctan2(y, x)])
+    return asked - np.clip(asked, -RANGE, RANGE)
 
 
 def test_looking_people_see_what_they_do() -> None:
@@ -215,15 +266,31 @@ def test_looking_people_see_what_they_do() -> None:
         places, off = Workspace(problem), []
         for point in places.spread(8):
             held = at_ease(person)
-            if not held.carry(places.pose(point)):
-                continue
-            person.tasks.place(held.placement)
-            head = person.tasks.frame("head")
-            x, y, z = head[:3, :3].T @ (held.pose[:3, 3] - head[:3, 3])
-            off.append([np.arctan2(-z, np.hypot(x, y)) - np.radians(15), np.arctan2(y, x)])
-        beyond = np.abs(off) - RANGE
-        missed[kind] = float(np.degrees(np.maximum(beyond, 0).max(axis=1)).mean())
-    assert missed["looking"] < 0.6 * missed["follower"]
+            if held.carry(places.pose(point)):
+                off.append(np.abs(gaze_beyond(person, held)).max())
+        missed[kind] = float(np.mean(off))
+    assert missed["looking"] < 0.35 * missed["follower"]
+
+
+def test_the_gaze_is_moved_as_its_slopes_say() -> None:
+    """Against finite differences of the eyes' angles, wherever they turn beyond their range."""
+    person, checked = soft("looking"), 0
+    held = at_ease(person)
+    for shift in ((0.0, 0.25, 0.1), (0.1, -0.35, 0.3), (-0.05, 0.1, -0.5)):
+        pose = shifted(held.pose, *shift)
+        person.tasks.place(held.placement)
+        beyond, helps = (part * np.radians(5.0) for part in held._gaze(pose[:3, 3]))
+        for entry in (0, 1, 2, 4, 5, 6, 7, 8, 9):
+            moved = held.copy()
+            moved.placement = held.placement.copy()
+            moved.placement[entry] += 1e-6
+            person.tasks.place(moved.placement)
+            after = moved._gaze(pose[:3, 3])[0] * np.radians(5.0)
+            for row in np.flatnonzero(beyond):
+                slope = (beyond - after)[row] / 1e-6
+                assert slope == pytest.approx(helps[row, entry], abs=1e-4)
+                checked += abs(slope) > 0.1
+    assert checked >= 10
 
 
 def test_trembling_people_tremble_until_they_are_judged_and_read_wrong() -> None:
@@ -262,6 +329,96 @@ def test_balance_is_kept_by_legs_and_trunk_alone() -> None:
     assert moves[0, 4 + INDEX["trunk_flexion"]] > 0.1
 
 
+def test_balance_matters_and_leans_as_the_person_likes() -> None:
+    """With a weak will to balance the centre of mass strays further; its lean moves it ahead."""
+    person, centres = soft("follower", "low_bin"), {}
+    for name, habits in (
+        ("usual", person.habits),
+        ("weak", replace(person.habits, steadiness=10.0)),
+        ("ahead", replace(person.habits, lean=person.habits.lean + 0.03)),
+    ):
+        other = FollowerPerson(person.body, person.work, habits, person.senses)
+        held = at_ease(other)
+        held.rest(shifted(held.pose, 0.3, 0.0, -0.1))
+        other.tasks.place(held.placement)
+        centres[name] = other.tasks.mass_centre()[0][0] - other.tasks.feet()[:, 0].mean()
+    assert centres["weak"] > centres["usual"] + 0.01
+    assert 0.005 < centres["ahead"] - centres["usual"] < 0.03
+
+
+def test_nobody_rests_beyond_their_toes() -> None:
+    person = soft("follower")
+    held = at_ease(person)
+    far = shifted(held.pose, 0.9, 0.0, -0.2)
+    assert not held.copy().rest(far)
+    assert not held.carry(far)
+    person.tasks.place(held.placement)
+    centre, feet = person.tasks.mass_centre()[0], person.tasks.feet()
+    assert feet[:, 0].min() < centre[0] < feet[:, 0].max() + 1e-3
+    leaning = held.copy()
+    live(leaning, far, 3.0)
+    assert leaning.unbalanced
+
+
+def test_the_gap_is_that_to_the_object_itself_and_soles_that_slide_are_counted() -> None:
+    person = soft("follower")
+    held = at_ease(person)
+    held.slid = 0.0
+    for number in range(100):
+        held.follow(shifted(held.pose, 0.0025, 0.0, 0.0), 0.01)
+        if number > 60:
+            lag = 0.25 * (person.senses.delay + person.senses.hand_time)
+            assert held.gap == pytest.approx(lag, abs=0.02)
+    assert 0.0 < held.slid < 5e-3
+
+
+@pytest.mark.parametrize("name", ["screwing", "dentist"])
+def test_a_posture_on_odd_feet_is_brought_down_flat_and_said(name: str) -> None:
+    person, problem = soft("follower", name), load_problem(name)
+    posture = person.comfort.copy()
+    posture[INDEX["left_knee_flexion"]] += np.radians(35)
+    posture[INDEX["right_ankle_flexion"]] -= np.radians(20)
+    held = person.hold(posture)
+    if name == "screwing":
+        person.tasks.place(held.placement)
+        for side in SIDES:
+            sole = person.tasks.frame(f"{side}_sole")
+            assert abs(sole[2, 3]) < 2e-3
+            assert sole[2, 2] > np.cos(np.radians(1.0))
+        run = simulate(problem, posture, 0.1, person=person)
+        assert any("the start differs" in sentence for sentence in run.assumptions)
+    assert not any("the start differs" in said for said in told(problem, person))
+    np.testing.assert_allclose(held.posture[:20], posture[:20], atol=1e-9)
+
+
+def told(problem, person: SoftPerson) -> list[str]:
+    return simulate(problem, person.comfort, 0.1, person=person).assumptions
+
+
+def test_the_same_person_with_another_body_keeps_habits_and_senses() -> None:
+    problem = load_problem("desk")
+    for kind in SOFT:
+        own, other = (person_of_kind(kind, problem, 5, body) for body in (None, Body()))
+        assert isinstance(own, SoftPerson)
+        assert isinstance(other, SoftPerson)
+        np.testing.assert_array_equal(own.comfort, other.comfort)
+        assert own.senses == other.senses
+        assert other.body.stature == 1.75
+
+
+def test_what_is_said_beside_a_person_is_not_ignored() -> None:
+    problem, person = load_problem("screwing"), soft("follower")
+    held = person.hold(person.comfort)
+    for beside in ({"person": person}, {"follower": "mass"}, {"senses": Senses()}):
+        name = next(iter(beside))
+        with pytest.raises(InputError, match=f"{name}: got one beside a person who holds"):
+            simulate(problem, held, 0.1, **beside)
+    with pytest.raises(InputError, match="got 'looking', but the person given is 'follower'"):
+        simulate(problem, person.comfort, 0.1, person=person, follower="looking")
+    with pytest.raises(InputError, match="follower: got 'giant', allowed one of"):
+        simulate(problem, held, 0.1, follower="giant")
+
+
 def test_a_free_arm_hangs_when_the_trunk_bends() -> None:
     person = soft("follower", "overhead")
     held = at_ease(person)
@@ -290,4 +447,4 @@ def test_a_run_says_who_followed(kind: str) -> None:
     held = person.hold(person.comfort)
     again = simulate(problem, held, 0.3, 3)
     np.testing.assert_allclose(again.poses[0], run.poses[0], atol=1e-9)
-    np.testing.assert_allclose(held.posture, person.comfort, atol=1e-4)
+    np.testing.assert_allclose(held.posture, person.comfort, atol=2e-3)
