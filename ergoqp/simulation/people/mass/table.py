@@ -89,6 +89,7 @@ class Habits:
         arm_time: in which the arms do, which only have to yield to what they hold [s].
         plan_period: between two thoughts of where to be [s].
         tick: between two commands to the muscles [s].
+        grip_used: share of the soles' friction that a person asks for.
         sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
         sway_damping: of the same [1/s].
         load_time: in which a load in the hand is felt, or one to come is taken over [s].
@@ -107,6 +108,7 @@ class Habits:
     arm_time: float = 0.2
     plan_period: float = 0.05
     tick: float = 0.01
+    grip_used: float = 0.9
     sway_stiffness: float = 8.0
     sway_damping: float = 4.0
     load_time: float = 0.15
