@@ -122,7 +122,9 @@ class Control:
         now = data.qpos[:PERSON_QPOS].copy()
         now[7:][_ARMS] = self.wanted[_ARMS]
         self._toward = self.plan.qpos[7:].copy()
-        self._toward[_ARMS] = self._planner.arms(now, points, self.plan)[_ARMS]
+        # And a hand feels at once where it is led, whatever the person has yet made of it.
+        felt = points if alone else places
+        self._toward[_ARMS] = self._planner.arms(now, felt, self.plan)[_ARMS]
 
 
 def _share(dt: float, time: float) -> float:

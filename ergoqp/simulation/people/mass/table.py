@@ -105,7 +105,7 @@ class Habits:
     grasp_lever: float = 0.05
     slip_force: float = 80.0
     body_time: float = 0.6
-    arm_time: float = 0.2
+    arm_time: float = 0.1
     plan_period: float = 0.05
     tick: float = 0.01
     grip_used: float = 0.9
