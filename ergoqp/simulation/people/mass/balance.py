@@ -70,6 +70,19 @@ class Support:
         gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
         return bool(gaps.max() < np.pi)
 
+    def shift(self, data: mujoco.MjData, load: np.ndarray) -> np.ndarray:
+        """Return how far a load takes the centre of pressure from below the centre of mass (2,) [m].
+
+        Args:
+            data: kinematics.
+            load: on the person's coordinates (38,).
+        """
+        below = np.append(self.centre(data), 0.0)
+        torque = data.xmat[self._pelvis].reshape(3, 3) @ load[3:6]
+        torque += cross(data.xpos[self._pelvis] - below, load[:3])
+        weight = 9.81 * float(self._model.body_subtreemass[self._pelvis]) - load[2]
+        return np.array([torque[1], -torque[0]]) / weight
+
     def push(self, data: mujoco.MjData, wrench: np.ndarray) -> list[np.ndarray]:
         """Return what each body pushes with (6,), at its origin, so that the wrench results.
 

@@ -84,8 +84,6 @@ class Control:
         self._ticks += 1
         self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (self._toward - self.wanted)
         self._over = self._over + _share(dt, HABITS.body_time) * (self._planned_over - self._over)
-        sway = HABITS.sway_stiffness * (self._over - self._support.centre(data))
-        sway -= HABITS.sway_damping * self._support.speed(data)
         feel = _share(dt, HABITS.load_time)
         self._carried += feel * (alone - self._carried)
         self._felt = self._felt + feel * (grasp.forces(data) - self._felt)
@@ -93,6 +91,10 @@ class Control:
         ready[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(ready)
         felt = ready + HABITS.bracing * (self._felt - ready)
         loads = grasp.on_person(data, np.stack([ready, felt]))
+        # Who is pulled leans the other way, so that the soles press where they would without.
+        over = self._over - self._support.shift(data, loads[1])
+        sway = HABITS.sway_stiffness * (over - self._support.centre(data))
+        sway -= HABITS.sway_damping * self._support.speed(data)
         torque = self._support.torques(data, sway, ready=loads[0], felt=loads[1])
         # A muscle's spring rests where its torque at the wanted angle is the one that carries.
         data.ctrl[: PERSON_DOFS - 6] = self.wanted + self._compensation * torque / _STIFFNESS
