@@ -71,7 +71,7 @@ class Support:
         return bool(gaps.max() < np.pi)
 
     def shift(self, data: mujoco.MjData, load: np.ndarray) -> np.ndarray:
-        """Return how far a load takes the centre of pressure from below the centre of mass (2,) [m].
+        """Return where a load takes the pressure, from below the centre of mass (2,) [m].
 
         Args:
             data: kinematics.

@@ -15,9 +15,9 @@ _EDGES: Final = np.array(
 )
 """Of a pyramid within the cone of friction (4, 3): any push is a sum of these."""
 
-_SCALE: Final = np.array([1.0, 1.0, 1.0, 4.0, 4.0, 4.0])
-"""What a missing torque counts against a missing force [1/m]: a body that cannot have both lets the
-trunk turn rather than the feet slide, and the other way round from 0.25 m on."""
+_SCALE: Final = np.array([1.0, 1.0, 10.0, 4.0, 4.0, 4.0])
+"""What is missing counts, by force and by torque [1/m]: the body is carried above all, and where
+the rest cannot all be had, the trunk rather turns than that the centre of mass is let go."""
 
 _SPREAD: Final = 1e-3
 """What force itself costs: enough that all corners share, too little to miss the wrench by 1 N."""
