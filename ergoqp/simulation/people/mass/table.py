@@ -88,7 +88,7 @@ class Habits:
             both sides at a friction of 0.5.
         body_time: in which trunk, neck and legs follow the planned posture [s].
         arm_time: in which the arms do, which only have to yield to what they hold [s]: of the order
-            of an arm's long-latency reflex. With 0.2 a led hand is pulled half as hard again.
+            of an arm's long-latency reflex.
         plan_period: between two thoughts of where to be [s].
         tick: between two commands to the muscles [s].
         grip_used: share of the friction below that a person asks for, so that nothing slides.
@@ -106,7 +106,7 @@ class Habits:
     grasp_damping: float = 60.0
     grasp_lever: float = 0.05
     slip_force: float = 80.0
-    body_time: float = 0.6
+    body_time: float = 0.4
     arm_time: float = 0.1
     plan_period: float = 0.05
     tick: float = 0.01
@@ -148,6 +148,6 @@ SOFT_ROBOT: Final = SoftRobot()
 
 SOFT_ROBOT_DECLARED: Final = DeclaredRobot(lag=0.08, pose_noise=0.010, pose_noise_deg=1.0)
 """What a controller may be told of that robot, as upper ends: its lag with a body on it, and how
-far a person who is led pulls and pushes it off its way (at full speed mostly below 60 N, at most
-110 N). When arms were still slower, with 60 ms and 5 mm one loop in three met a fault of the robot,
-with these none."""
+far a person who is led pulls and pushes it off its way (at full speed mostly below 30 N, up to 80
+N). When led people pulled half as hard again, with 60 ms and 5 mm one loop in three met a fault of
+the robot, with these none."""
