@@ -99,6 +99,8 @@ class Habits:
         bracing: share of a felt load that the legs stand up to.
         ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
             foot's length: quiet standing has it of the order of 50 mm ahead.
+        farthest_over: from that place nobody reaches with their centre of mass further than this
+            [m], of their own accord: less than half the way to the toes.
         eye_range: that the eyes take without the neck [rad].
     """
 
@@ -117,6 +119,7 @@ class Habits:
     lift_time: float = 3.0
     bracing: float = 0.7
     ahead: float = 0.17
+    farthest_over: float = 0.05
     eye_range: float = 0.35
 
 
