@@ -104,7 +104,10 @@ class Residuals:
         self._add(jacobian, -up[:2], _LEVEL_PELVIS)
 
     def balance(self, place: np.ndarray, cost: float) -> None:
-        """Keep the centre of mass over a place (2,) [m], at a cost per m^2; by no means far off it."""
+        """Keep the centre of mass over a place (2,) [m], at a cost per m^2; far off it by no means.
+
+        Nobody reaches past their toes, however much they want to hold on.
+        """
         mujoco.mj_jacSubtreeCom(self._model, self._data, self._jacobian[:3], self._pelvis)
         jacobian = self._jacobian[:2, :PERSON_DOFS] * _CARRIERS
         error = place - self._data.subtree_com[self._pelvis][:2]

@@ -100,7 +100,7 @@ class Habits:
         ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
             foot's length: quiet standing has it of the order of 50 mm ahead.
         farthest_over: from that place nobody reaches with their centre of mass further than this
-            [m], of their own accord: less than half the way to the toes.
+            [m], of their own accord: somewhat less than half the way to the toes.
         eye_range: that the eyes take without the neck [rad].
     """
 
