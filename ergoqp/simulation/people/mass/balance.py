@@ -9,6 +9,7 @@ import numpy as np
 
 from ergoqp.joints import SIDES
 from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS
+from ergoqp.simulation.people.mass.ground import shared
 from ergoqp.simulation.people.mass.vectors import cross
 
 _SEAT_SHARE: Final = 8.0
@@ -16,10 +17,6 @@ _SEAT_SHARE: Final = 8.0
 
 _MOST_ACCELERATION: Final = 2.0
 """Of the centre of mass, that the person asks of the floor [m/s^2]."""
-
-_MOST_DROPPED: Final = 6
-
-_AXES: Final = np.eye(3)
 
 
 class Support:
@@ -49,7 +46,6 @@ class Support:
             self.bodies.append(self._pelvis)
             self._corners.append(_under(model, "buttocks"))
             self._shares.append(_SEAT_SHARE)
-        self._same = np.tile(_AXES, 4 * len(self.bodies))
 
     def corners(self, data: mujoco.MjData) -> list[np.ndarray]:
         """Return the corners of every carrying body in the world (k, 3) [m], outer ones first."""
@@ -74,6 +70,19 @@ class Support:
         gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
         return bool(gaps.max() < np.pi)
 
+    def shift(self, data: mujoco.MjData, load: np.ndarray) -> np.ndarray:
+        """Return where a load takes the pressure, from below the centre of mass (2,) [m].
+
+        Args:
+            data: kinematics.
+            load: on the person's coordinates (38,).
+        """
+        below = np.append(self.centre(data), 0.0)
+        torque = data.xmat[self._pelvis].reshape(3, 3) @ load[3:6]
+        torque += cross(data.xpos[self._pelvis] - below, load[:3])
+        weight = 9.81 * float(self._model.body_subtreemass[self._pelvis]) - load[2]
+        return np.array([torque[1], -torque[0]]) / weight
+
     def push(self, data: mujoco.MjData, wrench: np.ndarray) -> list[np.ndarray]:
         """Return what each body pushes with (6,), at its origin, so that the wrench results.
 
@@ -83,24 +92,9 @@ class Support:
             data: kinematics.
             wrench: force and torque about the pelvis' origin that are wanted (6,) [N, N m].
         """
-        origin = data.xpos[self._pelvis]
         outer = [points[:4] for points in self.corners(data)]
-        points = np.vstack(outer)
-        levers = points - origin
-        maps = np.empty((6, 3 * len(points)))
-        maps[:3] = self._same
-        maps[3:] = cross(levers[:, None], _AXES).reshape(-1, 3).T
-        shares = np.repeat(self._shares, 12)
-        forces = np.zeros((len(points), 3))
-        for _ in range(_MOST_DROPPED):
-            weighted = maps * shares
-            gram = weighted @ maps.T
-            gram[np.diag_indices(6)] += 1e-6
-            forces = (weighted.T @ np.linalg.solve(gram, wrench)).reshape(-1, 3)
-            pulls = (forces[:, 2] < -1e-6) & (shares[::3] > 1e-6)
-            if not pulls.any() or (shares[::3] > 1e-6).sum() - pulls.sum() < 3:
-                break
-            shares[np.repeat(pulls, 3)] = 1e-9
+        levers = np.vstack(outer) - data.xpos[self._pelvis]
+        forces = shared(levers, wrench, np.repeat(self._shares, 4))
         pushes = []
         for number, body in enumerate(self.bodies):
             own = forces[4 * number : 4 * number + 4]

@@ -23,6 +23,7 @@ _STEPS: Final = 2
 """Steps of the planner in one thought."""
 
 _STIFFNESS: Final = per_joint("stiffness")
+_DAMPING: Final = per_joint("damping")
 
 _ARMS: Final = np.arange(6, 20)
 
@@ -82,10 +83,9 @@ class Control:
         if self._ticks % round(HABITS.plan_period / HABITS.tick) == 0:
             self._think(data, grasp, alone)
         self._ticks += 1
-        self.wanted = self.wanted + (1.0 - np.exp(-dt / _FOLLOWS)) * (self._toward - self.wanted)
+        change = (1.0 - np.exp(-dt / _FOLLOWS)) * (self._toward - self.wanted)
+        self.wanted = self.wanted + change
         self._over = self._over + _share(dt, HABITS.body_time) * (self._planned_over - self._over)
-        sway = HABITS.sway_stiffness * (self._over - self._support.centre(data))
-        sway -= HABITS.sway_damping * self._support.speed(data)
         feel = _share(dt, HABITS.load_time)
         self._carried += feel * (alone - self._carried)
         self._felt = self._felt + feel * (grasp.forces(data) - self._felt)
@@ -93,9 +93,15 @@ class Control:
         ready[:, 2] = -self._carried * SOFT_ROBOT.load * 9.81 / len(ready)
         felt = ready + HABITS.bracing * (self._felt - ready)
         loads = grasp.on_person(data, np.stack([ready, felt]))
+        # Who is pulled leans the other way, so that the soles press where they would without.
+        over = self._over - self._support.shift(data, loads[1])
+        sway = HABITS.sway_stiffness * (over - self._support.centre(data))
+        sway -= HABITS.sway_damping * self._support.speed(data)
         torque = self._support.torques(data, sway, ready=loads[0], felt=loads[1])
-        # A muscle's spring rests where its torque at the wanted angle is the one that carries.
-        data.ctrl[: PERSON_DOFS - 6] = self.wanted + self._compensation * torque / _STIFFNESS
+        # A muscle's spring rests where its torque at the wanted angle is the one that carries, and
+        # what damps it damps what is not wanted.
+        torque = self._compensation * torque + _DAMPING * change / dt
+        data.ctrl[: PERSON_DOFS - 6] = self.wanted + torque / _STIFFNESS
 
     def _think(self, data: mujoco.MjData, grasp: Grasp, alone: bool) -> None:
         """Move the plan on, toward where the object was before the person's delay.
@@ -122,7 +128,9 @@ class Control:
         now = data.qpos[:PERSON_QPOS].copy()
         now[7:][_ARMS] = self.wanted[_ARMS]
         self._toward = self.plan.qpos[7:].copy()
-        self._toward[_ARMS] = self._planner.arms(now, points, self.plan)[_ARMS]
+        # And a hand feels at once where it is led, whatever the person has yet made of it.
+        felt = points if alone else places
+        self._toward[_ARMS] = self._planner.arms(now, felt, self.plan)[_ARMS]
 
 
 def _share(dt: float, time: float) -> float:

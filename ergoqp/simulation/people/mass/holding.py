@@ -37,6 +37,9 @@ CARRY_TURN: Final = 0.4
 _HELD: Final = 0.02
 """A hand within this distance of where it took the object holds it [m]."""
 
+_TIPS: Final = 0.002
+"""A sole further from where it stood begins to lift off the floor, or to slide on it [m]."""
+
 _AT_REST: Final = 0.02
 """Joint speeds, and ways to the planned posture, below which a person rests [rad/s], [rad]."""
 
@@ -186,11 +189,15 @@ class MassHolding(Holding):
         return self.gap < _HELD and not self.fallen
 
     def carry(self, pose: np.ndarray) -> bool:
-        """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there."""
-        last = self.copy()
+        """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there.
+
+        As far as it goes with the hand on the object and the soles on the floor: whoever would have
+        to step to come along does not.
+        """
+        last, stood = self.copy(), self._soles()
         for number, part in enumerate(self._way(pose)):
             self.follow(part, _PERIOD)
-            if self.gap > _HELD or self.fallen:
+            if self.gap > _HELD or self.fallen or self._tips(stood):
                 break
             if number % _KEPT == 0:
                 last = self.copy()
@@ -200,6 +207,11 @@ class MassHolding(Holding):
         vars(self).update(vars(last))
         self.rest(self._asked)
         return False
+
+    def _tips(self, stood: np.ndarray) -> bool:
+        """Return whether somebody who stands leaves where the soles were (2, 3) [m]."""
+        away = np.linalg.norm(self._soles() - stood, axis=1)
+        return not self._is.seated and bool(away.max() > _TIPS)
 
     def copy(self) -> Self:
         """Return another who goes on from the same moment."""

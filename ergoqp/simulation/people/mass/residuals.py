@@ -21,6 +21,7 @@ _GAZE: Final = 6.0
 _HANGING: Final = 20.0
 _ON_LAP: Final = 40.0
 _LEVEL_PELVIS: Final = 5.0
+_TOPPLING: Final = 5e4
 """What errors cost, per m^2 or rad^2, where a joint's effort costs 0.5 to 7 per rad^2."""
 
 _FAR: Final = 0.10
@@ -103,11 +104,18 @@ class Residuals:
         self._add(jacobian, -up[:2], _LEVEL_PELVIS)
 
     def balance(self, place: np.ndarray, cost: float) -> None:
-        """Keep the centre of mass over a place (2,) [m], at a cost per m^2."""
+        """Keep the centre of mass over a place (2,) [m], at a cost per m^2; far off it by no means.
+
+        Nobody reaches past their toes, however much they want to hold on.
+        """
         mujoco.mj_jacSubtreeCom(self._model, self._data, self._jacobian[:3], self._pelvis)
         jacobian = self._jacobian[:2, :PERSON_DOFS] * _CARRIERS
         error = place - self._data.subtree_com[self._pelvis][:2]
         self._add(jacobian, _capped(error, _FAR), cost)
+        excess = error - _capped(error, HABITS.farthest_over)
+        if excess.any():
+            way = error / np.linalg.norm(error)
+            self._add((way @ jacobian)[None], _capped(excess, _FAR) @ way[:, None], _TOPPLING)
 
     def normal(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the normal equations' matrix (38, 38) and right side (38,)."""

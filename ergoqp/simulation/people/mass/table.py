@@ -53,14 +53,15 @@ MUSCLES: Final[dict[str, Muscle]] = {
 }
 """By joint, both sides alike.
 
-Stiffness: shoulder and elbow as of a hand that is led and does not resist (Mussa-Ivaldi, Hogan and
-Bizzi 1985 found 20 to 60 of one that resists), wrist of a firm grasp (passive 1 to 3: Formica et
-al. 2012; a clenched fist several times that), ankles of quiet standing (Loram and Lakie 2002: both
-together 0.9 of the body's toppling stiffness), trunk of an active one (Cholewicki and McGill 1996,
-order 500); knees and hips so that the stance is no softer than the ankles. Damping: 0.2 to 0.7 of
-critical with the segments beyond. Strength: maximal voluntary torques of untrained adults, as
-tabulated by Chaffin, Andersson and Martin (Occupational Biomechanics). Effort: the trunk carries
-half the body, the forearm nothing.
+Stiffness: shoulder and elbow as of a hand that is led and does not resist, at the lower end of
+what Mussa-Ivaldi, Hogan and Bizzi (1985) measured in hands that keep their place, of the order of
+tens; wrist of a firm grasp, several times the passive one of Formica et al. (2012), which is of
+the order of one; ankles of quiet standing (Loram and Lakie 2002: both together about nine tenths
+of the body's toppling stiffness); trunk of an active one, of the order of hundreds as in the
+lumbar spines of Cholewicki and McGill (1996); knees and hips so that the stance is no softer than
+the ankles. Damping: 0.2 to 0.7 of critical with the segments beyond. Strength: of the order of the
+greatest voluntary torques of untrained adults. Effort: the trunk carries half the body, the
+forearm nothing.
 """
 
 
@@ -79,23 +80,27 @@ class Habits:
     """How a person of this kind plans, balances and holds; the same for all unless said.
 
     Attributes:
-        grasp_stiffness: of a hand's hold of the object [N/m]; fingertips in the order of 1000, a
+        grasp_stiffness: of a hand's hold of the object [N/m]; fingertips of the order of 1000, a
             whole fist several times that.
         grasp_damping: [N s/m].
         grasp_lever: half the width of what the hand closes around, along the tool's axis [m].
         slip_force: at which the hand slides along the object [N]: a moderate squeeze of 80 N from
             both sides at a friction of 0.5.
         body_time: in which trunk, neck and legs follow the planned posture [s].
-        arm_time: in which the arms do, which only have to yield to what they hold [s].
+        arm_time: in which the arms do, which only have to yield to what they hold [s]: of the order
+            of an arm's long-latency reflex.
         plan_period: between two thoughts of where to be [s].
         tick: between two commands to the muscles [s].
+        grip_used: share of the friction below that a person asks for, so that nothing slides.
         sway_stiffness: of the centre of mass over the soles, per mass [1/s^2].
         sway_damping: of the same [1/s].
         load_time: in which a load in the hand is felt, or one to come is taken over [s].
         lift_time: in which a sinking load is lifted again [s].
         bracing: share of a felt load that the legs stand up to.
         ahead: of the ankles, the place over which the centre of mass is kept, as a share of the
-            foot's length: quiet standing has it 40 to 50 mm ahead.
+            foot's length: quiet standing has it of the order of 50 mm ahead.
+        farthest_over: from that place nobody reaches with their centre of mass further than this
+            [m], of their own accord: somewhat less than half the way to the toes.
         eye_range: that the eyes take without the neck [rad].
     """
 
@@ -103,16 +108,18 @@ class Habits:
     grasp_damping: float = 60.0
     grasp_lever: float = 0.05
     slip_force: float = 80.0
-    body_time: float = 0.6
-    arm_time: float = 0.2
+    body_time: float = 0.4
+    arm_time: float = 0.1
     plan_period: float = 0.05
     tick: float = 0.01
+    grip_used: float = 0.9
     sway_stiffness: float = 8.0
     sway_damping: float = 4.0
     load_time: float = 0.15
     lift_time: float = 3.0
     bracing: float = 0.7
     ahead: float = 0.17
+    farthest_over: float = 0.05
     eye_range: float = 0.35
 
 
@@ -144,5 +151,6 @@ SOFT_ROBOT: Final = SoftRobot()
 
 SOFT_ROBOT_DECLARED: Final = DeclaredRobot(lag=0.08, pose_noise=0.010, pose_noise_deg=1.0)
 """What a controller may be told of that robot, as upper ends: its lag with a body on it, and how
-far a person who is led pulls and pushes it off its way (up to 85 N were seen at full speed). With
-60 ms and 5 mm one loop in three met a fault of the robot, with these none."""
+far a person who is led pulls and pushes it off its way (at full speed mostly below 30 N, up to 80
+N). When led people pulled half as hard again, with 60 ms and 5 mm one loop in three met a fault of
+the robot, with these none."""
