@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from ergoqp.human import Body
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.baselines import AHEAD, Drive, Gradient, Still, rule_pose
+from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
@@ -42,10 +43,13 @@ def test_a_drive_arrives_within_every_limit_of_the_object(name: str) -> None:
         left = pose_error(pose, goal)
         assert np.linalg.norm(left[:3]) < 1e-6
         assert np.linalg.norm(np.cross(pose[:3, 0], goal[:3, 0])) < 1e-6
+        assert np.linalg.norm(left[3:]) < 1e-5, "turned about the tool as well"
         # Nor does it dawdle: some axis is at its speed, or the way is too short for that.
         way = np.abs(pose_error(start, goal))
         speed = np.where(problem.twist_limit.speed > 0, problem.twist_limit.speed, np.inf)
-        assert count * drive.dt < 2.5 * (way / speed).max() + 1.5
+        assert count * drive.dt < 1.6 * (way / speed).max() + 1.0
+        drive.reset()
+        assert drive.step(np.zeros(32), start).status == "optimal", "begins again"
 
 
 def test_a_drive_to_where_the_object_is_stays() -> None:
@@ -77,6 +81,38 @@ def test_the_gradient_goes_down_within_every_limit_of_the_object(name: str) -> N
     )
     assert {row: checker.max_violation[row] for row in JUDGED} == dict.fromkeys(JUDGED, 0.0)
     assert problem.cost(trace.postures[-1])[0] < problem.cost(trace.postures[0])[0] - 0.2
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_gradient_stops_at_the_walls_and_goes_on_along_them(way: float) -> None:
+    """Pulled against the workspace's end, the cone's edge and along the floor at once."""
+    problem = load_problem("screwing")
+    box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+
+    class Pulled(Gradient):
+        def step(self, posture, pose, **rest):
+            self._evaluator = SimpleNamespace(
+                inputs={"q": np.zeros(32)},
+                evaluate=lambda: None,
+                outputs={"v": np.array([5.0]), "g": way * np.array([9.0, 0.1, 9, 0.5, 9, 9])},
+            )
+            return super().step(posture, pose, **rest)
+
+    controller, checker = Pulled(problem, problem.cost), Checker(problem)
+    pose, previous = Workspace(problem).pose(np.zeros(5)), np.zeros(6)
+    begin = pose
+    for _ in range(1500):
+        step = controller.step(problem.response.comfort, pose)
+        after = moved(pose, step.twist * controller.dt)
+        zeros = np.zeros(32)
+        checker.check(step.twist, previous, pose, zeros, zeros, controller.dt, None, {}, after)
+        pose, previous = after, step.twist
+    assert {row: checker.max_violation[row] for row in JUDGED} == dict.fromkeys(JUDGED, 0.0)
+    ends = box.upper if way > 0 else box.lower
+    assert abs(pose[0, 3] - ends[0]) < 0.02
+    assert abs(pose[2, 3] - ends[2]) < 0.02
+    assert way * (pose[1, 3] - begin[1, 3]) > 0.02, "along the wall it goes on"
+    assert np.degrees(np.arccos(pose[0, 0])) > 0.7 * cone.half_angle_deg
 
 
 def test_the_gradient_is_that_of_the_report() -> None:
@@ -128,8 +164,16 @@ def test_the_rule_is_at_elbow_height_ahead_and_within_the_workspace(
         hips = lengths["thigh"] + lengths["shank"] + lengths["foot_height"]
         elbow = hips + lengths["shoulder_height"] - lengths["upper_arm"]
         assert pose[2, 3] == pytest.approx(elbow, abs=0.01)
-        assert pose[0, 3] == pytest.approx(AHEAD, abs=0.05)
+        assert pose[0, 3] == pytest.approx(0.40, abs=0.05)
+        assert pose[1, 3] == pytest.approx(-lengths["shoulder_width"] / 2, abs=0.01)
         assert abs(pose[2, 0]) < 1e-12
+    if name == "desk":
+        # Both hands: in the middle; the elbow of who sits on a seat that suits the legs.
+        lengths = body.lengths
+        below = lengths["thigh"] * np.cos(np.radians(85)) + lengths["shank"]
+        elbow = below + lengths["foot_height"] + lengths["shoulder_height"] - lengths["upper_arm"]
+        assert pose[1, 3] == 0.0
+        assert pose[2, 3] == pytest.approx(elbow, abs=0.02)
 
 
 def test_still_does_nothing() -> None:

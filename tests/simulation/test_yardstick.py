@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import InputError
-from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.limits import AxisCone, Ball, KeepOut, WorkspaceBox
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.best_place import workspace_map
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.alike import sample_person
-from ergoqp.simulation.yardstick import Judge, Workspace
+from ergoqp.simulation.yardstick import Judge, Place, Workspace
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -49,6 +49,47 @@ def test_a_place_is_scored_by_the_rest_there_and_the_start_stays() -> None:
     far = pose.copy()
     far[0, 3] += 3.0
     assert judge.carried(start, far).score == 0
+
+
+def test_the_corners_of_the_cone_are_among_the_places() -> None:
+    problem = load_problem("screwing")
+    places, cone = Workspace(problem), problem.limit_of(AxisCone)
+    for point in ([0, 0, 0, 1, 0], [0, 0, 0, -1, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, -1]):
+        axis = places.pose(np.array(point, dtype=float))[:3, 0]
+        tilt = np.degrees(np.arccos(axis @ np.array(cone.direction)))
+        assert 0.8 * cone.half_angle_deg < tilt < cone.half_angle_deg
+
+
+def test_what_a_limit_of_ones_own_forbids_is_no_place() -> None:
+    problem = load_problem("screwing")
+    person = person_of_kind("follower", problem, 4)
+    start = person.hold(person.comfort)
+    pose = Judge(problem).workspace.pose(np.array([0.0, 0.0, 0.2, 0.0, 0.0]))
+    assert Judge(problem).carried(start, pose).score > 0
+    region = KeepOut(Ball(tuple(pose[:3, 3]), 0.05))
+    assert Judge(problem.replace(limits=[*problem.limits, region])).carried(start, pose).score == 0
+
+
+def test_the_search_goes_on_from_the_best_both_ways_and_among_equals_from_the_surest() -> None:
+    problem = load_problem("screwing")
+    judge, low = Judge(problem), np.array([0.3, -0.4, 0.5, 0.2, -0.3])
+    seen = []
+
+    class Bowl(Judge):
+        """Scores all 4, and says that one point is the surest."""
+
+        def carried(self, start, pose):
+            away = np.array([np.linalg.norm((pose - judge.workspace.pose(low))[:3])])
+            seen.append(float(away[0]))
+            return Place(pose, 4, float(away[0]), np.zeros(32))
+
+    person = person_of_kind("follower", problem, 1)
+    found = Bowl(problem).best(person.hold(person.comfort), places=12, around=1)
+    assert min(seen[12:]) < 0.6 * min(seen[:12])
+    assert found[0].value == min(seen)
+    assert (
+        Place(low, 3, 9.0, low).rank < Place(low, 4, 0.0, low).rank < Place(low, 0, 0.0, low).rank
+    )
 
 
 def test_the_best_is_no_worse_than_any_place_that_is_known() -> None:
