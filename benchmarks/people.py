@@ -88,7 +88,8 @@ def digest(kind: str) -> str:
             parts = path.relative_to(_ROOT).parts
             if not _WITHOUT & set(parts) and (kind == "mass" or "mass" not in parts):
                 found.update(path.read_bytes())
-    found.update((_ROOT / "benchmarks" / "people_unit.py").read_bytes())
+    for name in ("people_unit", "people_way"):
+        found.update((_ROOT / "benchmarks" / f"{name}.py").read_bytes())
     return found.hexdigest()[:12]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.people_way import Watch, at_rest, of_trace, rest_score
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
@@ -23,10 +24,10 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem_files.load import load_problem
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
-from ergoqp.simulation.loop import Controller, Trace, power_above, run_loop, with_own_robot
+from ergoqp.simulation.loop import Controller, run_loop, with_own_robot
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
-from ergoqp.simulation.people.way import between, pose_error, straight
+from ergoqp.simulation.people.way import between, straight
 from ergoqp.simulation.yardstick import Judge
 from ergoqp.step.stepper import Stepper
 
@@ -46,11 +47,6 @@ DURATION = 60.0
 """Longest time of a loop [s]; it ends earlier once the object goes nowhere for `STILL` seconds."""
 GRADIENT = 30.0
 """Of a gradient's loop: it has no memory and never rests, and is where it goes to by then."""
-STILL = 10.0
-_STAYS = (5e-3, np.radians(1.0))
-"""An object that stays this near to where it is goes nowhere [m], [rad]."""
-EARLY = 20.0
-"""When the score is looked at a first time [s]."""
 ABOVE = 2
 """Starts at rest count from this many points above the best."""
 
@@ -63,10 +59,6 @@ _PART = 13
 """Periods of 20 ms in which a part of the way of 4 cm is gone: 0.15 m/s."""
 _APART = float(np.radians(2.0))
 """Whose angles are this near to those of their rest, RMS, rests [rad]."""
-_RESTS = (1e-3, np.radians(0.2))
-"""An object slower than this is at rest [m/s], [rad/s], for a second."""
-_FILTER = 1.0
-"""Time over which the score on the way is the median [s]."""
 _SEARCH = {"mass": {"places": 10, "around": 0}}
 _ROUTES = {"mass": 1}
 _FOLLOWS = {"mass": 1}
@@ -198,7 +190,7 @@ def routes_of(unit: Unit) -> list[int]:
 
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
     """Return the numbers of one method."""
-    person, watch = unit.start.copy(), _Watch(unit.start.pose)
+    person, watch = unit.start.copy(), Watch(unit.start.pose)
     person.slid = 0.0
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     trace = run_loop(
@@ -217,24 +209,8 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
         "lived": int(problem.assess(second.mean(axis=0)).final[0]),
         "early": end if watch.early is None else rest_score(unit.problem, watch.early)[0],
         "holds": holds,
-        **_of_trace(unit, trace),
-        **_at_rest(trace, person),
-    }
-
-
-def _at_rest(trace: Trace, person: Holding) -> dict[str, float]:
-    """Return how near the person came to their rest in the last 5 s, and what slid or was missed.
-
-    A push now and then is no lack of rest, so the nearest moment counts.
-    """
-    rest = person.copy()
-    rest.rest(person.pose)
-    last = np.array(trace.postures)[-round(5.0 / (trace.time[1] - trace.time[0])) :]
-    apart = np.sqrt(np.mean((last - rest.posture) ** 2, axis=1))
-    return {
-        "from_rest_deg": float(np.degrees(apart.min())),
-        "slid_mm": 1e3 * person.slid,
-        "hand_mm": 1e3 * rest.gap,
+        **of_trace(problem, trace),
+        **at_rest(trace, person),
     }
 
 
@@ -264,65 +240,6 @@ def follows_of(unit: Unit) -> list[bool]:
         apart = np.sqrt(np.mean((np.array(lived) - rest.posture) ** 2, axis=1)).min()
         rests.append(bool(reached and apart < _APART))
     return rests
-
-
-class _Watch:
-    """Keeps the person as they are after `EARLY`, and ends a loop that goes nowhere any more."""
-
-    def __init__(self, pose: np.ndarray) -> None:
-        self.early: Holding | None = None
-        self._stays, self._since, self._calls = pose, 0.0, 0
-
-    def __call__(self, now: float, person: Holding) -> bool:
-        self._calls += 1
-        if self._calls % 10:
-            return False
-        if self.early is None and now >= EARLY:
-            self.early = person.copy()
-        moved = pose_error(self._stays, person.pose)
-        if np.linalg.norm(moved[:3]) > _STAYS[0] or np.linalg.norm(moved[3:]) > _STAYS[1]:
-            self._stays, self._since = person.pose, now
-        return now - self._since >= STILL
-
-
-def rest_score(problem: Problem, person: Holding) -> tuple[int, bool]:
-    """Return the exact score of the person's rest where the object is, and whether it is reached.
-
-    Out of reach it is that of the posture itself.
-    """
-    rest = person.copy()
-    reached = rest.rest(person.pose)
-    posture = rest.posture if reached else person.posture
-    return int(problem.assess(posture).final[0]), reached
-
-
-def _of_trace(unit: Unit, trace: Trace) -> dict[str, Any]:
-    problem, dt = unit.problem, unit.problem.dt
-    twists = np.array(trace.twists)
-    linear, angular = (np.linalg.norm(part, axis=1) for part in (twists[:, :3], twists[:, 3:]))
-    rests = (linear < _RESTS[0]) & (angular < _RESTS[1])
-    second = round(1.0 / dt)
-    windows = np.convolve(rests, np.ones(second), "valid") > second - 0.5
-    every = max(1, round(0.05 / dt))
-    scores = problem.assess(np.array(trace.postures[::every])).final
-    window = max(1, round(_FILTER / (every * dt)))
-    views = np.lib.stride_tricks.sliding_window_view(scores, min(window, len(scores)))
-    forces = np.linalg.norm(np.array(trace.forces)[:, :3], axis=1)
-    forces = forces[np.isfinite(forces)]
-    return {
-        "first_rest": float(np.argmax(windows)) * dt if windows.any() else None,
-        "rests": bool(rests[-3 * second :].all()),
-        "peak": float(np.median(views, axis=1).max()),
-        "path": float(linear.sum() * dt),
-        "power": power_above(twists, dt, problem.twist_limit.speed),
-        "force": None
-        if not forces.size
-        else [float(np.median(forces)), float(np.percentile(forces, 99)), float(forces.max())],
-        "slips": trace.slips[-1],
-        "fell": trace.fell is not None,
-        "unbalanced": float(np.mean(trace.unbalanced)),
-        "seconds": len(twists) * dt,
-    }
 
 
 @cache

@@ -18,7 +18,8 @@ from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.optimum import Trial
 from ergoqp.placing.program import Program, Solution, smooth_cost
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.people.alike import REACHED, REACHED_ANGLE, Alike, Start
+from ergoqp.simulation.people.alike import Alike, Start
+from ergoqp.simulation.people.reach_and_relax import REACHED, REACHED_ANGLE
 
 FINAL_TAU_DEG: Final = 0.5
 """Scale of the smooth score in the last stage [deg]."""

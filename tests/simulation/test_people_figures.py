@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import people, people_unit
+from benchmarks import people, people_unit, people_way
 from benchmarks.people_figures import figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
@@ -83,14 +83,14 @@ def test_a_trace_is_measured_as_is_said() -> None:
         trace.forces.append(np.full(6, np.nan))
         trace.slips.append(0)
         trace.unbalanced.append(False)
-    found = people_unit._of_trace(SimpleNamespace(problem=problem), trace)  # type: ignore[arg-type]
+    found = people_way.of_trace(problem, trace)  # type: ignore[arg-type]
     assert found["first_rest"] == pytest.approx(2.0)
     assert not found["rests"]
     assert found["peak"] == 5.0
     assert found["path"] == pytest.approx(0.5)
     assert found["force"] is None
     trace.postures[300:500] = [np.full(32, 9)] * 200
-    found = people_unit._of_trace(SimpleNamespace(problem=problem), trace)  # type: ignore[arg-type]
+    found = people_way.of_trace(problem, trace)  # type: ignore[arg-type]
     assert found["peak"] == 9.0
 
 

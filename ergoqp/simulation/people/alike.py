@@ -5,28 +5,18 @@ from __future__ import annotations
 from collections import deque
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
-import casadi as ca
 import numpy as np
 
 from ergoqp.errors import InputError
-from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.human import Body
-from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
+from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.responses.contact import TOOL_AXES
 from ergoqp.responses.ik import IkResponse
-from ergoqp.responses.stance import LEG_JOINTS, move_sole, with_bent_knees
 from ergoqp.simulation.people.person import Holding, Person
+from ergoqp.simulation.people.reach_and_relax import ReachAndRelax
 from ergoqp.simulation.people.senses import Senses
-
-N = len(JOINTS)
-REACHED = 0.02
-"""A grip within this distance of where it should be counts as reached [m]."""
-REACHED_ANGLE = 0.15
-"""And its tool axis within this angle [rad]."""
 
 
 @dataclass(frozen=True)
@@ -40,22 +30,13 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Alike(Person):
+class Alike(ReachAndRelax, Person):
     """A person who is the controller's model with other numbers.
-
-    Which posture follows, and which posture is at rest.
-
-    Both depend on where the object is.
-
-    The posture moves by the person's own `IkResponse`; errors of the grip and of the soles are fed
-    back, so that nothing drifts. At rest the posture is the one nearest to comfort, in the person's
-    own weights, that keeps contact and ranges.
 
     Attributes:
         response: the person's own body, weights and comfort.
     """
 
-    response: IkResponse
     kind: ClassVar[str] = "alike"
     manner: ClassVar[str] = "built like the controller's model with other joint weights"
 
@@ -91,169 +72,6 @@ class Alike(Person):
     def reach(self, pose: np.ndarray) -> tuple[np.ndarray, bool]:
         """Return (posture at rest (32,) [rad], whether the object at `pose` is reached)."""
         return self.settle(self.comfort, pose, self.grasp(self.comfort), self.stand(self.comfort))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Go to another process as the fields: expressions cannot be sent and are rebuilt there."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
-
-    @cached_property
-    def _step(self) -> ca.Function:
-        """Function of one step of the person toward the targets.
-
-        It is ``(q, locked, targets (4, 4 k), soles (4, 8), gain, relax) -> (step (32,), distance,
-        angle)``.
-
-        The distance is the largest of grips and soles from where they should be [m].
-        """
-        response = self.response
-        k = len(response.hands)
-        q, locked = ca.SX.sym("q", N), ca.SX.sym("locked", N)
-        targets, soles = ca.SX.sym("targets", 4, 4 * k), ca.SX.sym("soles", 4, 8)
-        gain, relax = ca.SX.sym("gain"), ca.SX.sym("relax")
-        grips = response.grips()(q)
-        errors, distances, angles = [], [], []
-        for hand in range(k):
-            have, want = grips[:, 4 * hand : 4 * hand + 4], targets[:, 4 * hand : 4 * hand + 4]
-            error = _pose_error(have, want)
-            errors.append(ca.vertcat(_capped(error[:3], 0.10), _capped(error[3:], 0.4)))
-            distances.append(ca.norm_2(error[:3]))
-            turn = error[3:]
-            if response.free_about_tool:
-                axis = self._tool_axis(have)
-                turn = turn - axis * ca.dot(axis, turn)
-            angles.append(ca.norm_2(turn))
-        step = response.reach()(q, locked, gain * ca.vertcat(*errors)) + relax * response.drift()(
-            q, locked
-        )
-        if response.stance == "standing":
-            sole_step, slipped = self._sole_step(q, soles)
-            step = step + sole_step * (1 - locked)
-            distances.append(slipped)
-        outputs: list[ca.SX] = [step, ca.mmax(ca.vertcat(*distances)), ca.mmax(ca.vertcat(*angles))]
-        return ca.Function(
-            "person",
-            [q, locked, targets, soles, gain, relax],
-            ca.cse([ca.densify(part) for part in outputs]),
-            ["q", "locked", "targets", "soles", "gain", "relax"],
-            ["step", "distance", "angle"],
-        )
-
-    def _tool_axis(self, grip: ca.SX) -> ca.SX:
-        return grip[:3, :3] @ ca.DM(TOOL_AXES[self.response.tool][0])
-
-    def _sole_step(self, q: ca.SX, soles: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return one Newton step of the legs that brings the soles back to where they stand.
-
-        It comes with how far off they are [m].
-        """
-        pelvis = self.response.contact()(q)[1]
-        kinematics, bent = self.response.kinematics, with_bent_knees(q)
-        step, off = ca.SX(N, 1), ca.SX(0)
-        for number, side in enumerate(SIDES):
-            position, rotation, _ = kinematics.at(f"{side}_sole", q)
-            want = soles[:, 4 * number : 4 * number + 4]
-            local = ca.horzcat(
-                pelvis[:3, :3].T @ want[:3, :3], pelvis[:3, :3].T @ (want[:3, 3] - pelvis[:3, 3])
-            )
-            error = _pose_error(ca.horzcat(rotation, position), local)
-            hip = kinematics.at(f"{side}_hip", q)[0]
-            at_hip = ca.vertcat(error[:3] + ca.cross(error[3:], hip - position), error[3:])
-            leg = move_sole(kinematics, bent, side, at_hip)
-            # Far from where it stands a leg must not jump to the other way of bending.
-            step[[INDEX[name] for name in LEG_JOINTS[side]]] = leg * ca.fmin(
-                1, 0.1 / (ca.norm_inf(leg) + 1e-12)
-            )
-            off = ca.fmax(off, ca.norm_2(error[:3]))
-        return step, off
-
-    @cached_property
-    def _sole_poses(self) -> ca.Function:
-        q = ca.SX.sym("q", N)
-        pelvis = self.response.contact()(q)[1]
-        poses = []
-        for side in SIDES:
-            position, rotation, _ = self.response.kinematics.at(f"{side}_sole", q)
-            local = ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-            poses.append(pelvis @ local)
-        return ca.Function("soles", [q], [ca.densify(ca.horzcat(*poses))])
-
-    def stand(self, posture: np.ndarray) -> np.ndarray:
-        """Return where the soles are in the world at a posture (4, 8); they stay there."""
-        return np.array(self._sole_poses(posture))
-
-    def contact(self, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return contact frame and pelvis in the world (4, 4) each at a posture."""
-        contact, pelvis = self.response.contact()(posture)
-        return np.array(contact), np.array(pelvis)
-
-    def grasp(self, posture: np.ndarray) -> np.ndarray:
-        """Return the grips in the contact frame (k, 4, 4) at a posture: how the object is held."""
-        contact = self.contact(posture)[0]
-        grips = np.array(self.response.grips()(posture))
-        return np.stack(
-            [
-                np.linalg.solve(contact, grip)
-                for grip in np.split(grips, len(self.response.hands), axis=1)
-            ]
-        )
-
-    def move(
-        self, posture: np.ndarray, targets: np.ndarray, soles: np.ndarray, gain: float, relax: float
-    ) -> tuple[np.ndarray, float, float]:
-        """Return (next posture (32,), grip distance [m], tool angle [rad]) after one step.
-
-        The step is toward the grip targets (4, 4 k).
-
-        Joints stop at the ends of their ranges and the others go on without them.
-        """
-        locked = np.zeros(N)
-        step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
-        for _ in range(3):
-            after = posture + step
-            blocked = ((after > UPPER) & (posture >= UPPER - 1e-9)) | (
-                (after < LOWER) & (posture <= LOWER + 1e-9)
-            )
-            newly = blocked & (locked < 0.5)
-            if not newly.any():
-                break
-            locked[newly] = 1.0
-            step, distance, angle = self._call(posture, locked, targets, soles, gain, relax)
-        return np.clip(posture + step, LOWER, UPPER), distance, angle
-
-    def settle(
-        self,
-        posture: np.ndarray,
-        pose: np.ndarray,
-        grasp: np.ndarray,
-        soles: np.ndarray,
-        steps: int = 150,
-    ) -> tuple[np.ndarray, bool]:
-        """Return (posture at rest (32,), whether the object is reached).
-
-        The object stays at `pose` (4, 4).
-        """
-        targets = np.hstack([pose @ grip for grip in grasp])
-        relax = 0.5 * self.response.relaxation_time
-        distance = angle = np.inf
-        for _ in range(steps):
-            after, distance, angle = self.move(posture, targets, soles, 1.0, relax)
-            change = np.abs(after - posture).max()
-            posture = after
-            if change < 2e-5:
-                break
-        return posture, bool(distance < REACHED and angle < REACHED_ANGLE)
-
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return Evaluator(self._step)
-
-    def _call(self, *values: np.ndarray | float) -> tuple[np.ndarray, float, float]:
-        evaluator = self._evaluator
-        for array, value in zip(evaluator.inputs.values(), values, strict=True):
-            array[:] = np.ravel(value, order="F")
-        evaluator.evaluate()
-        step, distance, angle = evaluator.outputs.values()
-        return step.copy(), float(distance[0]), float(angle[0])
 
 
 def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Alike:
@@ -339,13 +157,3 @@ class AlikeHolding(Holding):
         other = copy(self)
         other._late = self._late.copy()
         return other
-
-
-def _pose_error(have: ca.SX, want: ca.SX) -> ca.SX:
-    """Motion (6,) that leads from one pose to another, to first order and bounded in the turn."""
-    turn = sum((ca.cross(have[:3, i], want[:3, i]) for i in range(3)), ca.SX(3, 1)) / 2
-    return ca.vertcat(want[:3, 3] - have[:3, 3], turn)
-
-
-def _capped(vector: ca.SX, most: float) -> ca.SX:
-    return vector * ca.fmin(1, most / (ca.norm_2(vector) + 1e-12))

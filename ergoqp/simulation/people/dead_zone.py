@@ -9,6 +9,7 @@ import numpy as np
 from ergoqp.joints import JOINTS
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_body import SoftBody
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding, Wish
 from ergoqp.simulation.people.soft_person import SoftPerson
 from ergoqp.simulation.people.way import pose_error
@@ -31,7 +32,7 @@ class DeadZoneHolding(SoftHolding):
     """A person whose trunk and legs stay until the object is far from where they came to rest."""
 
     def __init__(
-        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
         """Hold the object, the body at rest."""
         super().__init__(person, posture, senses, seed)

@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_body import SoftBody
 from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
 from ergoqp.simulation.people.soft_person import SoftPerson
 
@@ -27,7 +28,7 @@ class PushedHolding(SoftHolding):
     """A person who is pushed at the shoulders now and then."""
 
     def __init__(
-        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
         """Hold the object; the first push is to come."""
         super().__init__(person, posture, senses, seed)

@@ -11,27 +11,22 @@ from __future__ import annotations
 import math
 from collections import deque
 from copy import copy
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
-from ergoqp.joints import INDEX, SIDES
+from ergoqp.joints import INDEX
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.person import Holding
 from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_body import SOLE, SOLES, SoftBody
 from ergoqp.simulation.people.way import LONGEST_SHIFT, LONGEST_TURN, between, pose_error, straight
-
-if TYPE_CHECKING:
-    from ergoqp.simulation.people.soft_person import SoftPerson
 
 PERIOD = 0.02
 """A posture lasts this long [s]: people are seen at 50 Hz."""
 
 GRIP = np.repeat([1.5e-3, 0.03], 3)
 """How far a grip strays as readily as joints go by their spread [m], [rad]."""
-
-SOLE = np.repeat([3e-4, 3e-3], 3)
-"""And a sole."""
 
 RESTLESS = 0.01
 """Whose joints still move faster after that does not come to rest [rad/s]: it is no place to be."""
@@ -56,8 +51,6 @@ _LARGEST = 0.2
 _BESIDE = np.array([0.0, 0.04])
 """How far a foot reaches ahead of its toe and beside its middle [m]."""
 
-SOLES = tuple(f"{side}_sole" for side in SIDES)
-
 _HANGS = 0.9
 """Share of the trunk's bend that a hanging arm makes up for: it stays upright."""
 
@@ -76,7 +69,7 @@ class SoftHolding(Holding):
     """
 
     def __init__(
-        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
         """Hold the object as the posture has it."""
         self._person, self.senses, self.seed = person, senses, seed
@@ -89,7 +82,7 @@ class SoftHolding(Holding):
         self._angle, self.time, self._since = 0.0, 0.0, 0.0
 
     @property
-    def person(self) -> SoftPerson:
+    def person(self) -> SoftBody:
         """Who it is."""
         return self._person
 

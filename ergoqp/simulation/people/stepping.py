@@ -11,6 +11,7 @@ from ergoqp.joints import INDEX
 from ergoqp.simulation.people.grasp import Work
 from ergoqp.simulation.people.habits import Habits
 from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_body import SoftBody
 from ergoqp.simulation.people.soft_holding import SoftHolding, Wish
 from ergoqp.simulation.people.soft_person import SoftPerson
 
@@ -43,7 +44,7 @@ class SteppingHolding(SoftHolding):
     """A person whose feet go after the object."""
 
     def __init__(
-        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
         """Hold the object with both feet on the floor, where it is at ease relative to them."""
         super().__init__(person, posture, senses, seed)

@@ -10,6 +10,7 @@ import numpy as np
 from ergoqp.joints import JOINTS
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.soft_body import SoftBody
 from ergoqp.simulation.people.soft_holding import SoftHolding
 from ergoqp.simulation.people.soft_person import SoftPerson
 
@@ -30,7 +31,7 @@ class TremblingHolding(SoftHolding):
     """A person whose arms shake while they work; at rest, in judgement, they are held still."""
 
     def __init__(
-        self, person: SoftPerson, posture: np.ndarray, senses: Senses, seed: int = 0
+        self, person: SoftBody, posture: np.ndarray, senses: Senses, seed: int = 0
     ) -> None:
         """Hold the object."""
         super().__init__(person, posture, senses, seed)

@@ -8,7 +8,8 @@ import pytest
 
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.people.alike import REACHED, Alike, sample_person
+from ergoqp.simulation.people.alike import Alike, sample_person
+from ergoqp.simulation.people.reach_and_relax import REACHED
 
 
 @pytest.fixture(scope="module", params=TASKS)

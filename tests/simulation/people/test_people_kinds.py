@@ -91,7 +91,7 @@ def test_no_code_is_shared_with_the_controllers_responses() -> None:
     allowed = {"ergoqp.responses.ik.IkResponse"}
     seen = set()
     for path in folder.rglob("*.py"):
-        if path.name == "alike.py":
+        if path.name in ("alike.py", "reach_and_relax.py"):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(

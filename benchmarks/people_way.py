@@ -1,0 +1,100 @@
+"""What is measured of one loop with a person: where it ends, when it rests, what is felt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ergoqp.problem.problem import Problem
+from ergoqp.simulation.loop import Trace, power_above
+from ergoqp.simulation.people.person import Holding
+from ergoqp.simulation.people.way import pose_error
+
+EARLY = 20.0
+"""When the score is looked at a first time [s]."""
+STILL = 10.0
+_STAYS = (5e-3, np.radians(1.0))
+"""An object that stays this near to where it is goes nowhere [m], [rad]."""
+_FILTER = 1.0
+"""Time over which the score on the way is the median [s]."""
+_RESTS = (1e-3, np.radians(0.2))
+"""An object slower than this is at rest [m/s], [rad/s], for a second."""
+
+
+class Watch:
+    """Keeps the person as they are after `EARLY`, and ends a loop that goes nowhere any more."""
+
+    def __init__(self, pose: np.ndarray) -> None:
+        """Begin with the object at `pose` (4, 4)."""
+        self.early: Holding | None = None
+        self._stays, self._since, self._calls = pose, 0.0, 0
+
+    def __call__(self, now: float, person: Holding) -> bool:
+        """Return whether the loop ends."""
+        self._calls += 1
+        if self._calls % 10:
+            return False
+        if self.early is None and now >= EARLY:
+            self.early = person.copy()
+        moved = pose_error(self._stays, person.pose)
+        if np.linalg.norm(moved[:3]) > _STAYS[0] or np.linalg.norm(moved[3:]) > _STAYS[1]:
+            self._stays, self._since = person.pose, now
+        return now - self._since >= STILL
+
+
+def rest_score(problem: Problem, person: Holding) -> tuple[int, bool]:
+    """Return the exact score of the person's rest where the object is, and whether it is reached.
+
+    Out of reach it is that of the posture itself.
+    """
+    rest = person.copy()
+    reached = rest.rest(person.pose)
+    posture = rest.posture if reached else person.posture
+    return int(problem.assess(posture).final[0]), reached
+
+
+def at_rest(trace: Trace, person: Holding) -> dict[str, float]:
+    """Return how near the person came to their rest in the last 5 s, and what slid or was missed.
+
+    A push now and then is no lack of rest, so the nearest moment counts.
+    """
+    rest = person.copy()
+    rest.rest(person.pose)
+    last = np.array(trace.postures)[-round(5.0 / (trace.time[1] - trace.time[0])) :]
+    apart = np.sqrt(np.mean((last - rest.posture) ** 2, axis=1))
+    return {
+        "from_rest_deg": float(np.degrees(apart.min())),
+        "slid_mm": 1e3 * person.slid,
+        "hand_mm": 1e3 * rest.gap,
+    }
+
+
+def of_trace(problem: Problem, trace: Trace) -> dict[str, Any]:
+    """Return the numbers of a trace: times, peak, way, forces."""
+    dt = problem.dt
+    twists = np.array(trace.twists)
+    linear, angular = (np.linalg.norm(part, axis=1) for part in (twists[:, :3], twists[:, 3:]))
+    rests = (linear < _RESTS[0]) & (angular < _RESTS[1])
+    second = round(1.0 / dt)
+    windows = np.convolve(rests, np.ones(second), "valid") > second - 0.5
+    every = max(1, round(0.05 / dt))
+    scores = problem.assess(np.array(trace.postures[::every])).final
+    window = max(1, round(_FILTER / (every * dt)))
+    views = np.lib.stride_tricks.sliding_window_view(scores, min(window, len(scores)))
+    forces = np.linalg.norm(np.array(trace.forces)[:, :3], axis=1)
+    forces = forces[np.isfinite(forces)]
+    return {
+        "first_rest": float(np.argmax(windows)) * dt if windows.any() else None,
+        "rests": bool(rests[-3 * second :].all()),
+        "peak": float(np.median(views, axis=1).max()),
+        "path": float(linear.sum() * dt),
+        "power": power_above(twists, dt, problem.twist_limit.speed),
+        "force": None
+        if not forces.size
+        else [float(np.median(forces)), float(np.percentile(forces, 99)), float(forces.max())],
+        "slips": trace.slips[-1],
+        "fell": trace.fell is not None,
+        "unbalanced": float(np.mean(trace.unbalanced)),
+        "seconds": len(twists) * dt,
+    }
