@@ -20,7 +20,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.people.body_tasks import BodyTasks
 from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.way import pose_error, turned
+from ergoqp.simulation.people.way import pose_error, turn_between, turned
 from ergoqp.step.answer.step import Step
 
 AHEAD = 0.40
@@ -87,7 +87,7 @@ class Drive:
         roll = 0.0
         if free[3:].all():
             swung = turned(start[:3, :3], swing)
-            roll = float(pose_error(_at(swung), _at(goal[:3, :3]))[3:] @ goal[:3, 0])
+            roll = float(turn_between(swung, goal[:3, :3]) @ goal[:3, 0])
         swing = np.where(free[3:], swing, 0.0)
         most = np.concatenate([np.abs(shift), np.abs(swing) + abs(roll)])
         pace = _trapezoid(most, limit.speed, limit.acceleration, self.dt, problem.average)
@@ -233,9 +233,3 @@ def _trapezoid(
     window = max(1, round(average / dt))
     pace = np.convolve(pace, np.full(window, 1 / window))
     return pace / (pace.sum() * dt)
-
-
-def _at(rotation: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    return pose
