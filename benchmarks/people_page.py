@@ -21,15 +21,15 @@ from ergoqp.simulation.simulate import simulate
 WORST = 10
 HEAD = (
     "way",
-    "REBA at the end",
-    "share at best",
+    "end",
+    "at best",
     "at 20 s",
-    "above best",
-    "worse than still",
-    "worse than rule",
-    "gain over rule",
-    "never rests",
-    "first rest, s",
+    "above",
+    "> still",
+    "> rule",
+    "gain",
+    "no rest",
+    "rest, s",
     "path, m",
 )
 _DOTS = (("still", "missed"), ("rule", "level2"), ("ergoqp", "spot"), ("best", "hollow"))
@@ -60,7 +60,11 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
             Section(
                 "Every way of moving the object",
                 "ergoqp is guided by the optimum of its own model of the person; descent is the"
-                " same without. The rules put the object at elbow height, 0.40 m ahead, level.",
+                " same without. The rules put the object at elbow height, 0.40 m ahead, level. End:"
+                " mean REBA at rest; at best: share that ends there, and had it been left after"
+                " 20 s; above: points above best; > still, > rule: shares that end higher, so worse; gain:"
+                " points below the rule; no rest: share that moves to the end; rest: median time of"
+                " the first.",
                 tables=[_table(HEAD, table_of(drawn, ways))],
             ),
             Section(

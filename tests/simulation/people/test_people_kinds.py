@@ -25,7 +25,7 @@ from ergoqp.simulation.people.looking import RANGE
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding
 from ergoqp.simulation.people.soft_person import SoftPerson
-from ergoqp.simulation.people.way import pose_error, straight
+from ergoqp.simulation.people.way import pose_error, straight, turned
 from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.yardstick import Workspace
 
@@ -173,6 +173,16 @@ def test_dead_zone_moves_the_arm_alone_for_small_changes() -> None:
     assert np.abs(held.posture - before).max() > np.radians(1)
     assert held.rest(shifted(held.pose, 0.0, 0.0, 3 * SHIFT))
     assert np.all(held.posture[trunk[:2]] != before[trunk[:2]])
+
+
+def test_dead_zone_wakes_up_for_turns() -> None:
+    held = at_ease(soft("dead_zone"))
+    trunk, before = INDEX["trunk_flexion"], held.posture
+    for turn_deg, awake in ((7.0, False), (20.0, True)):
+        other, pose = held.copy(), held.pose.copy()
+        pose[:3, :3] = turned(pose[:3, :3], np.radians([0.0, turn_deg, 0.0]))
+        other.rest(pose)
+        assert (other.posture[trunk] != before[trunk]) == awake
 
 
 def test_stubborn_people_keep_a_favourite_that_others_do_not_have() -> None:
