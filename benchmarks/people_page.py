@@ -62,9 +62,9 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
                 "ergoqp is guided by the optimum of its own model of the person; descent is the"
                 " same without. The rules put the object at elbow height, 0.40 m ahead, level. End:"
                 " mean REBA at rest; at best: share that ends there, and had it been left after"
-                " 20 s; above: points above best; > still, > rule: shares that end higher, so worse; gain:"
-                " points below the rule; no rest: share that moves to the end; rest: median time of"
-                " the first.",
+                " 20 s; above: points above best; > still, > rule: shares that end higher, so"
+                " worse; gain: points below the rule; no rest: share that moves to the end; rest:"
+                " median time of the first.",
                 tables=[_table(HEAD, table_of(drawn, ways))],
             ),
             Section(
