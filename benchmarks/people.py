@@ -1,8 +1,8 @@
 """Closed loops with people of other kinds than the controller's model, beside every simple way.
 
 Run ``python -m benchmarks.people [--quick | --full] [--kinds A,B] [--problems A,B] [--tuning]
-[--out DIR] [--json FILE]``. ``--quick`` (the default) runs one start per kind, each in another
-problem; ``--full`` twenty per kind and problem. Every start has a person of its own. ``mass`` is
+[--out DIR] [--json FILE]``. ``--quick`` (the default) runs one start per kind in one of three
+problems; ``--full`` twenty per kind and problem. Every start has a person of its own. ``mass`` is
 run when it is named (``--kinds mass``): it takes as long as all the others.
 
 Seeds from 1000 are for judging; with ``--tuning`` seeds from 0 are taken, for whoever builds the
@@ -46,11 +46,10 @@ from typing import Any
 
 import numpy as np
 from rich.progress import Progress
-from threadpoolctl import threadpool_limits
 
 from benchmarks.people_figures import SHORT, figures_of
 from benchmarks.people_kinds import print_difference
-from benchmarks.people_unit import METHODS, run_unit, svr
+from benchmarks.people_unit import METHODS, begin, make, run_unit
 from benchmarks.report import Report, run
 from ergoqp.files.whole import write_json
 from ergoqp.problem_files.load import TASKS
@@ -64,6 +63,8 @@ JUDGING, TUNING = 1000, 0
 
 OTHERS = tuple(kind for kind in KINDS if kind not in ("alike", "mass"))
 STARTS = 20
+FEW = ("dentist", "desk", "screwing")
+"""Problems of a quick run, whose people and optima take least time."""
 
 _ROOT = Path(__file__).resolve().parent.parent
 _WITHOUT = {"report", "cli", "comparison", "recordings", "studies", "whole_body", "export"}
@@ -93,23 +94,26 @@ def digest(kind: str) -> str:
     return found.hexdigest()[:12]
 
 
-def finished(units: Iterable[tuple], folder: Path, say: Report) -> list[dict[str, Any]]:
-    """Return the numbers of units, run in two processes where they are not kept yet."""
+def prepared(problems: Iterable[str]) -> ProcessPoolExecutor:
+    """Return two processes that have what takes long, made once."""
+    both = min(2, os.cpu_count() or 1)
+    what = ("svr", *problems)
+    with ProcessPoolExecutor(both, initializer=begin, initargs=({},)) as pool:
+        made = dict(zip(what, pool.map(make, what), strict=True))
+    return ProcessPoolExecutor(both, initializer=begin, initargs=(made,))
+
+
+def finished(
+    units: Iterable[tuple], folder: Path, say: Report, pool: ProcessPoolExecutor
+) -> list[dict[str, Any]]:
+    """Return the numbers of units, run by the pool where they are not kept yet."""
     of = {kind: digest(kind) for kind in {unit[0] for unit in units}}
     paths = {unit: folder / of[unit[0]] / f"{'-'.join(map(str, unit))}.json" for unit in units}
     left = [unit for unit, path in paths.items() if not path.is_file()]
     for path in paths.values():
         path.parent.mkdir(parents=True, exist_ok=True)
     say.say(f"{len(paths)} units, {len(left)} to run, kept in {os.path.relpath(folder)}")
-    with (
-        Progress(disable=not sys.stdout.isatty()) as progress,
-        # Small matrices: threads of their own would only be in each other's way.
-        ProcessPoolExecutor(
-            min(2, os.cpu_count() or 1), initializer=threadpool_limits, initargs=(1,)
-        ) as pool,
-    ):
-        if left:
-            svr()  # before the processes are made, which find it there
+    with Progress(disable=not sys.stdout.isatty()) as progress:
         bar = progress.add_task("units", total=len(left))
         futures = {pool.submit(run_unit, *unit): unit for unit in left}
         for done, future in enumerate(as_completed(futures), start=1):
@@ -171,7 +175,8 @@ def measure(report: Report, options: argparse.Namespace) -> None:
     from benchmarks.people_page import write_people_page
 
     kinds = tuple(options.kinds.split(",")) if options.kinds else OTHERS
-    problems = tuple(options.problems.split(",")) if options.problems else TASKS
+    usual = TASKS if report.full else FEW
+    problems = tuple(options.problems.split(",")) if options.problems else usual
     for what, given, allowed in (("--kinds", kinds, KINDS), ("--problems", problems, TASKS)):
         if unknown := set(given) - set(allowed):
             raise SystemExit(f"{what}: got {sorted(unknown)}, allowed some of {', '.join(allowed)}")
@@ -180,12 +185,14 @@ def measure(report: Report, options: argparse.Namespace) -> None:
             raise SystemExit(f"--tuning: got {', '.join(KEPT)}, which are for judging only")
         kinds = tuple(kind for kind in kinds if kind not in KEPT)
     units = units_of(kinds, problems, report.full, TUNING if options.tuning else JUDGING)
-    begin = time.perf_counter()
-    found = finished(units, options.out, report)
-    report.figure("seconds", time.perf_counter() - begin, "for the units that were not kept")
+    started = time.perf_counter()
+    with prepared(problems) as pool:
+        found = finished(units, options.out, report, pool)
+        took = time.perf_counter() - started
+        print_difference(report, kinds, problems if report.full else problems[:1], pool)
+    report.figure("seconds", took, "for the units that were not kept")
     cores = sum(unit["cpu_s"] for unit in found) / 60
     report.figure("core_minutes", cores, "of all units: half as many minutes on two cores")
-    print_difference(report, kinds, problems if report.full else problems[:1])
     print_figures(report, found)
     if options.page or report.full:
         path = write_people_page(found, _WAYS, options.out)

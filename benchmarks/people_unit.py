@@ -5,13 +5,15 @@ A unit is drawn by its kind, its problem and its seed alone, and what comes out 
 
 from __future__ import annotations
 
+import importlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from benchmarks.people_way import Watch, at_rest, of_trace, rest_score
 from ergoqp.costs.cost import Cost
@@ -222,7 +224,7 @@ def follows_of(unit: Unit) -> list[bool]:
     """
     _, judge = judged(unit.problem.name)
     rng, rests = np.random.default_rng([unit.seed, 43]), []
-    for _ in range(_FOLLOWS.get(unit.person.kind, 3)):
+    for _ in range(_FOLLOWS.get(unit.person.kind, 2)):
         pose = judge.workspace.pose(rng.uniform(-1.0, 1.0, 5))
         if not judge.carried(unit.home, pose).score:
             continue
@@ -242,14 +244,38 @@ def follows_of(unit: Unit) -> list[bool]:
     return rests
 
 
-@cache
 def model_optimum(name: str) -> Optimum:
-    """Return the best place for the controller's own model of the person: once per process."""
-    problem, _ = judged(name)
+    """Return the best place for the controller's own model of the person."""
+    return _made(name)
+
+
+def svr() -> Cost:
+    """Return the report's surrogate, fitted as well as it can be."""
+    return _made("svr")
+
+
+def make(what: str) -> Any:
+    """Return what takes long: ``svr``, or the optimum of the model of a problem of this name."""
+    if what == "svr":
+        # Which the fit would choose by itself, in twice the time.
+        return Svr.fit(posture_data(150), features="steps")
+    problem, _ = judged(what)
     return optimise(problem, person_of(problem).comfort)
 
 
-@cache
-def svr() -> Cost:
-    """Return the report's surrogate, fitted as well as it can be: once per process."""
-    return Svr.fit(posture_data(150))
+def begin(made: Mapping[str, Any]) -> None:
+    """Begin a process that has all this already, see `make`."""
+    # Small matrices: threads of their own would only be in each other's way. A limit holds for the
+    # libraries that are loaded, and the SVR's fit brings another.
+    importlib.import_module("scipy.linalg")
+    threadpool_limits(1)
+    _MADE.update(made)
+
+
+_MADE: dict[str, Any] = {}
+
+
+def _made(what: str) -> Any:
+    if what not in _MADE:
+        _MADE[what] = make(what)
+    return _MADE[what]

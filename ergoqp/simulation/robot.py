@@ -14,7 +14,9 @@ import numpy as np
 
 from ergoqp.arguments import check_number
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.simulation.people.way import turned
 
+_IDENTITY: Final = np.eye(3)
 _PART: Final = 0.002
 """Longest part of a period in which a robot that lags is taken to turn about one axis [s]."""
 
@@ -136,15 +138,10 @@ class SimulatedRobot:
 
 def moved(pose: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     """Return a pose (4, 4) after a world-aligned displacement (6,) [m, rad]."""
-    angle = float(np.linalg.norm(displacement[3:]))
     after = pose.copy()
     after[:3, 3] += displacement[:3]
-    if angle > 0:
-        x, y, z = displacement[3:] / angle
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        after[:3, :3] = (
-            np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-        ) @ pose[:3, :3]
+    if displacement[3:].any():
+        rotation = turned(pose[:3, :3], displacement[3:])
         # Orthonormal again to rounding, however many periods follow.
-        after[:3, :3] = after[:3, :3] @ (1.5 * np.eye(3) - 0.5 * after[:3, :3].T @ after[:3, :3])
+        after[:3, :3] = rotation @ (1.5 * _IDENTITY - 0.5 * rotation.T @ rotation)
     return after

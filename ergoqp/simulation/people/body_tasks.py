@@ -7,6 +7,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
+from ergoqp.simulation.people.way import turn_between
 
 BASE = 4
 """Entries before the joints: pelvis x, y, z [m] and yaw [rad]."""
@@ -54,9 +55,20 @@ class BodyTasks:
         pose[:3, 3] = self._data.site_xpos[number]
         return pose
 
+    def point(self, site: str) -> np.ndarray:
+        """Return where a site is in the world (3,) [m]."""
+        return self._data.site_xpos[self._sites[site]].copy()
+
+    def toward(self, site: str, want: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the motion (6,) that leads a site to a pose (4, 4), and its `jacobian`."""
+        number, way = self._sites[site], np.empty(6)
+        way[:3] = want[:3, 3] - self._data.site_xpos[number]
+        way[3:] = turn_between(self._data.site_xmat[number].reshape(3, 3), want[:3, :3])
+        return way, self.jacobian(site)
+
     def jacobian(self, site: str) -> np.ndarray:
         """Return how a site moves with the placement (6, 36): world-aligned, linear first."""
-        moves = np.zeros((6, self.size))
+        moves = np.empty((6, self.size))
         mujoco.mj_jacSite(self.model, self._data, moves[:3], moves[3:], self._sites[site])
         return moves
 
@@ -65,7 +77,7 @@ class BodyTasks:
 
         Neck and arms carry it along, and are not moved for its sake.
         """
-        moves = np.zeros((3, self.size))
+        moves = np.empty((3, self.size))
         mujoco.mj_jacSubtreeCom(self.model, self._data, moves, self._pelvis)
         return self._data.subtree_com[self._pelvis][:2].copy(), moves[:2] * self._balances
 

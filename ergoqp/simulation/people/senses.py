@@ -69,13 +69,11 @@ def frames(
     senses: Senses, dt: float, rng: np.random.Generator
 ) -> Iterator[tuple[np.ndarray, bool]]:
     """Yield, for every period, (measurement error (32,) [rad], whether the frame arrives)."""
+    count, bias, noise = len(JOINTS), senses.bias, np.radians(senses.noise_deg)
     keep = np.exp(-dt / senses.drift_time)
-    drift = rng.normal(size=len(JOINTS)) * np.radians(senses.drift_deg)
+    drift = rng.normal(size=count) * np.radians(senses.drift_deg)
+    fresh = np.sqrt(1 - keep**2) * np.radians(senses.drift_deg)
     while True:
-        drift = keep * drift + np.sqrt(1 - keep**2) * rng.normal(size=len(JOINTS)) * np.radians(
-            senses.drift_deg
-        )
-        yield (
-            senses.bias + drift + rng.normal(size=len(JOINTS)) * np.radians(senses.noise_deg),
-            bool(rng.random() >= senses.lost),
-        )
+        drift = keep * drift + fresh * rng.normal(size=count)
+        error = bias + drift + rng.normal(size=count) * noise
+        yield error, bool(rng.random() >= senses.lost)

@@ -20,7 +20,7 @@ from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.person import Holding
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_body import SOLE, SOLES, SoftBody
-from ergoqp.simulation.people.way import LONGEST_SHIFT, LONGEST_TURN, between, pose_error, straight
+from ergoqp.simulation.people.way import LONGEST_SHIFT, LONGEST_TURN, between, straight
 
 PERIOD = 0.02
 """A posture lasts this long [s]: people are seen at 50 Hz."""
@@ -48,7 +48,7 @@ _WAITS = 10
 _LARGEST = 0.2
 """Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
 
-_BESIDE = np.array([0.0, 0.04])
+_BESIDE = (0.0, 0.04)
 """How far a foot reaches ahead of its toe and beside its middle [m]."""
 
 _HANGS = 0.9
@@ -178,21 +178,20 @@ class SoftHolding(Holding):
         person, tasks = self.person, self.person.tasks
         wishes, self.gap, self._angle, self._hands = [], 0.0, 0.0, []
         for hand, grasp in zip(person.grips, self._grasp, strict=True):
-            frame, moves = tasks.frame(hand), tasks.jacobian(hand)
-            error = pose_error(frame, target @ grasp)
-            self._hands.append(frame[:3, 3])
+            error, moves = tasks.toward(hand, target @ grasp)
+            self._hands.append(tasks.point(hand))
             if person.work.free_about_tool:
                 axis = target[:3, 0]
                 error[3:] -= axis * (axis @ error[3:])
                 moves[3:] -= np.outer(axis, axis @ moves[3:])
-            self.gap = max(self.gap, math.hypot(*error[:3]))
-            self._angle = max(self._angle, math.hypot(*error[3:]))
+            self.gap = max(self.gap, math.hypot(*error[:3].tolist()))
+            self._angle = max(self._angle, math.hypot(*error[3:].tolist()))
             wishes.append((error / GRIP, moves / GRIP[:, None]))
         if not person.is_seated:
             for name, sole in zip(SOLES, self.soles, strict=True):
-                error = pose_error(tasks.frame(name), sole)
-                self.slid = max(self.slid, math.hypot(*error[:3]))
-                wishes.append((error / SOLE, tasks.jacobian(name) / SOLE[:, None]))
+                error, moves = tasks.toward(name, sole)
+                self.slid = max(self.slid, math.hypot(*error[:3].tolist()))
+                wishes.append((error / SOLE, moves / SOLE[:, None]))
             wishes.append(self._balance())
         return wishes
 
@@ -239,14 +238,18 @@ class SoftHolding(Holding):
     def _balance(self) -> Wish:
         tasks, habits = self.person.tasks, self.person.habits
         centre, moves = tasks.mass_centre()
-        feet = tasks.feet()
-        apart = centre - feet.mean(axis=0)
-        x, y = feet[1::2].sum(axis=0) - feet[::2].sum(axis=0)
-        turn = np.array([[x, -y], [y, x]]) / math.hypot(x, y)
-        ends, there = feet @ turn, centre @ turn
-        beyond = np.maximum(ends.min(axis=0) - there, there - ends.max(axis=0)) - _BESIDE
-        self.unbalanced = bool(beyond.max() > 0)
-        error = habits.lean * turn[:, 0] - apart
+        # Plain numbers: there are eight of them, and this is done at every step.
+        feet = [(x - centre[0], y - centre[1]) for x, y in tasks.feet().tolist()]
+        middle = [sum(foot[axis] for foot in feet) / 4 for axis in range(2)]
+        x, y = (feet[1][axis] + feet[3][axis] - feet[0][axis] - feet[2][axis] for axis in range(2))
+        length = math.hypot(x, y)
+        x, y = x / length, y / length
+        ahead = [x * foot[0] + y * foot[1] for foot in feet]
+        beside = [x * foot[1] - y * foot[0] for foot in feet]
+        self.unbalanced = (
+            max(min(ahead), -max(ahead)) > _BESIDE[0] or max(min(beside), -max(beside)) > _BESIDE[1]
+        )
+        error = np.array([habits.lean * x + middle[0], habits.lean * y + middle[1]])
         return error / habits.steadiness, moves / habits.steadiness
 
     def _arrive(self, pose: np.ndarray) -> None:
