@@ -39,7 +39,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -94,34 +94,39 @@ def digest(kind: str) -> str:
     return found.hexdigest()[:12]
 
 
-def prepared(problems: Iterable[str]) -> ProcessPoolExecutor:
-    """Return two processes that have what takes long, made once."""
+def prepared(problems: Collection[str]) -> ProcessPoolExecutor:
+    """Return two processes that have what takes long for these problems, made once."""
     both = min(2, os.cpu_count() or 1)
-    what = ("svr", *problems)
     with ProcessPoolExecutor(both, initializer=begin, initargs=({},)) as pool:
+        what = [*(("svr",) if problems else ()), *problems]
         made = dict(zip(what, pool.map(make, what), strict=True))
     return ProcessPoolExecutor(both, initializer=begin, initargs=(made,))
 
 
-def finished(
-    units: Iterable[tuple], folder: Path, say: Report, pool: ProcessPoolExecutor
-) -> list[dict[str, Any]]:
-    """Return the numbers of units, run by the pool where they are not kept yet."""
+def finished(units: Iterable[tuple], folder: Path, say: Report) -> list[dict[str, Any]]:
+    """Return the numbers of units, run in two processes where they are not kept yet."""
     of = {kind: digest(kind) for kind in {unit[0] for unit in units}}
     paths = {unit: folder / of[unit[0]] / f"{'-'.join(map(str, unit))}.json" for unit in units}
     left = [unit for unit, path in paths.items() if not path.is_file()]
     for path in paths.values():
         path.parent.mkdir(parents=True, exist_ok=True)
     say.say(f"{len(paths)} units, {len(left)} to run, kept in {os.path.relpath(folder)}")
-    with Progress(disable=not sys.stdout.isatty()) as progress:
+    if left:
+        run_all({unit: paths[unit] for unit in left}, say)
+    return [json.loads(path.read_text()) for path in paths.values()]
+
+
+def run_all(left: Mapping[tuple, Path], say: Report) -> None:
+    """Run units and write the numbers of each to its path as soon as they are there."""
+    problems = dict.fromkeys(unit[1] for unit in left)
+    with prepared(problems) as pool, Progress(disable=not sys.stdout.isatty()) as progress:
         bar = progress.add_task("units", total=len(left))
-        futures = {pool.submit(run_unit, *unit): unit for unit in left}
+        futures = {pool.submit(run_unit, *unit): path for unit, path in left.items()}
         for done, future in enumerate(as_completed(futures), start=1):
-            write_json(paths[futures[future]], future.result())
+            write_json(futures[future], future.result())
             progress.advance(bar)
             if progress.disable and done % 20 == 0:
                 say.say(f"{done}/{len(left)}")
-    return [json.loads(path.read_text()) for path in paths.values()]
 
 
 def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
@@ -186,13 +191,13 @@ def measure(report: Report, options: argparse.Namespace) -> None:
         kinds = tuple(kind for kind in kinds if kind not in KEPT)
     units = units_of(kinds, problems, report.full, TUNING if options.tuning else JUDGING)
     started = time.perf_counter()
-    with prepared(problems) as pool:
-        found = finished(units, options.out, report, pool)
-        took = time.perf_counter() - started
-        print_difference(report, kinds, problems if report.full else problems[:1], pool)
+    found = finished(units, options.out, report)
+    took = time.perf_counter() - started
     report.figure("seconds", took, "for the units that were not kept")
     cores = sum(unit["cpu_s"] for unit in found) / 60
     report.figure("core_minutes", cores, "of all units: half as many minutes on two cores")
+    with prepared(()) as pool:
+        print_difference(report, kinds, problems if report.full else problems[:1], pool)
     print_figures(report, found)
     if options.page or report.full:
         path = write_people_page(found, _WAYS, options.out)
