@@ -65,6 +65,8 @@ _SEARCH = {"mass": {"places": 10, "around": 0}}
 _ROUTES = {"mass": 1}
 _FOLLOWS = {"mass": 1}
 """Smaller searches for people who take long to simulate."""
+_HOLDS = {"mass": 20.0}
+"""For how long it is looked at whether people hold still at the start, who might not [s]."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,18 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
     return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
 
 
+def held_of(unit: Unit) -> dict[str, Any]:
+    """Return how far a hand strays at most from where it was at the start, and who falls."""
+    person, pose, most = unit.start.copy(), unit.start.pose, 0.0
+    asked = pose.copy()
+    for _ in range(round(_HOLDS.get(person.person.kind, 0.0) / 0.05)):
+        person.follow(asked, 0.05)
+        # How far the object went, and the hand on it.
+        strayed = float(np.linalg.norm(person.pose[:3, 3] - pose[:3, 3])) + person.gap
+        most = max(most, strayed)
+    return {"held_mm": 1e3 * most, "held": not person.fallen}
+
+
 @cache
 def judged(name: str) -> tuple[Problem, Judge]:
     """Return a problem and who scores its places: once per process."""
@@ -166,7 +180,7 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
         "best": unit.best,
         "anywhere": unit.anywhere,
     }
-    found |= {"routes": routes_of(unit), "follows": follows_of(unit)}
+    found |= {"routes": routes_of(unit), "follows": follows_of(unit), **held_of(unit)}
     found["ways"] = {method or "ergoqp": way_of(unit, method) for method in methods}
     return found | {"cpu_s": time.process_time() - begin}
 
