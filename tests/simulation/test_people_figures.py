@@ -109,6 +109,17 @@ def test_the_kept_kinds_are_not_for_building() -> None:
     assert not {unit[2] for unit in tuning} & {unit[2] for unit in full}
 
 
+def test_cells_without_enough_starts_go_on() -> None:
+    found = [
+        {"kind": kind, "problem": "desk", "drawn": kind == "looking" or number > 2}
+        for kind in ("looking", "pushed")
+        for number in range(people.STARTS)
+    ]
+    assert people.missing(found, 1000) == [("pushed", "desk", 1020 + i) for i in range(3)]
+    never = [{"kind": "pushed", "problem": "desk", "drawn": False}] * people.SEEDS
+    assert people.missing(never, 1000) == []
+
+
 def test_finished_units_are_not_run_again(tmp_path, monkeypatch, capsys) -> None:
     kept = ("follower", "desk", 1000)
     folder = tmp_path / people.digest("follower")
