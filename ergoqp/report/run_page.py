@@ -139,8 +139,16 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
         ("person", f"{run.follower.replace('_', ' ')}, {run.body.stature:.2f} m"),
         ("seed", str(run.seed)),
         *let_go,
+        *_out_of_balance(run),
         *_felt(run),
     ]
+
+
+def _out_of_balance(run: Run) -> list[tuple[str, str]]:
+    """For how long the person would have had to step, or to hold on to something."""
+    if not run.unbalanced:
+        return []
+    return [("centre of mass beyond the feet", f"{100 * run.unbalanced:.1f} % of the time")]
 
 
 def _felt(run: Run) -> list[tuple[str, str]]:

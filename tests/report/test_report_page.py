@@ -215,6 +215,13 @@ def test_the_same_reason_is_told_once(tmp_path):
     assert (tmp_path / "run.html").read_text(encoding="utf-8").count("workspace x by") == 1
 
 
+def test_the_time_out_of_balance_is_told(tmp_path):
+    for share, told in ((0.0, False), (0.125, True)):
+        path = tmp_path / "run.html"
+        write_run_page(replace(make_run(0.2), unbalanced=share), path)
+        assert ("12.5 % of the time" in path.read_text(encoding="utf-8")) == told
+
+
 def test_a_seated_person_has_a_seat(tmp_path):
     run = make_run(0.2)
     seated = replace(run, assessment=reba.assess(run.postures[[0, -1]], seated=True))

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.human.body import FRACTIONS
 
+Sex = Literal["female", "male"]
+
 STATURES: Final = (1.50, 1.95)
 """Least and greatest stature that is drawn [m]."""
 
-_POPULATION: Final = {"female": (1.63, 0.065), "male": (1.76, 0.070)}
+_POPULATION: Final[dict[Sex, tuple[float, float]]] = {
+    "female": (1.63, 0.065),
+    "male": (1.76, 0.070),
+}
 """Mean and standard deviation of statures [m]; anthropometric surveys of adults lie about here."""
 
 _BUILD: Final = (20.0, 30.0)
@@ -21,20 +26,20 @@ _BUILD: Final = (20.0, 30.0)
 _PROPORTIONS: Final = 0.03
 """Standard deviation of a segment's length, as a share of it."""
 
-_WIDTHS: Final = {
+_WIDTHS: Final[dict[Sex, dict[str, float]]] = {
     "female": {"shoulder_width": 0.95, "hip_width": 1.06},
     "male": {"shoulder_width": 1.03, "hip_width": 0.98},
 }
 """Widths of the two sexes relative to the mean of both."""
 
 
-def draw_body(rng: np.random.Generator) -> Body:
-    """Return a body: sex, stature within `STATURES`, build and proportions drawn."""
-    sex = ("female", "male")[rng.integers(2)]
+def draw_body(rng: np.random.Generator) -> tuple[Sex, Body]:
+    """Return sex and body: stature within `STATURES`, build and proportions drawn."""
+    sex: Sex = "male" if rng.integers(2) else "female"
     stature = float(np.clip(rng.normal(*_POPULATION[sex]), *STATURES))
     mass = float(rng.uniform(*_BUILD)) * stature**2
     lengths = {}
     for name, fraction in FRACTIONS.items():
         usual = fraction * stature * _WIDTHS[sex].get(name, 1.0)
         lengths[name] = usual * float(np.clip(rng.normal(1.0, _PROPORTIONS), 0.9, 1.1))
-    return Body(stature, lengths, mass)
+    return sex, Body(stature, lengths, mass)

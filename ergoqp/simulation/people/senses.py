@@ -77,3 +77,14 @@ def frames(
         drift = keep * drift + fresh * rng.normal(size=count)
         error = bias + drift + rng.normal(size=count) * noise
         yield error, bool(rng.random() >= senses.lost)
+
+
+def draw_senses(rng: np.random.Generator) -> Senses:
+    """Return how late a person follows, 0 to 300 ms, and what is seen of them."""
+    return Senses(
+        delay=float(rng.uniform(0.0, 0.3)),
+        hand_time=float(rng.uniform(0.04, 0.12)),
+        noise_deg=2.0,
+        drift_deg=1.0,
+        lost=0.01,
+    )

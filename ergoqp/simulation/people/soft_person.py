@@ -9,9 +9,10 @@ import numpy as np
 from ergoqp.human import Body
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.people.anatomy import draw_body
+from ergoqp.simulation.people.chance import generators
 from ergoqp.simulation.people.grasp import Work
 from ergoqp.simulation.people.habits import Habits, draw_habits
-from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.people.senses import Senses, draw_senses
 from ergoqp.simulation.people.soft_body import SoftBody
 from ergoqp.simulation.people.soft_holding import SoftHolding
 
@@ -28,11 +29,10 @@ class SoftPerson(SoftBody):
 
         Body, habits and senses are drawn apart: who is given another body keeps the rest.
         """
-        said = [seed, *cls.kind.encode(), 0, *problem.name.encode()]
-        bodies, habits, senses = (np.random.default_rng([*said, part]) for part in range(3))
+        bodies, habits, senses = generators(cls.kind, problem.name, seed)
         work = Work.of(problem)
         return cls(
-            body or draw_body(bodies),
+            body or draw_body(bodies)[1],
             work,
             cls.habits_of(draw_habits(work, habits), work, habits),
             cls.senses_of(draw_senses(senses), senses),
@@ -69,14 +69,3 @@ class SoftPerson(SoftBody):
         held = self.hold(self.comfort, senses, seed)
         held.carry(pose)
         return held
-
-
-def draw_senses(rng: np.random.Generator) -> Senses:
-    """Return how late a person follows, 0 to 300 ms, and what is seen of them."""
-    return Senses(
-        delay=float(rng.uniform(0.0, 0.3)),
-        hand_time=float(rng.uniform(0.04, 0.12)),
-        noise_deg=2.0,
-        drift_deg=1.0,
-        lost=0.01,
-    )

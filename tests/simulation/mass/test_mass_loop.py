@@ -58,7 +58,7 @@ def test_a_robot_that_a_problem_declares_stands_before_the_soft_one() -> None:
 
 def test_a_task_that_says_too_little_is_named() -> None:
     forearm = load_problem("forearm")
-    with pytest.raises(InputError, match="does not say hands, stance"):
+    with pytest.raises(InputError, match="allowed IkResponse"):
         person_of_kind("mass", forearm, 0)
 
 

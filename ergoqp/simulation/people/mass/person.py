@@ -76,7 +76,7 @@ class Mass(Person):
     @cached_property
     def seat(self) -> float:
         """Height of the hip centres above the floor when seated [m]."""
-        return self.traits.seat_height or self._hips_above_soles
+        return self.traits.work.seat_height or self._hips_above_soles
 
     @property
     def feet(self) -> bool:
@@ -99,8 +99,10 @@ class Mass(Person):
 
     def _built(self, seat: float | None) -> mujoco.MjModel:
         traits = self.traits
-        axis = np.array(AXIS[traits.tool])
-        return build(self.body, traits.sex, traits.wishes.hands, axis, traits.free_about_tool, seat)
+        axis = np.array(AXIS[traits.work.tool])
+        return build(
+            self.body, traits.sex, traits.wishes.hands, axis, traits.work.free_about_tool, seat
+        )
 
     @cached_property
     def planner(self) -> Planner:
@@ -119,7 +121,7 @@ class Mass(Person):
                 model=self.model,
                 planner=self.planner,
                 hands=self.traits.wishes.hands,
-                tool=self.traits.tool,
+                tool=self.traits.work.tool,
                 seated=self.traits.wishes.seated,
                 compensation=self.traits.compensation,
                 qpos=qpos,
@@ -159,7 +161,9 @@ class Mass(Person):
         """Plan from comfort, without simulating, the posture with the object at `pose` (4, 4)."""
         qpos, soles = self.stand(self.comfort)
         points = self.planner.held(qpos)
-        contact = contact_in(self.planner.look(qpos), self.traits.wishes.hands, self.traits.tool)
+        contact = contact_in(
+            self.planner.look(qpos), self.traits.wishes.hands, self.traits.work.tool
+        )
         local = (points - contact[:3, 3]) @ contact[:3, :3]
         there = pose[:3, 3] + local @ pose[:3, :3].T
         plan = self.planner.settle(qpos, there, soles)
@@ -187,4 +191,4 @@ def draw(problem: Problem, seed: int, body: Body | None = None) -> Mass:
     Raises:
         InputError: if the problem's response does not say that.
     """
-    return Mass(draw_traits(problem, seed, body))
+    return Mass(draw_traits(Mass.kind, problem, seed, body))

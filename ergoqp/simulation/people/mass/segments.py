@@ -8,14 +8,13 @@ gyration as shares of the segments' lengths.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import SIDES
-
-Sex = Literal["female", "male"]
+from ergoqp.simulation.people.anatomy import Sex
 
 
 class Segment(NamedTuple):
