@@ -28,6 +28,9 @@ PERIOD = 0.02
 GRIP = np.repeat([1.5e-3, 0.03], 3)
 """How far a grip strays as readily as joints go by their spread [m], [rad]."""
 
+STRONGEST = 0.05
+"""Nobody pulls harder than at an object this far out of their grip [m]: it is no rope."""
+
 RESTLESS = 0.01
 """Whose joints still move faster after that does not come to rest [rad/s]: it is no place to be."""
 
@@ -47,6 +50,12 @@ _STEPS = 150
 _WAITS = 10
 _LARGEST = 0.2
 """Largest step of a joint or of the pelvis [rad], [m]: beyond, all go less far."""
+
+_FASTEST = 4.0
+"""Nor does anything move faster [rad/s], [m/s]: beyond, arcs are no lines and soles are dragged."""
+
+_LEVER = 0.5
+"""Of a limb [m]: how fast the slope of a hand's way turns with its joints."""
 
 _BESIDE = (0.0, 0.04)
 """How far a foot reaches ahead of its toe and beside its middle [m]."""
@@ -186,6 +195,8 @@ class SoftHolding(Holding):
                 moves[3:] -= np.outer(axis, axis @ moves[3:])
             self.gap = max(self.gap, math.hypot(*error[:3].tolist()))
             self._angle = max(self._angle, math.hypot(*error[3:].tolist()))
+            if self.gap > STRONGEST:
+                error[:3] *= STRONGEST / max(STRONGEST, math.hypot(*error[:3].tolist()))
             wishes.append((error / GRIP, moves / GRIP[:, None]))
         if not person.is_seated:
             for name, sole in zip(SOLES, self.soles, strict=True):
@@ -218,13 +229,19 @@ class SoftHolding(Holding):
         pull[BASE:] += (self._ease() - placement[BASE:]) * person.stiffness[BASE:]
         hessian = moves.T @ moves
         # On the diagonal: ease, and the damping of M / dt.
-        hessian.flat[:: len(pull) + 1] += person.stiffness + person.damping / dt
+        diagonal = person.stiffness + person.damping / dt
+        # What pulls and cannot be had bends the energy too: without it a stretched arm or leg
+        # swings to and fro across the end of its reach.
+        missed = min(self.gap, STRONGEST) - REACHED
+        if missed > 0:
+            diagonal = diagonal + missed * _LEVER / GRIP[0] ** 2
+        hessian.flat[:: len(pull) + 1] += diagonal
         step = person.tasks.step_within(placement, hessian, pull, self.mobile())
-        largest = float(np.abs(step).max())
-        if largest > _LARGEST:
-            step *= _LARGEST / largest
+        largest, most = float(np.abs(step).max()), min(_LARGEST, _FASTEST * dt)
+        if largest > most:
+            step *= most / largest
         self.placement = placement + step
-        return min(largest, _LARGEST)
+        return min(largest, most)
 
     def _ease(self) -> np.ndarray:
         """Return the posture at ease now (32,): an arm that holds nothing hangs down."""

@@ -22,6 +22,7 @@ from ergoqp.simulation.people.dead_zone import SHIFT
 from ergoqp.simulation.people.follower import FollowerPerson
 from ergoqp.simulation.people.habits import draw_habits
 from ergoqp.simulation.people.looking import RANGE
+from ergoqp.simulation.people.person import LET_GO
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding
 from ergoqp.simulation.people.soft_person import SoftPerson
@@ -140,6 +141,19 @@ def test_what_is_out_of_reach_is_not_reached_and_the_object_stays_behind(kind: s
     assert not held.carry(far)
     assert 0.01 < held.pose[0, 3] - at_ease(soft(kind, "overhead")).pose[0, 3] < 2.0
     assert held.gap < REACHED
+
+
+@pytest.mark.parametrize("kind", [kind for kind in SOFT if kind != "stepping"])
+@pytest.mark.parametrize("way", [(0.0, 0.0, 1.5), (1.5, 0.3, 0.0)])
+def test_an_object_led_out_of_reach_drags_nobody_off_their_soles(
+    kind: str, way: tuple[float, float, float]
+) -> None:
+    held = at_ease(soft(kind, "overhead"))
+    begin = held.pose
+    for share in np.linspace(0.0, 1.0, 300):
+        held.follow(shifted(begin, *(share * np.array(way))), 0.02)
+    assert held.gap > LET_GO
+    assert held.slid < 5e-3
 
 
 def test_hands_lag_by_the_delay() -> None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross product of vectors (..., 3)."""
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for axis, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
-        product[..., axis] = a[..., one] * b[..., other] - a[..., other] * b[..., one]
-    return product
+    return a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
