@@ -1,45 +1,47 @@
 """Which gain the EPFL report's gradient does best with: the report leaves it open.
 
-Run ``python -m benchmarks.gradient_gain [--quick | --full] [--json FILE]``. The starts are of
-followers with seeds for tuning, one problem after another: 3 by default, 30 with ``--full``. Every
-gain leads every start, on the SVR and on the smooth score.
+Run ``python -m benchmarks.gradient_gain [--quick | --full] [--json FILE]``. The starts are of the
+kinds that loops may be built with, and of seeds for tuning, one kind and problem after another: 3
+by default, 30 with ``--full``. Every gain leads every start, on the SVR and on the smooth score.
 
-``mean_end.GAIN``: mean exact score of the rests after `GRADIENT` seconds, over both costs;
-``lets_go.GAIN``: share of the loops that end out of reach. ``best_gain``: the lowest mean. The
-baseline has `ergoqp.simulation.baselines.GRADIENT_GAIN`, printed as ``gain``.
+``COST.mean_end.GAIN``: mean exact score of the rests, no better than the start where there is none.
+``COST.best_gain``: the lowest mean; the baseline has `GRADIENT_GAIN`, printed as ``gain``.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from benchmarks.people import TUNING, prepared
-from benchmarks.people_unit import GRADIENT, draw_unit, rest_score, svr
+from benchmarks.people import KEPT, OTHERS, TUNING, prepared
+from benchmarks.people_figures import end_of
+from benchmarks.people_unit import DURATION, draw_unit, rest_score, svr
 from benchmarks.report import Report, run
 from ergoqp.problem_files.load import TASKS
 from ergoqp.simulation.baselines import GRADIENT_GAIN, Gradient
 from ergoqp.simulation.loop import run_loop
 
-GAINS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
+GAINS = (0.01, 0.03, 0.1, 0.3, 1.0)
+COSTS = ("svr", "smooth")
+KINDS = tuple(kind for kind in OTHERS if kind not in KEPT)
 
 
-def ends(name: str, seed: int) -> list[tuple[float, int, bool]] | None:
-    """Return (gain, exact score of the rest, whether it is in reach) of every loop of a start."""
-    unit = draw_unit("follower", name, seed)
-    if unit is None:
-        return None
-    found = []
-    for gain in GAINS:
-        for cost in (svr(), unit.problem.cost):
+def ends(kind: str, name: str, seed: int) -> dict[tuple[str, float], float]:
+    """Return the score that each cost and gain ends with; nothing where there is no start."""
+    unit = draw_unit(kind, name, seed)
+    found: dict[tuple[str, float], float] = {}
+    if isinstance(unit, str):
+        return found
+    for cost in COSTS:
+        for gain in GAINS:
             person = unit.start.copy()
-            run_loop(
-                unit.problem,
-                person,
-                duration=GRADIENT,
-                seed=unit.seed,
-                controller=Gradient(unit.problem, cost, gain),
-            )
-            found.append((gain, *rest_score(unit.problem, person)))
+            value = svr() if cost == "svr" else unit.problem.cost
+            controller = Gradient(unit.problem, value, gain)
+            run_loop(unit.problem, person, duration=DURATION, seed=unit.seed, controller=controller)
+            end, holds = rest_score(unit.problem, person)
+            way: dict[str, Any] = {"end": end, "holds": holds}
+            found[cost, gain] = end_of({"still": unit.still}, way)
     return found
 
 
@@ -47,17 +49,16 @@ def measure(report: Report) -> None:
     """Print the means."""
     seeds = range(TUNING, TUNING + (30 if report.full else 3))
     names = [TASKS[seed % len(TASKS)] for seed in seeds]
+    kinds = [KINDS[seed // len(TASKS) % len(KINDS)] for seed in seeds]
     with prepared(dict.fromkeys(names)) as pool:
-        starts = [found for found in pool.map(ends, names, seeds) if found is not None]
+        starts = [found for found in pool.map(ends, kinds, names, seeds) if found]
     report.figure("starts", len(starts))
     report.figure("gain", GRADIENT_GAIN)
-    means = {}
-    for gain in GAINS:
-        of = [(end, holds) for found in starts for each, end, holds in found if each == gain]
-        means[gain] = float(np.mean([end for end, _ in of]))
-        report.figure(f"mean_end.{gain:g}", means[gain])
-        report.figure(f"lets_go.{gain:g}", float(np.mean([not holds for _, holds in of])))
-    report.figure("best_gain", min(means, key=means.__getitem__))
+    for cost in COSTS:
+        means = {gain: float(np.mean([found[cost, gain] for found in starts])) for gain in GAINS}
+        for gain, mean in means.items():
+            report.figure(f"{cost}.mean_end.{gain:g}", mean)
+        report.figure(f"{cost}.best_gain", min(means, key=means.__getitem__))
 
 
 if __name__ == "__main__":

@@ -1,17 +1,22 @@
 """The figures of many units: shares, means, times, ways and forces, for every method.
 
-``share_at_best``: the person's rest at the end, in reach and in balance, scores no more than the
-best; ``share_at_20s``: had the object been left there after 20 s; ``share_living_at_best``: what
-the person does in the last second does, be it at rest or not. ``mean_above_best``: points above it
-on average, none where it is beaten; ``beats_best``: share in which it is. ``worse_than_start``,
-``worse_than_still``, ``worse_than_rule``: shares that end worse than the rest at the start, than
-had the object been left alone, than by the rule of thumb; ``gain_over_rule``: points below that.
-``never_rests``: share in
-which the object moved in the last 3 s; ``first_rest_s``: median time until it stood still for a
+An end counts by the exact score of the person's rest there. Where there is none, because the hand
+is not on the object, the person out of balance or moving on, it counts as no better than the start:
+nobody wins by taking the object away.
+
+``share_at_best``: ends at rest and no higher than the best; ``share_at_20s``: had the object been
+left there after 20 s; ``share_living_at_best``: what the person does in the last second does, be it
+at rest or not. ``mean_above_best``: points above it on average, none where it is beaten;
+``beats_best``: share in which it is. ``worse_than_start``, ``worse_than_still``,
+``worse_than_rule``, ``worse_than_own_rule``: shares that end worse than the rest at the start, than
+had the object been left alone, than by the rule of thumb for the controller's person or for the
+very person; ``gain_over_rule``, ``gain_over_own_rule``: points below those. ``never_rests``: share
+in which the object moved in the last 3 s; ``first_rest_s``: median time until it stood still for a
 second, 60 where never. ``peak_above_start``: share in which the score on the way, a median over
 1 s, was more than a point above the higher of start and still. ``path_m``: median way of the
 object. ``unbalanced``: share of the time with the centre of mass outside the feet.
-``power_above_3hz``: share of the twist's power there. ``lets_go``: share that ends out of reach.
+``power_above_3hz``: share of the twist's power there. ``no_rest``: share that ends where the person
+has none; ``lets_go``: with a hand more than 10 mm off; ``falls_over``: out of balance.
 ``force_median_n``, ``force_p99_n``, ``force_peak_n`` (the largest of all), ``slips`` (per run),
 ``falls`` (share): of people with mass.
 """
@@ -30,12 +35,15 @@ SHORT = (
     "worse_than_still",
     "worse_than_rule",
     "gain_over_rule",
+    "gain_over_own_rule",
     "never_rests",
-    "lets_go",
+    "no_rest",
 )
 """Figures that are printed per kind and per problem too."""
 
 _LONGEST = 60.0
+_OFF_MM = 10.0
+"""A hand further off has let go [mm]."""
 
 Numbers = dict[str, Any]
 
@@ -52,23 +60,28 @@ def figures_of(units: Sequence[Numbers], method: str) -> dict[str, float]:
     def column(read: Callable[[Numbers, Numbers], float]) -> np.ndarray:
         return np.array([read(unit, way) for unit, way in zip(units, ways, strict=True)])
 
-    end, best = column(lambda u, w: w["end"]), column(lambda u, w: u["best"])
+    end, best = column(end_of), column(lambda u, w: u["best"])
     holds = column(lambda u, w: w["holds"]).astype(bool)
+    early = column(lambda u, w: w["early_holds"] and w["early"] <= u["best"])
     start = column(lambda u, w: u["still"])
-    still = column(lambda u, w: u["ways"]["still"]["end"])
-    rule = column(lambda u, w: u["ways"]["rule"]["end"])
+    still, rule, own = (
+        column(lambda u, w, name=name: end_of(u, u["ways"][name]))
+        for name in ("still", "rule", "own_rule")
+    )
     first = column(lambda u, w: _LONGEST if w["first_rest"] is None else w["first_rest"])
     figures = {
         "share_at_best": float(np.mean(holds & (end <= best))),
-        "share_at_20s": float(np.mean(holds & (column(lambda u, w: w["early"]) <= best))),
+        "share_at_20s": float(early.mean()),
         "share_living_at_best": float(np.mean(holds & (column(lambda u, w: w["lived"]) <= best))),
         "mean_end": float(end.mean()),
         "mean_above_best": float(np.maximum(end - best, 0).mean()),
-        "beats_best": float(np.mean(end < best)),
+        "beats_best": float(np.mean(holds & (end < best))),
         "worse_than_start": float(np.mean(end > start)),
         "worse_than_still": float(np.mean(end > still)),
         "worse_than_rule": float(np.mean(end > rule)),
+        "worse_than_own_rule": float(np.mean(end > own)),
         "gain_over_rule": float(np.mean(rule - end)),
+        "gain_over_own_rule": float(np.mean(own - end)),
         "never_rests": float(np.mean(column(lambda u, w: not w["rests"]))),
         "first_rest_s": float(np.median(first)),
         "peak_above_start": float(
@@ -76,7 +89,9 @@ def figures_of(units: Sequence[Numbers], method: str) -> dict[str, float]:
         ),
         "path_m": float(np.median(column(lambda u, w: w["path"]))),
         "power_above_3hz": float(np.mean(column(lambda u, w: w["power"]))),
-        "lets_go": float(np.mean(~holds)),
+        "no_rest": float(np.mean(~holds)),
+        "lets_go": float(np.mean(column(lambda u, w: w["hand_mm"]) > _OFF_MM)),
+        "falls_over": float(np.mean(column(lambda u, w: w["falls_over"]))),
         "unbalanced": float(np.mean(column(lambda u, w: w["unbalanced"]))),
     }
     forces = np.array([way["force"] for way in ways if way["force"] is not None])
@@ -89,6 +104,11 @@ def figures_of(units: Sequence[Numbers], method: str) -> dict[str, float]:
             "falls": float(np.mean([way["fell"] for way in ways])),
         }
     return figures
+
+
+def end_of(unit: Numbers, way: Numbers) -> float:
+    """Return the score that the end of a way counts by."""
+    return float(way["end"] if way["holds"] else max(way["end"], unit["still"]))
 
 
 def table_of(units: Sequence[Numbers], methods: Sequence[str]) -> list[tuple[str, ...]]:
@@ -106,6 +126,7 @@ def table_of(units: Sequence[Numbers], methods: Sequence[str]) -> list[tuple[str
                 f"{found['worse_than_still']:.2f}",
                 f"{found['worse_than_rule']:.2f}",
                 f"{found['gain_over_rule']:+.2f}",
+                f"{found['gain_over_own_rule']:+.2f}",
                 f"{found['never_rests']:.2f}",
                 f"{found['first_rest_s']:.1f}",
                 f"{found['path_m']:.2f}",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.people_figures import Numbers, figures_of, table_of
+from benchmarks.people_figures import Numbers, end_of, figures_of, table_of
 from benchmarks.people_unit import draw_unit, model_optimum
 from ergoqp.files.whole import write_whole
 from ergoqp.report.charts import svg
@@ -28,6 +28,7 @@ HEAD = (
     "> still",
     "> rule",
     "gain",
+    "own gain",
     "no rest",
     "rest, s",
     "path, m",
@@ -63,8 +64,10 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
                 " same without. The rules put the object at elbow height, 0.40 m ahead, level. End:"
                 " mean REBA at rest; at best: share that ends there, and had it been left after"
                 " 20 s; above: points above best; > still, > rule: shares that end higher, so"
-                " worse; gain: points below the rule; no rest: share that moves to the end; rest:"
-                " median time of the first.",
+                " worse; gain: points below the rule, own gain: below that with the very person's"
+                " elbow; no rest: share that moves to the end; rest: median time of the first."
+                " An end where the person has no rest counts as no better than the start. Rules"
+                " and open loop are told in advance how far the person comes along.",
                 tables=[_table(HEAD, table_of(drawn, ways))],
             ),
             Section(
@@ -118,7 +121,7 @@ def means_chart(drawn: Sequence[Numbers]) -> str:
 
 
 def _mean_of(unit: Numbers, way: str) -> float:
-    return float(unit["best"] if way == "best" else unit["ways"][way]["end"])
+    return float(unit["best"]) if way == "best" else end_of(unit, unit["ways"][way])
 
 
 def _matrix(drawn: Sequence[Numbers], kinds: Sequence[str], problems: Sequence[str]) -> PageTable:
@@ -142,10 +145,10 @@ def _table(head: Sequence[str], rows: Sequence[tuple[str, ...]]) -> PageTable:
 def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
     """Write the replays of the worst runs, and return the section that links to them."""
 
-    def badness(unit: Numbers) -> tuple[int, int, float]:
+    def badness(unit: Numbers) -> tuple[float, float, float]:
         way = unit["ways"]["ergoqp"]
-        rule = unit["ways"]["rule"]["end"]
-        return way["end"] - unit["best"], way["end"] - rule, way["peak"] - unit["still"]
+        end, rule = end_of(unit, way), end_of(unit, unit["ways"]["rule"])
+        return end - unit["best"], end - rule, way["peak"] - unit["still"]
 
     links: list[tuple[str, str]] = []
     for number, unit in enumerate(sorted(drawn, key=badness, reverse=True)[:WORST], start=1):
@@ -169,7 +172,7 @@ def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
 def _write_replay(numbers: dict[str, Any], path: Path) -> None:
     """Run a unit's loop again, with everything that a report shows."""
     unit = draw_unit(numbers["kind"], numbers["problem"], numbers["seed"])
-    if unit is None:
+    if isinstance(unit, str):
         raise RuntimeError(f"{path.name}: the start that was drawn before is not drawn again")
     seconds = numbers["ways"]["ergoqp"]["seconds"]
     guide = model_optimum(numbers["problem"])

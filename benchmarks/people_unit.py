@@ -47,8 +47,6 @@ METHODS = (
 
 DURATION = 60.0
 """Longest time of a loop [s]; it ends earlier once the object goes nowhere for `STILL` seconds."""
-GRADIENT = 30.0
-"""Of a gradient's loop: it has no memory and never rests, and is where it goes to by then."""
 ABOVE = 2
 """Starts at rest count from this many points above the best."""
 
@@ -61,12 +59,15 @@ _PART = 13
 """Periods of 20 ms in which a part of the way of 4 cm is gone: 0.15 m/s."""
 _APART = float(np.radians(2.0))
 """Whose angles are this near to those of their rest, RMS, rests [rad]."""
-_SEARCH = {"mass": {"places": 10, "around": 0}}
+_FIRST: dict[str, dict[str, int]] = {"mass": {"places": 8, "around": 0}}
+_SEARCH: dict[str, dict[str, int]] = {"mass": {"places": 20, "around": 0}}
 _ROUTES = {"mass": 1}
 _FOLLOWS = {"mass": 1}
 """Smaller searches for people who take long to simulate."""
 _HOLDS = {"mass": 20.0}
-"""For how long it is looked at whether people hold still at the start, who might not [s]."""
+"""For how long people hold still at the start before it counts, who might not [s]."""
+_BY_CHANCE = ("pushed", "trembling")
+"""Who is disturbed now and then rests at some time of the last 5 s, others all the last second."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ class Unit:
         home: the person at ease with the object.
         still: exact score there.
         best: lowest exact score of places reached straight from there.
-        anywhere: lowest found for the person on ways from comfort.
+        anywhere: the same, or what a smaller search finds on ways from comfort if that is lower.
+        held_mm: how far a hand strayed at most while the start was held still [mm].
         seed: of the loops.
     """
 
@@ -91,29 +93,51 @@ class Unit:
     still: int
     best: int
     anywhere: int
+    held_mm: float
     seed: int
 
 
-def draw_unit(kind: str, name: str, seed: int) -> Unit | None:
-    """Return the unit of a kind, a problem and a seed; None: no start is bad enough."""
+def draw_unit(kind: str, name: str, seed: int) -> Unit | str:
+    """Return the unit of a kind, a problem and a seed, or why there is none."""
     problem, judge = judged(name)
     person = person_of_kind(kind, problem, seed)
     rng = np.random.default_rng([seed, 41])
     known = [rule_pose(problem, each) for each in (person_of(problem).body, person.body)]
     known.append(model_optimum(name).pose)
-    search = _SEARCH.get(kind, {})
     home = person.hold(person.comfort, seed=seed)
-    anywhere = judge.best(home, known, **{"places": 24, "around": 1, **search})[0].score or 15
+    if home.fallen:
+        return "fell at ease"
+    first = _FIRST.get(kind, {"places": 24, "around": 1})
+    anywhere = judge.best(home, known, **first)[0].score or 15
+    why = "no start bad enough"
     for _ in range(_TRIES):
         asked = [judge.workspace.pose(rng.uniform(-1.0, 1.0, 5)) for _ in range(_OF[seed % 2])]
         place = max((judge.carried(home, pose) for pose in asked), key=lambda each: each.score)
-        still, start = place.score, home.copy()
-        if still < anywhere + ABOVE or not start.carry(place.pose):
+        start = home.copy()
+        # Without a look at every place from there: what is not bad beside the others is not bad.
+        if place.score < anywhere + ABOVE or not start.carry(place.pose):
             continue
-        best = judge.best(start, known, **search)[0].score or 15
+        held = hold_still(start, _HOLDS.get(kind, 0.0))
+        if start.fallen:
+            why = "fell at the start"
+            continue
+        still = rest_score(problem, start)[0]
+        best = judge.best(start, known, **_SEARCH.get(kind, {}))[0].score or 15
         if still >= best + ABOVE:
-            return Unit(problem, person, start, home, still, best, anywhere, seed)
-    return None
+            anywhere = min(anywhere, best)
+            return Unit(problem, person, start, home, still, best, anywhere, held, seed)
+    return why
+
+
+def hold_still(person: Holding, seconds: float) -> float:
+    """Hold the object still for so long; return how far a hand strays from there at most [mm]."""
+    pose, most = person.pose.copy(), 0.0
+    for _ in range(round(seconds / 0.05)):
+        person.follow(pose, 0.05)
+        # How far the object went, and the hand on it.
+        away = float(np.linalg.norm(person.pose[:3, 3] - pose[:3, 3])) + person.gap
+        most = max(most, 1e3 * away)
+    return most
 
 
 def controller_of(unit: Unit, method: str) -> Controller:
@@ -148,18 +172,6 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
     return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
 
 
-def held_of(unit: Unit) -> dict[str, Any]:
-    """Return how far a hand strays at most from where it was at the start, and who falls."""
-    person, pose, most = unit.start.copy(), unit.start.pose, 0.0
-    asked = pose.copy()
-    for _ in range(round(_HOLDS.get(person.person.kind, 0.0) / 0.05)):
-        person.follow(asked, 0.05)
-        # How far the object went, and the hand on it.
-        strayed = float(np.linalg.norm(person.pose[:3, 3] - pose[:3, 3])) + person.gap
-        most = max(most, strayed)
-    return {"held_mm": 1e3 * most, "held": not person.fallen}
-
-
 @cache
 def judged(name: str) -> tuple[Problem, Judge]:
     """Return a problem and who scores its places: once per process."""
@@ -171,16 +183,18 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
     """Return the numbers of a unit: of its start, and of every method from there."""
     begin = time.process_time()
     unit = draw_unit(kind, name, seed)
-    found: dict[str, Any] = {"kind": kind, "problem": name, "seed": seed, "drawn": unit is not None}
-    if unit is None:
-        return found | {"cpu_s": time.process_time() - begin}
+    found: dict[str, Any] = {"kind": kind, "problem": name, "seed": seed}
+    if isinstance(unit, str):
+        return found | {"drawn": False, "why": unit, "cpu_s": time.process_time() - begin}
     found |= {
+        "drawn": True,
         "stature": unit.person.body.stature,
         "still": unit.still,
         "best": unit.best,
         "anywhere": unit.anywhere,
+        "held_mm": unit.held_mm,
     }
-    found |= {"routes": routes_of(unit), "follows": follows_of(unit), **held_of(unit)}
+    found |= {"routes": routes_of(unit), "follows": follows_of(unit)}
     found["ways"] = {method or "ergoqp": way_of(unit, method) for method in methods}
     return found | {"cpu_s": time.process_time() - begin}
 
@@ -207,25 +221,28 @@ def routes_of(unit: Unit) -> list[int]:
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
     """Return the numbers of one method."""
     person, watch = unit.start.copy(), Watch(unit.start.pose)
-    person.slid = 0.0
+    person.count_from_here()
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
+    controller = controller_of(unit, method)
     trace = run_loop(
         problem,
         person,
-        duration=GRADIENT if method.startswith("gradient") else DURATION,
+        duration=DURATION,
         seed=unit.seed,
-        controller=controller_of(unit, method),
+        controller=controller,
         beside=watch,
         robot=robot,
     )
     end, holds = rest_score(unit.problem, person)
-    second = np.array(trace.postures)[-round(1.0 / problem.dt) :]
+    early = (end, holds) if watch.early is None else rest_score(unit.problem, watch.early)
+    second = np.array(trace.postures)[-round(1.0 / controller.dt) :]
     return {
         "end": end,
         "lived": int(problem.assess(second.mean(axis=0)).final[0]),
-        "early": end if watch.early is None else rest_score(unit.problem, watch.early)[0],
+        "early": early[0],
+        "early_holds": early[1],
         "holds": holds,
-        **of_trace(problem, trace),
+        **of_trace(problem, trace, controller.dt),
         **at_rest(trace, person),
     }
 
@@ -233,8 +250,8 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
 def follows_of(unit: Unit) -> list[bool]:
     """Return, for places that are reached, whether the living person comes to rest there.
 
-    Begun at ease, away from rest: the object goes straight to the place at the speed of `carry`,
-    with the person's delay and chance, and then stays for `_WAITS` seconds.
+    Begun at ease, away from rest: the object goes straight to the place at 0.15 m/s, with the
+    person's delay and chance, and then stays for `_WAITS` seconds.
     """
     _, judge = judged(unit.problem.name)
     rng, rests = np.random.default_rng([unit.seed, 43]), []
@@ -243,18 +260,22 @@ def follows_of(unit: Unit) -> list[bool]:
         if not judge.carried(unit.home, pose).score:
             continue
         person, dt = unit.home.copy(), 0.02
-        for part in straight(person.pose, pose):
+        here = person.pose
+        for part in straight(here, pose):
             for share in np.linspace(0.0, 1.0, _PART + 1)[1:]:
-                person.follow(between(person.pose, part, share), dt)
+                person.follow(between(here, part, share), dt)
+            here = part
         lived = []
-        for number in range(round(_WAITS / dt)):
+        for _ in range(round(_WAITS / dt)):
             person.follow(pose, dt)
-            if number * dt > _WAITS - 5.0:
-                lived.append(person.posture)
+            lived.append(person.posture)
         rest = person.copy()
         reached = rest.rest(pose)
-        apart = np.sqrt(np.mean((np.array(lived) - rest.posture) ** 2, axis=1)).min()
-        rests.append(bool(reached and apart < _APART))
+        last = np.array(lived[-round(5.0 / dt) :])
+        apart = np.sqrt(np.mean((last - rest.posture) ** 2, axis=1))
+        by_chance = person.person.kind in _BY_CHANCE
+        far = apart.min() if by_chance else apart[-round(1.0 / dt) :].max()
+        rests.append(bool(reached and far < _APART))
     return rests
 
 

@@ -44,9 +44,10 @@ class Watch:
 
 
 def rest_score(problem: Problem, person: Holding) -> tuple[int, bool]:
-    """Return the exact score of the person's rest where the object is, and whether it is reached.
+    """Return the exact score of the person's rest where the object is, and whether there is one.
 
-    Out of reach it is that of the posture itself.
+    There is none out of reach, out of balance or where they go on moving; the score is then that of
+    the posture itself.
     """
     rest = person.copy()
     reached = rest.rest(person.pose)
@@ -67,12 +68,15 @@ def at_rest(trace: Trace, person: Holding) -> dict[str, float]:
         "from_rest_deg": float(np.degrees(apart.min())),
         "slid_mm": 1e3 * person.slid,
         "hand_mm": 1e3 * rest.gap,
+        "falls_over": bool(rest.unbalanced or rest.fallen),
     }
 
 
-def of_trace(problem: Problem, trace: Trace) -> dict[str, Any]:
-    """Return the numbers of a trace: times, peak, way, forces."""
-    dt = problem.dt
+def of_trace(problem: Problem, trace: Trace, dt: float) -> dict[str, Any]:
+    """Return the numbers of a trace of periods `dt` [s]: times, peak, way, forces.
+
+    Forces count until the person falls or lets go.
+    """
     twists = np.array(trace.twists)
     linear, angular = (np.linalg.norm(part, axis=1) for part in (twists[:, :3], twists[:, 3:]))
     rests = (linear < _RESTS[0]) & (angular < _RESTS[1])
@@ -82,7 +86,9 @@ def of_trace(problem: Problem, trace: Trace) -> dict[str, Any]:
     scores = problem.assess(np.array(trace.postures[::every])).final
     window = max(1, round(_FILTER / (every * dt)))
     views = np.lib.stride_tricks.sliding_window_view(scores, min(window, len(scores)))
-    forces = np.linalg.norm(np.array(trace.forces)[:, :3], axis=1)
+    until = min(each for each in (trace.fell, trace.let_go, np.inf) if each is not None)
+    felt = np.array(trace.forces)[np.array(trace.time) <= until]
+    forces = np.linalg.norm(felt[:, :3], axis=1)
     forces = forces[np.isfinite(forces)]
     return {
         "first_rest": float(np.argmax(windows)) * dt if windows.any() else None,

@@ -33,6 +33,9 @@ Of 0.003 to 1 the one that ended lowest, on starts that figures are not of: see
 ``benchmarks.gradient_gain``.
 """
 
+GRADIENT_PERIOD = 0.02
+"""And its period [s]: people are seen at 30 to 50 Hz, and it has nothing to do between frames."""
+
 
 class Sent(Step):
     """A twist and what it is about, of somebody who solves no program."""
@@ -128,7 +131,7 @@ class Gradient:
     def __init__(self, problem: Problem, cost: Cost, gain: float = GRADIENT_GAIN) -> None:
         """Build the gradient's function."""
         limit = problem.twist_limit
-        self.dt, self._gain, self._acceleration = problem.dt, gain, limit.acceleration
+        self.dt, self._gain, self._acceleration = GRADIENT_PERIOD, gain, limit.acceleration
         self._free = np.array([axis in limit.axes for axis in AXES], dtype=float)
         self._allowed = np.where(self._free > 0, limit.speed, np.inf)
         box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)

@@ -96,8 +96,10 @@ def test_the_best_is_no_worse_than_any_place_that_is_known() -> None:
     problem = load_problem("low_bin")
     judge, person = Judge(problem), person_of_kind("stubborn", problem, 2)
     start = person.hold(person.comfort)
-    known = [judge.workspace.pose(point) for point in judge.workspace.spread(5)]
-    best = judge.best(start, known, places=8, around=1)
+    known = [judge.workspace.pose(point) for point in judge.workspace.spread(40)[-5:]]
+    best = judge.best(start, known, places=8, around=1, enough=0)
+    looked = [place.pose for place in best]
+    assert all(any(np.array_equal(pose, other) for other in looked) for pose in known)
     scores = [place.score for place in best if place.score]
     assert best[0].score == min(scores)
     assert all(best[0].score <= (judge.carried(start, pose).score or 15) for pose in known)

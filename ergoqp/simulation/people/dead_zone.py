@@ -36,7 +36,7 @@ class DeadZoneHolding(SoftHolding):
     ) -> None:
         """Hold the object, the body at rest."""
         super().__init__(person, posture, senses, seed)
-        self._settled_at, self._awake, self._missed = self.pose, False, 0
+        self._settled_at, self._awake, self._in_vain = self.pose, False, 0
         arms = [number < 20 and joint.startswith(person.work.hands) for number, joint in _NUMBERED]
         self._arms = np.concatenate([np.zeros(BASE, dtype=bool), arms])
 
@@ -49,8 +49,8 @@ class DeadZoneHolding(SoftHolding):
         error = pose_error(self._settled_at, target)
         far = np.linalg.norm(error[:3]) > SHIFT or np.linalg.norm(error[3:]) > TURN
         # What the arm alone does not reach in a few steps moves the body too.
-        self._missed = self._missed + 1 if self.gap > REACHED else 0
-        self._awake = bool(self._awake or far or self._missed > _MISSES)
+        self._in_vain = self._in_vain + 1 if self._miss > REACHED else 0
+        self._awake = bool(self._awake or far or self._in_vain > _MISSES)
         change = super().advance(target, dt, besides)
         if self._awake and change < _SETTLED * dt:
             self._settled_at, self._awake = target, False

@@ -76,6 +76,10 @@ class Holding(ABC):
     def copy(self) -> Self:
         """Return another who goes on from the same moment."""
 
+    def count_from_here(self) -> None:
+        """Begin anew to count slips, and how far soles slide."""
+        self.slipped, self.slid = 0, 0.0
+
     def carry(self, pose: np.ndarray) -> bool:
         """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there.
 

@@ -1,9 +1,12 @@
-"""How a person who weighs everything against everything follows: the way down of one energy.
+"""How a person who weighs everything against everything follows: heavily damped, to a balance.
 
 What the person wants is the lowest 1/2 |q - comfort|^2 over spreads, with the hands at their grips,
 the soles where they stand and the centre of mass over them as stiff springs beside it. They go
-there as a heavily damped body does, M dq/dt = -gradient, by implicit Euler steps: stiff wishes are
-met at once, ease is found within the relaxation time, and the rest does not depend on how fast.
+there as a heavily damped body does, M dq/dt = pulls, by implicit Euler steps: stiff wishes are met
+at once, and ease is found within the relaxation time. The pulls are not quite those of an energy:
+neck and arms carry the centre of mass along and are not moved for its sake, and a hanging arm
+follows the trunk one way. So there may be more than one rest, and which one it is depends on the
+way there; `benchmarks.people` counts where.
 """
 
 from __future__ import annotations
@@ -88,7 +91,7 @@ class SoftHolding(Holding):
         self.pose = person.work.contact(grips)
         self._grasp = [np.linalg.solve(self.pose, grip) for grip in grips]
         self._followed, self._late = self.pose, deque[np.ndarray]()
-        self._angle, self.time, self._since = 0.0, 0.0, 0.0
+        self._miss, self._angle, self.time, self._since = 0.0, 0.0, 0.0, 0.0
 
     @property
     def person(self) -> SoftBody:
@@ -133,12 +136,13 @@ class SoftHolding(Holding):
         pace, speed = 0.1, np.inf
         for number in range(_STEPS):
             before, speed = speed, self.advance(pose, pace) / pace
-            if speed < STILL or (number > _STEPS / 3 and self.gap > 3 * REACHED):
+            if speed < STILL or (number > _STEPS / 3 and self._miss > 3 * REACHED):
                 break
             pace *= 0.4 if speed > before else 1.5
             pace = min(max(pace, _PACE[0]), _PACE[1])
-        # The gap is that before the last step.
+        # What is missed is known before a step: once more, and nowhere.
         self.advance(pose, 1e-9)
+        self.gap = self._miss
         holds = self.gap < REACHED and self._angle < REACHED_ANGLE
         return holds and speed < RESTLESS and not self.unbalanced
 
@@ -148,8 +152,10 @@ class SoftHolding(Holding):
         for part in straight(self.pose, pose):
             self._arrive(part)
             self.advance(part, CARRIED)
-            # Gap and angle are those before the step: what the part before left, and a part.
-            lags = self.gap > LONGEST_SHIFT + REACHED or self._angle > LONGEST_TURN + REACHED_ANGLE
+            # Known before the step: what the part before left, and a part.
+            lags = (
+                self._miss > LONGEST_SHIFT + REACHED or self._angle > LONGEST_TURN + REACHED_ANGLE
+            )
             if (lags or self.unbalanced) and not self._waited_for(part):
                 break
             kept.append(self.copy())
@@ -168,7 +174,7 @@ class SoftHolding(Holding):
         """Wait with the object at `pose`; return whether the hands come there, in balance."""
         for _ in range(_WAITS):
             self.advance(pose, CARRIED)
-            if self.gap < REACHED and self._angle < REACHED_ANGLE and not self.unbalanced:
+            if self._miss < REACHED and self._angle < REACHED_ANGLE and not self.unbalanced:
                 return True
         return False
 
@@ -185,7 +191,7 @@ class SoftHolding(Holding):
             target: where the hands take the object to be (4, 4) [m].
         """
         person, tasks = self.person, self.person.tasks
-        wishes, self.gap, self._angle, self._hands = [], 0.0, 0.0, []
+        wishes, self._miss, self._angle, self._hands = [], 0.0, 0.0, []
         for hand, grasp in zip(person.grips, self._grasp, strict=True):
             error, moves = tasks.toward(hand, target @ grasp)
             self._hands.append(tasks.point(hand))
@@ -193,10 +199,11 @@ class SoftHolding(Holding):
                 axis = target[:3, 0]
                 error[3:] -= axis * (axis @ error[3:])
                 moves[3:] -= np.outer(axis, axis @ moves[3:])
-            self.gap = max(self.gap, math.hypot(*error[:3].tolist()))
+            miss = math.hypot(*error[:3].tolist())
+            self._miss = max(self._miss, miss)
             self._angle = max(self._angle, math.hypot(*error[3:].tolist()))
-            if self.gap > STRONGEST:
-                error[:3] *= STRONGEST / max(STRONGEST, math.hypot(*error[:3].tolist()))
+            if miss > STRONGEST:
+                error[:3] *= STRONGEST / miss
             wishes.append((error / GRIP, moves / GRIP[:, None]))
         if not person.is_seated:
             for name, sole in zip(SOLES, self.soles, strict=True):
@@ -232,7 +239,7 @@ class SoftHolding(Holding):
         diagonal = person.stiffness + person.damping / dt
         # What pulls and cannot be had bends the energy too: without it a stretched arm or leg
         # swings to and fro across the end of its reach.
-        missed = min(self.gap, STRONGEST) - REACHED
+        missed = min(self._miss, STRONGEST) - REACHED
         if missed > 0:
             diagonal = diagonal + missed * _LEVER / GRIP[0] ** 2
         hessian.flat[:: len(pull) + 1] += diagonal

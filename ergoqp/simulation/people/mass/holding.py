@@ -130,9 +130,13 @@ class MassHolding(Holding):
             self.follow(self._asked, _PERIOD)
             away = np.linalg.norm(self.data.site_xpos[hands] - before, axis=1)
             drift = max(drift, float(away.max()))
-        self.slipped = self._grasp.slipped = 0
-        self._stood = self._soles()
+        self.count_from_here()
         return drift
+
+    def count_from_here(self) -> None:
+        """Begin anew to count slips, and how far soles slide."""
+        self.slipped, self.slid, self._grasp.slipped = 0, 0.0, 0
+        self._stood = self._soles()
 
     def _soles(self) -> np.ndarray:
         """Return where the soles are (2, 3) [m]."""
@@ -186,7 +190,7 @@ class MassHolding(Holding):
             speed = float(np.abs(self.data.qvel[6:PERSON_DOFS]).max())
             missing = float(np.abs(self._control.plan.qpos[7:] - self._control.wanted).max())
             quiet = quiet + 1 if max(speed, missing) < _AT_REST else 0
-        return self.gap < _HELD and not self.fallen
+        return self.gap < _HELD and not self.fallen and not self.unbalanced
 
     def carry(self, pose: np.ndarray) -> bool:
         """Follow the object straight to `pose` (4, 4), undisturbed, and come to rest there.
