@@ -29,7 +29,7 @@ AHEAD = 0.40
 GRADIENT_GAIN = 0.1
 """The factor epsilon of the EPFL report's equation 3.2, which it leaves open [m^2/s per point].
 
-Of 0.003 to 1 the one that ended lowest, on starts that figures are not of: see
+Of 0.01 to 1 the one that ended lowest with either cost, on starts that figures are not of: see
 ``benchmarks.gradient_gain``.
 """
 
