@@ -72,18 +72,18 @@ class BodyTasks:
         mujoco.mj_jacSite(self.model, self._data, moves[:3], moves[3:], self._sites[site])
         return moves
 
-    def mass_centre(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the centre of mass is over the floor (2,) and how that moves (2, 36).
+    def mass_centre(self) -> tuple[list[float], np.ndarray]:
+        """Return where the centre of mass is over the floor (2,) [m] and how it moves (2, 36).
 
         Neck and arms carry it along, and are not moved for its sake.
         """
         moves = np.empty((3, self.size))
         mujoco.mj_jacSubtreeCom(self.model, self._data, moves, self._pelvis)
-        return self._data.subtree_com[self._pelvis][:2].copy(), moves[:2] * self._balances
+        return self._data.subtree_com[self._pelvis, :2].tolist(), moves[:2] * self._balances
 
-    def feet(self) -> np.ndarray:
-        """Return where heel and toe of each foot are over the floor (4, 2) [m]."""
-        return self._data.site_xpos[self._feet, :2]
+    def feet(self) -> list[list[float]]:
+        """Return where heel and toe of each foot are (4, 3) [m]."""
+        return self._data.site_xpos[self._feet].tolist()
 
     def step_within(
         self, placement: np.ndarray, hessian: np.ndarray, pull: np.ndarray, mobile: np.ndarray
@@ -97,7 +97,16 @@ class BodyTasks:
             mobile: which entries may move (36,) bool.
         """
         lower, upper = self.lower - placement, self.upper - placement
-        step = np.zeros(len(pull))
+        if mobile.all():
+            # Most steps: nobody is at the end of a range, and nothing has to be left out.
+            step = np.linalg.solve(hessian, pull)
+            beyond = (step < lower) | (step > upper)
+            if not beyond.any():
+                return step
+            step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
+            mobile = ~beyond
+        else:
+            step = np.zeros(len(pull))
         for _ in range(4):
             free = np.flatnonzero(mobile)
             left = pull[free]

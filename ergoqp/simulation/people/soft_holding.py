@@ -263,16 +263,16 @@ class SoftHolding(Holding):
         tasks, habits = self.person.tasks, self.person.habits
         centre, moves = tasks.mass_centre()
         # Plain numbers: there are eight of them, and this is done at every step.
-        feet = [(x - centre[0], y - centre[1]) for x, y in tasks.feet().tolist()]
-        middle = [sum(foot[axis] for foot in feet) / 4 for axis in range(2)]
-        x, y = (feet[1][axis] + feet[3][axis] - feet[0][axis] - feet[2][axis] for axis in range(2))
+        a, b, c, d = ([x - centre[0], y - centre[1]] for x, y, _ in tasks.feet())
+        x, y = b[0] + d[0] - a[0] - c[0], b[1] + d[1] - a[1] - c[1]
         length = math.hypot(x, y)
         x, y = x / length, y / length
-        ahead = [x * foot[0] + y * foot[1] for foot in feet]
-        beside = [x * foot[1] - y * foot[0] for foot in feet]
+        ahead = [x * foot[0] + y * foot[1] for foot in (a, b, c, d)]
+        beside = [x * foot[1] - y * foot[0] for foot in (a, b, c, d)]
         self.unbalanced = (
             max(min(ahead), -max(ahead)) > _BESIDE[0] or max(min(beside), -max(beside)) > _BESIDE[1]
         )
+        middle = [(a[axis] + b[axis] + c[axis] + d[axis]) / 4 for axis in (0, 1)]
         error = np.array([habits.lean * x + middle[0], habits.lean * y + middle[1]])
         return error / habits.steadiness, moves / habits.steadiness
 

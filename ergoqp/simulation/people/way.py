@@ -14,7 +14,7 @@ LONGEST_TURN = 0.16
 
 def turn_between(have: np.ndarray, want: np.ndarray) -> np.ndarray:
     """Return the world-aligned turn (3,) [rad] that leads from one rotation (3, 3) to another."""
-    quaternion, turn = np.zeros(4), np.zeros(3)
+    quaternion, turn = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quaternion, (want @ have.T).ravel())
     mujoco.mju_quat2Vel(turn, quaternion, 1.0)
     return turn

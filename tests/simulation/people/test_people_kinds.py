@@ -380,7 +380,8 @@ def test_balance_matters_and_leans_as_the_person_likes() -> None:
         held = at_ease(other)
         held.rest(shifted(held.pose, 0.3, 0.0, -0.1))
         other.tasks.place(held.placement)
-        centres[name] = other.tasks.mass_centre()[0][0] - other.tasks.feet()[:, 0].mean()
+        feet = np.array(other.tasks.feet())
+        centres[name] = other.tasks.mass_centre()[0][0] - feet[:, 0].mean()
     assert centres["weak"] > centres["usual"] + 0.01
     assert 0.005 < centres["ahead"] - centres["usual"] < 0.03
 
@@ -392,7 +393,7 @@ def test_nobody_rests_beyond_their_toes() -> None:
     assert not held.copy().rest(far)
     assert not held.carry(far)
     person.tasks.place(held.placement)
-    centre, feet = person.tasks.mass_centre()[0], person.tasks.feet()
+    centre, feet = person.tasks.mass_centre()[0], np.array(person.tasks.feet())[:, :2]
     assert feet[:, 0].min() < centre[0] < feet[:, 0].max() + 1e-3
     leaning = held.copy()
     live(leaning, far, 3.0)
