@@ -33,8 +33,8 @@ Of 0.01 to 1 the one that ended lowest with either cost, on starts that figures 
 ``benchmarks.gradient_gain``.
 """
 
-GRADIENT_PERIOD = 0.02
-"""And its period [s]: people are seen at 30 to 50 Hz, and it has nothing to do between frames."""
+GRADIENT_PERIOD = 1 / 30
+"""And its period [s]: as often as the report's Kinect sees people. It has no use for more."""
 
 
 class Sent(Step):
