@@ -52,7 +52,7 @@ from rich.progress import Progress
 
 from benchmarks.people_figures import SHORT, figures_of
 from benchmarks.people_kinds import print_difference
-from benchmarks.people_unit import METHODS, begin, make, run_unit
+from benchmarks.people_unit import APART_DEG, METHODS, begin, make, run_unit
 from benchmarks.report import Report, run
 from ergoqp.files.whole import write_json
 from ergoqp.problem_files.load import TASKS
@@ -182,9 +182,12 @@ def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
 
 def print_kind(report: Report, name: str, units: Sequence[dict[str, Any]]) -> None:
     """Print whether these people do what a body does, and whether ways matter."""
-    rests = [each for unit in units for each in unit["follows"]]
-    if rests:
-        report.figure(f"{name}.follows_still", sum(rests) / len(rests), f"of {len(rests)} places")
+    still = [unit["ways"]["still"] for unit in units]
+    rests = [way["holds"] and way["from_rest_deg"] < APART_DEG for way in still]
+    report.figure(f"{name}.follows_still", float(np.mean(rests)), "at rest, the object left alone")
+    led = [each for unit in units for each in unit["follows"]]
+    if led:
+        report.figure(f"{name}.led_to_rest", float(np.mean(led)), f"of {len(led)} places")
     every = [way for unit in units for way in unit["ways"].values()]
     report.figure(f"{name}.sole_mm", max(way["slid_mm"] for way in every), "at most")
     for way in ("still", "ergoqp"):

@@ -57,8 +57,8 @@ _WAITS = 15.0
 """For how long a person is waited for at a place [s]."""
 _PART = 13
 """Periods of 20 ms in which a part of the way of 4 cm is gone: 0.15 m/s."""
-_APART = float(np.radians(2.0))
-"""Whose angles are this near to those of their rest, RMS, rests [rad]."""
+APART_DEG = 2.0
+"""Whose angles are this near to those of their rest, RMS, rests [deg]."""
 _FIRST: dict[str, dict[str, int]] = {"mass": {"places": 8, "around": 0}}
 _SEARCH: dict[str, dict[str, int]] = {"mass": {"places": 20, "around": 0}}
 _ROUTES = {"mass": 1}
@@ -275,7 +275,7 @@ def follows_of(unit: Unit) -> list[bool]:
         apart = np.sqrt(np.mean((last - rest.posture) ** 2, axis=1))
         by_chance = person.person.kind in _BY_CHANCE
         far = apart.min() if by_chance else apart[-round(1.0 / dt) :].max()
-        rests.append(bool(reached and far < _APART))
+        rests.append(bool(reached and np.degrees(far) < APART_DEG))
     return rests
 
 

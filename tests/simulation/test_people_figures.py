@@ -133,6 +133,26 @@ def test_nobody_wins_by_taking_the_object_away() -> None:
     assert figures_of([late], "ergoqp")["share_at_20s"] == 1.0
 
 
+def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> None:
+    rests = {"from_rest_deg": 0.1, "slid_mm": 0.2, "hand_mm": 1.0}
+    units = [
+        unit(5, 2, **{name: way(4, **rests) for name in ("still", "ergoqp", "rule", "own_rule")})
+        | {"follows": [True, False], "routes": [1, 4], "held_mm": 2.5}
+        for _ in range(4)
+    ]
+    units[0]["ways"]["still"]["from_rest_deg"] = 3.0
+    units[1]["ways"]["still"] |= {"holds": False, "hand_mm": 40.0}
+    units[2]["ways"]["ergoqp"]["slid_mm"] = 7.0
+    report = Report(full=False)
+    people.print_kind(report, "looking", units)
+    assert report.figures["looking.follows_still"] == 0.5
+    assert report.figures["looking.led_to_rest"] == 0.5
+    assert report.figures["looking.sole_mm"] == 7.0
+    assert report.figures["looking.hand_mm.still"] == 40.0
+    assert report.figures["looking.hold_mm"] == 2.5
+    assert report.figures["looking.route_matters"] == 0.25
+
+
 def test_cells_without_enough_starts_go_on() -> None:
     found = [
         {"kind": kind, "problem": "desk", "drawn": kind == "looking" or number > 2}
