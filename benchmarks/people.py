@@ -28,9 +28,16 @@ there the same person with the same noise is led by
   score.
 
 The figures are described in `benchmarks.people_figures`: over all kinds, ``KIND.figure``,
-``PROBLEM.figure``, ``kept.figure`` for the kinds that nothing was tuned on. Finished units are kept
-in ``--out`` (``out/people``) by what they depend on: a run that was ended goes on from there. The
-page ``report.html`` there has the tables, ``tables.md`` too, and the worst ten runs as replays.
+``PROBLEM.figure``, ``kept.figure`` for the kinds that nothing was tuned on. Of the people
+themselves: ``KIND.follows_still``, share of starts in which they are at rest once the object was
+left alone; ``KIND.led_to_rest``, share of places drawn at random to which they are led at 0.15 m/s
+and come to rest within 15 s; ``KIND.sole_mm``, how far a sole slides at most in any loop;
+``KIND.hand_mm.still``, how far a hand is off at rest at most; ``KIND.hold_mm``, how far it strays
+in holding still; ``KIND.route_matters``, share of places whose score depends on the way.
+
+Finished units are kept in ``--out`` (``out/people``) by what they depend on: a run that was ended
+goes on from there. The page ``report.html`` there has the tables, ``tables.md`` too, and the worst
+ten runs as replays.
 """
 
 from __future__ import annotations
