@@ -97,22 +97,15 @@ class BodyTasks:
             mobile: which entries may move (36,) bool.
         """
         lower, upper = self.lower - placement, self.upper - placement
-        if mobile.all():
-            # Most steps: nobody is at the end of a range, and nothing has to be left out.
-            step = np.linalg.solve(hessian, pull)
-            beyond = (step < lower) | (step > upper)
-            if not beyond.any():
-                return step
-            step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
-            mobile = ~beyond
-        else:
-            step = np.zeros(len(pull))
+        step = np.zeros(len(pull))
         for _ in range(4):
-            free = np.flatnonzero(mobile)
-            left = pull[free]
-            if step.any():
-                left = left - hessian[free] @ np.where(mobile, 0.0, step)
-            step[free] = np.linalg.solve(hessian[free[:, None], free], left)
+            if mobile.all():
+                # Most steps: nobody is at the end of a range, and nothing has to be left out.
+                step = np.linalg.solve(hessian, pull)
+            else:
+                free = np.flatnonzero(mobile)
+                left = pull[free] - hessian[free] @ np.where(mobile, 0.0, step)
+                step[free] = np.linalg.solve(hessian[free[:, None], free], left)
             beyond = mobile & ((step < lower) | (step > upper))
             if not beyond.any():
                 return step

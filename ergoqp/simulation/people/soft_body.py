@@ -15,7 +15,6 @@ from ergoqp.simulation.people.grasp import Work
 from ergoqp.simulation.people.habits import Habits
 from ergoqp.simulation.people.person import Person
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.way import pose_error
 
 SOLES = tuple(f"{side}_sole" for side in SIDES)
 
@@ -121,9 +120,10 @@ class SoftBody(Person):
             hessian, pull = np.diag(self.stiffness), self.stiffness * (wanted - placement)
             hessian[range(BASE), range(BASE)] += 1.0
             for name, sole in zip(SOLES, soles, strict=True):
-                moves = tasks.jacobian(name) / SOLE[:, None]
+                error, moves = tasks.toward(name, sole)
+                moves /= SOLE[:, None]
                 hessian += moves.T @ moves
-                pull += (pose_error(tasks.frame(name), sole) / SOLE) @ moves
+                pull += (error / SOLE) @ moves
             step = tasks.step_within(placement, hessian, pull, legs)
             placement = placement + step * min(1.0, 0.2 / max(1e-12, float(np.abs(step).max())))
         tasks.place(placement)
