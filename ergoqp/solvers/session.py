@@ -60,7 +60,8 @@ class Workspace(Protocol):
         """Solve finite data whose bounds do not cross.
 
         With `warm` it starts from the last answer, where the solver can; without it gives what it
-        would give if this were the first QP, to the last bit.
+        would give if this were the first QP, to the last bit (ProxQP: to 1e-13, as the order of its
+        sums hangs on where its memory begins).
         """
         ...
 

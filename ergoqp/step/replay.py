@@ -17,7 +17,7 @@ from ergoqp.step.stepper import Stepper
 def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
     """Return the steps that a logged loop took, from its log alone.
 
-    The same inputs give the same answers, bit for bit.
+    The same inputs give the same answers, bit for bit (with ProxQP to its last bits).
 
     Period, solver and whether the step was compiled are those of the logged loop. Every entry holds
     the whole state, so steps that are missing in the log do not change the others.

@@ -150,6 +150,15 @@ def test_what_is_no_solver_is_said(made: Any, said: str, monkeypatch: pytest.Mon
     assert str(error.value).startswith("solver mine 1.0: got ")
 
 
+def assert_same(name: str, one: Any, other: Any) -> None:
+    """Whoever started warm is 1e-9 off at the least, where it is an iterative one.
+
+    ProxQP adds up in an order that hangs on where its memory begins, which nobody here decides: the
+    same QP in the same process differs by 5e-17.
+    """
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 if name == "proxqp" else 0)
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_every_step_starts_cold(name: str) -> None:
     problem, rng = problem_of("screwing"), np.random.default_rng(0)
@@ -161,7 +170,7 @@ def test_every_step_starts_cold(name: str) -> None:
         alone.append(stepper.step(posture).twist.copy())
     for i in (3, 0, 5):
         stepper.reset()
-        np.testing.assert_array_equal(stepper.step(postures[i]).twist, alone[i])
+        assert_same(name, stepper.step(postures[i]).twist, alone[i])
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -178,7 +187,7 @@ def test_steppers_in_threads_do_not_disturb_each_other(name: str) -> None:
     alone = [run(seed) for seed in (0, 1)]
     with ThreadPoolExecutor(2) as pool:
         together = list(pool.map(run, (0, 1)))
-    np.testing.assert_array_equal(together, alone)
+    assert_same(name, together, alone)
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -203,8 +212,8 @@ def test_a_replay_in_another_process_gives_the_same_twists(name: str, tmp_path: 
         [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
     )
     here = [step.twist for step in ergoqp.replay(problem_of("screwing"), log)]
-    np.testing.assert_array_equal(json.loads(done.stdout), here)
-    np.testing.assert_array_equal(here, twists)
+    assert_same(name, json.loads(done.stdout), here)
+    assert_same(name, here, twists)
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -215,7 +224,7 @@ def test_a_cold_answer_depends_on_nothing_before(name: str) -> None:
         alone = open_session(name, *qp.size).solve_qp(qp, warm=False)
         # Without a zero, so that whoever remembers entries has them all.
         session[qp.size].solve_qp(replace(qp, A=qp.A + 1e-3, H=qp.H + 1e-3))
-        np.testing.assert_array_equal(session[qp.size].solve_qp(qp, warm=False).x, alone.x)
+        assert_same(name, session[qp.size].solve_qp(qp, warm=False).x, alone.x)
         session[qp.size].solve_qp(qp, warm=True)
 
 
