@@ -33,8 +33,11 @@ Of 0.01 to 1 the one that ended lowest with either cost (0.1 as low on the SVR, 
 higher on the smooth score), on starts that figures are not of: see ``benchmarks.gradient_gain``.
 """
 
-GRADIENT_PERIOD = 1 / 30
-"""And its period [s]: as often as the report's Kinect sees people. It has no use for more."""
+_EDGE = float(np.radians(0.5))
+"""The gradient turns back as soon as the tool's axis is this near to the edge of its cone [rad]."""
+
+_BACK = 0.5
+"""And is back there within about this time [s]."""
 
 
 class Sent(Step):
@@ -131,14 +134,14 @@ class Gradient:
     def __init__(self, problem: Problem, cost: Cost, gain: float = GRADIENT_GAIN) -> None:
         """Build the gradient's function."""
         limit = problem.twist_limit
-        self.dt, self._gain, self._acceleration = GRADIENT_PERIOD, gain, limit.acceleration
+        self.dt, self._gain, self._acceleration = problem.dt, gain, limit.acceleration
         self._free = np.array([axis in limit.axes for axis in AXES], dtype=float)
         self._allowed = np.where(self._free > 0, limit.speed, np.inf)
         box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
         self._box = None if box is None else (np.array(box.lower), np.array(box.upper))
         if self._cone is not None:
             self._toward = np.array(self._cone.direction) / np.linalg.norm(self._cone.direction)
-            self._least = float(np.cos(np.radians(self._cone.half_angle_deg)))
+            self._widest = np.radians(self._cone.half_angle_deg) - _EDGE
         q = ca.MX.sym("q", len(problem.coordinates))
         value = cost.expression(q)
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
@@ -158,25 +161,49 @@ class Gradient:
         if evaluator.outputs["v"][0] > 1.0:
             wished = self._gain * evaluator.outputs["g"] * self._free
         wished = wished / max(1.0, float((np.abs(wished) / self._allowed).max()))
+        # What would leave the workspace or the cone stops; the rest goes on along the wall.
         most = self._acceleration * self.dt
         twist = self._twist + (wished - self._twist).clip(-most, most)
-        # What would leave the workspace or the cone stops; the rest goes on along the wall.
-        stopped = self._twist - self._twist.clip(-most, most)
-        self._twist = np.where(self._leaves(pose, twist), stopped, twist)
-        return Sent(self._twist.copy(), "optimal")
-
-    def _leaves(self, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        """Return which axes' stop from this twist ends beyond a limit, and further out (6,)."""
         stop = 2 * self.dt + float((np.abs(twist) / self._acceleration).max()) / 2
-        leaves = np.zeros(6, dtype=bool)
         if self._box is not None:
             here, there = pose[:3, 3], pose[:3, 3] + stop * twist[:3]
             lower, upper = self._box
-            leaves[:3] = (there > np.maximum(upper, here)) | (there < np.minimum(lower, here))
+            leaves = (there > np.maximum(upper, here)) | (there < np.minimum(lower, here))
+            stopped = self._twist - self._twist.clip(-most, most)
+            twist[:3] = np.where(leaves, stopped[:3], twist[:3])
         if self._cone is not None:
-            axis = turned(pose[:3, :3], stop * twist[3:])[:, 0]
-            leaves[3:] = axis @ self._toward < min(self._least, pose[:3, 0] @ self._toward)
-        return leaves
+            here, there = pose[:3, 0], turned(pose[:3, :3], stop * twist[3:])[:, 0]
+            if _angle(there, self._toward) > max(self._widest, _angle(here, self._toward)):
+                twist[3:] = self._along_the_cone(here, wished[3:])
+        self._twist = twist
+        return Sent(self._twist.copy(), "optimal")
+
+    def _along_the_cone(self, axis: np.ndarray, wished: np.ndarray) -> np.ndarray:
+        """Return the next turn (3,) [rad/s]: not further out, and as wished along the cone.
+
+        Braking comes first, and what is left of the acceleration is for the rest.
+        """
+        now, most = self._twist[3:], self._acceleration[3:] * self.dt
+        out = np.cross(self._toward, axis)
+        out = out / max(float(np.linalg.norm(out)), 1e-12) * self._free[3:]
+        out /= max(float(np.linalg.norm(out)), 1e-12)
+        over = max(0.0, _angle(axis, self._toward) - self._widest) / _BACK
+        brake = -max(0.0, float(now @ out) + over) * out
+        brake *= min(1.0, _fits(brake, most))
+        along = wished - now
+        along -= (along @ out) * out
+        return now + brake + along * min(1.0, _fits(along, most - np.abs(brake)))
+
+
+def _angle(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the angle between two unit vectors [rad]."""
+    return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
+
+
+def _fits(change: np.ndarray, most: np.ndarray) -> float:
+    """Return the share of a change that is within a limit per axis."""
+    there = np.abs(change) > 1e-15
+    return float(np.min(most[there] / np.abs(change[there]), initial=np.inf))
 
 
 def rule_pose(problem: Problem, body: Body) -> np.ndarray:

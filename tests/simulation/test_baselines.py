@@ -115,6 +115,41 @@ def test_the_gradient_stops_at_the_walls_and_goes_on_along_them(way: float) -> N
     assert np.degrees(np.arccos(pose[0, 0])) > 0.7 * cone.half_angle_deg
 
 
+def test_the_gradient_turns_on_along_the_edge_of_the_cone() -> None:
+    """Pulled out it comes to the edge; pulled to another side, still outward, it goes around."""
+    problem = load_problem("screwing")
+    cone = problem.limit_of(AxisCone)
+
+    class Pulled(Gradient):
+        def step(self, posture, pose, **rest):
+            self._evaluator = SimpleNamespace(
+                inputs={"q": np.zeros(32)},
+                evaluate=lambda: None,
+                outputs={"v": np.array([5.0]), "g": np.array([0, 0, 0, 0, 0.6, side])},
+            )
+            return super().step(posture, pose, **rest)
+
+    controller, checker = Pulled(problem, problem.cost, 1.0), Checker(problem)
+    pose, previous, angles, turns = Workspace(problem).pose(np.zeros(5)), np.zeros(6), [], []
+    side = 0.2
+    for number in range(1500):
+        side = 0.2 if number < 700 else -0.6
+        step = controller.step(problem.response.comfort, pose)
+        after = moved(pose, step.twist * controller.dt)
+        zeros = np.zeros(32)
+        checker.check(step.twist, previous, pose, zeros, zeros, controller.dt, None, {}, after)
+        pose, previous = after, step.twist
+        toward = np.array(cone.direction) / np.linalg.norm(cone.direction)
+        angles.append(np.degrees(np.arccos(pose[:3, 0] @ toward)))
+        turns.append(np.arctan2(pose[2, 0], pose[1, 0]))
+    assert {row: checker.max_violation[row] for row in JUDGED} == dict.fromkeys(JUDGED, 0.0)
+    at_edge = int(np.argmax(np.array(angles) > cone.half_angle_deg - 2.0))
+    assert 0 < at_edge < 500
+    assert min(angles[at_edge:]) > cone.half_angle_deg - 3.0
+    turned = np.degrees(np.arctan2(0.2, 0.6) - np.arctan2(-0.6, 0.6))
+    assert abs(np.degrees(turns[-1] - turns[690])) == pytest.approx(turned, abs=3.0)
+
+
 def test_the_gradient_is_that_of_the_report() -> None:
     """Equation 3.2: against minus epsilon dV/dq dq/dx by finite differences of a quadratic cost."""
     problem = load_problem("screwing")
