@@ -183,7 +183,7 @@ class Gradient:
 
         Braking comes first, and what is left of the acceleration is for the rest.
         """
-        now, most = self._twist[3:], self._acceleration[3:] * self.dt
+        now, most, fastest = self._twist[3:], self._acceleration[3:] * self.dt, self._allowed[3:]
         out = np.cross(self._toward, axis)
         out = out / max(float(np.linalg.norm(out)), 1e-12) * self._free[3:]
         out /= max(float(np.linalg.norm(out)), 1e-12)
@@ -192,7 +192,8 @@ class Gradient:
         brake *= min(1.0, _fits(brake, most))
         along = wished - now
         along -= (along @ out) * out
-        return now + brake + along * min(1.0, _fits(along, most - np.abs(brake)))
+        turn = now + brake + along * min(1.0, _fits(along, most - np.abs(brake)))
+        return turn.clip(-fastest, fastest)
 
 
 def _angle(one: np.ndarray, other: np.ndarray) -> float:
