@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.people import KEPT, OTHERS, TUNING, prepared
+from benchmarks.people_draw import draw_unit, svr
 from benchmarks.people_figures import end_of
-from benchmarks.people_unit import DURATION, draw_unit, rest_score, svr
+from benchmarks.people_unit import DURATION
+from benchmarks.people_way import rest_score
 from benchmarks.report import Report, run
 from ergoqp.problem_files.load import TASKS
 from ergoqp.simulation.baselines import GRADIENT_GAIN, Gradient
@@ -29,9 +31,9 @@ KINDS = tuple(kind for kind in OTHERS if kind not in KEPT)
 
 def ends(kind: str, name: str, seed: int) -> dict[tuple[str, float], float]:
     """Return the score that each cost and gain ends with; nothing where there is no start."""
-    unit = draw_unit(kind, name, seed)
+    unit = draw_unit(kind, name, seed).unit
     found: dict[tuple[str, float], float] = {}
-    if isinstance(unit, str):
+    if unit is None:
         return found
     for cost in COSTS:
         for gain in GAINS:

@@ -20,7 +20,7 @@ start is taken that is not bad beside them. People with mass hold still for 20 s
 there the same person with the same noise is led by
 
 - (no suffix): ergoqp as ``ergoqp run --guide best``, guided by the optimum of its own model;
-- ``.descent``: the same without a guide, a part taken away;
+- ``.descent``: the same without a guide, as ergoqp comes;
 - ``.still``: nobody; ``.rule``: the rule of thumb, elbow height of the controller's own person,
   0.40 m ahead, level; ``.own_rule``: the same with the elbow of the very person;
 - ``.open_loop``: straight to the optimum of ergoqp's model, without looking at the person;
@@ -30,10 +30,12 @@ there the same person with the same noise is led by
 The figures are described in `benchmarks.people_figures`: over all kinds, ``KIND.figure``,
 ``PROBLEM.figure``, ``kept.figure`` for the kinds that nothing was tuned on. Of the people
 themselves: ``KIND.follows_still``, share of starts in which they are at rest once the object was
-left alone; ``KIND.led_to_rest``, share of places drawn at random to which they are led at 0.15 m/s
-and come to rest within 15 s; ``KIND.sole_mm``, how far a sole slides at most in any loop;
-``KIND.hand_mm.still``, how far a hand is off at rest at most; ``KIND.hold_mm``, how far it strays
-in holding still; ``KIND.route_matters``, share of places whose score depends on the way.
+left alone; ``KIND.led_to_rest``, share of places drawn at random to which they are led at 0.15 m/s,
+come along and are at rest after 15 s; ``KIND.without_rest``, share of the places looked at for
+starts where they have no rest: mostly out of reach; ``KIND.fell_at_start``, how often in holding
+still; ``KIND.sole_mm``, how far a sole slides at most in any loop; ``KIND.hand_mm.still``, how far
+a hand is off at rest at most; ``KIND.hold_mm``, how far it strays in holding still;
+``KIND.route_matters``, share of places whose score depends on the way.
 
 Finished units are kept in ``--out`` (``out/people``) by what they depend on: a run that was ended
 goes on from there. The page ``report.html`` there has the tables, ``tables.md`` too, and the worst
@@ -51,15 +53,18 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.people_figures import SHORT, figures_of
+from benchmarks.people_draw import begin, make
+from benchmarks.people_figures import SHORT, best_of, figures_of
 from benchmarks.people_kinds import print_difference
-from benchmarks.people_unit import APART_DEG, METHODS, begin, make, run_unit
+from benchmarks.people_unit import APART_DEG, METHODS, run_unit
 from benchmarks.report import Report, run
 from ergoqp.files.whole import write_json
 from ergoqp.problem_files.load import TASKS
@@ -81,6 +86,8 @@ FEW = ("dentist", "desk", "screwing")
 _ROOT = Path(__file__).resolve().parent.parent
 _WITHOUT = {"report", "cli", "comparison", "recordings", "studies", "whole_body", "export"}
 """Rooms that no loop comes by."""
+
+_LIBRARIES = ("casadi", "daqp", "mujoco", "numpy", "scikit-learn", "scipy")
 
 _WAYS = tuple(method or "ergoqp" for method in METHODS)
 
@@ -105,15 +112,19 @@ def missing(found: Sequence[dict[str, Any]], first: int) -> list[tuple]:
     ]
 
 
+@cache
 def digest(kind: str) -> str:
-    """Return a short text that stands for everything that a unit of a kind depends on."""
-    found = hashlib.sha256()
+    """Return a short text that stands for everything that a unit of a kind depends on.
+
+    As it is at the first call: what is changed while units run is not what they were run with.
+    """
+    found = hashlib.sha256(" ".join(map(version, _LIBRARIES)).encode())
     for folder, ending in (("ergoqp", "py"), ("models", "*"), ("problems", "toml")):
         for path in sorted((_ROOT / folder).rglob(f"*.{ending}")):
             parts = path.relative_to(_ROOT).parts
             if not _WITHOUT & set(parts) and (kind == "mass" or "mass" not in parts):
                 found.update(path.read_bytes())
-    for name in ("people_unit", "people_way"):
+    for name in ("people_draw", "people_unit", "people_way"):
         found.update((_ROOT / "benchmarks" / f"{name}.py").read_bytes())
     return found.hexdigest()[:12]
 
@@ -141,16 +152,31 @@ def finished(units: Iterable[tuple], folder: Path, say: Report) -> list[dict[str
 
 
 def run_all(left: Mapping[tuple, Path], say: Report) -> None:
-    """Run units and write the numbers of each to its path as soon as they are there."""
+    """Run units and write the numbers of each to its path as soon as they are there.
+
+    Raises:
+        SystemExit: names the units that failed, after all others.
+    """
+    failed: list[str] = []
     problems = dict.fromkeys(unit[1] for unit in left)
-    with prepared(problems) as pool, Progress(disable=not sys.stdout.isatty()) as progress:
-        bar = progress.add_task("units", total=len(left))
-        futures = {pool.submit(run_unit, *unit): path for unit, path in left.items()}
-        for done, future in enumerate(as_completed(futures), start=1):
-            write_json(futures[future], future.result())
-            progress.advance(bar)
-            if progress.disable and done % 20 == 0:
-                say.say(f"{done}/{len(left)}")
+    pool = prepared(problems)
+    try:
+        with Progress(disable=not sys.stdout.isatty()) as progress:
+            bar = progress.add_task("units", total=len(left))
+            futures = {pool.submit(run_unit, *unit): unit for unit in left}
+            for done, future in enumerate(as_completed(futures), start=1):
+                unit = futures[future]
+                try:
+                    write_json(left[unit], future.result())
+                except Exception as error:
+                    failed.append(f"{'-'.join(map(str, unit))}: {type(error).__name__}: {error}")
+                progress.advance(bar)
+                if progress.disable and done % 20 == 0:
+                    say.say(f"{done}/{len(left)}")
+    finally:
+        pool.shutdown(cancel_futures=True)
+    if failed:
+        raise SystemExit("\n".join(["units failed:", *failed]))
 
 
 def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
@@ -158,12 +184,11 @@ def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
     drawn = [unit for unit in found if unit["drawn"]]
     report.figure("units", len(found))
     report.figure("starts", len(drawn), "units with a start bad enough")
-    for why, count in sorted(Counter(unit["why"] for unit in found if not unit["drawn"]).items()):
-        report.figure(f"not_drawn.{why.replace(' ', '_')}", count)
     if not drawn:
         return
     report.figure("mean_start", sum(unit["still"] for unit in drawn) / len(drawn))
-    report.figure("mean_best", sum(unit["best"] for unit in drawn) / len(drawn))
+    report.figure("mean_best", sum(map(best_of, drawn)) / len(drawn), "of yardstick and all ways")
+    report.figure("mean_best.yardstick", sum(unit["best"] for unit in drawn) / len(drawn))
     anywhere = sum(unit["anywhere"] for unit in drawn) / len(drawn)
     report.figure("mean_best_anywhere", anywhere, "whatever the way, from ease")
     cells = Counter((unit["kind"], unit["problem"]) for unit in drawn)
@@ -177,24 +202,55 @@ def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
         if not units:
             continue
         if name:
-            print_kind(report, name, units)
-        columns = {way: figures_of(units, way) for way in _WAYS}
-        for figure in columns["ergoqp"]:
-            if name and figure not in SHORT:
-                continue
-            for way, values in columns.items():
+            of = [unit for unit in found if name in (unit["kind"], unit["problem"])]
+            print_kind(report, name, units, of)
+        print_ways(report, name, units)
+    for cell in cells:
+        units = [unit for unit in drawn if (unit["kind"], unit["problem"]) == cell]
+        print_ways(report, ".".join(cell), units, shown=())
+
+
+def print_ways(
+    report: Report, name: str, units: Sequence[dict[str, Any]], shown: Sequence[str] = SHORT
+) -> None:
+    """Print the figures of every way over some units; those not `shown` go to the file alone."""
+    columns = {way: figures_of(units, way) for way in _WAYS}
+    for figure in dict.fromkeys(figure for values in columns.values() for figure in values):
+        for way, values in columns.items():
+            if figure in values:
                 parts = (name, figure, "" if way == "ergoqp" else way)
-                report.figure(".".join(filter(None, parts)), values[figure])
+                quiet = bool(name) and figure not in shown
+                report.figure(".".join(filter(None, parts)), values[figure], quiet=quiet)
 
 
-def print_kind(report: Report, name: str, units: Sequence[dict[str, Any]]) -> None:
-    """Print whether these people do what a body does, and whether ways matter."""
+def print_kind(
+    report: Report,
+    name: str,
+    units: Sequence[dict[str, Any]],
+    tried: Sequence[dict[str, Any]],
+) -> None:
+    """Print whether these people do what a body does, and whether ways matter.
+
+    Args:
+        report: takes the figures.
+        name: what they have in common.
+        units: that were drawn.
+        tried: those and the others, that found no start.
+    """
+    tries = sum((Counter(unit["tries"]) for unit in tried), Counter())
+    if tries["places"]:
+        share = tries["without_rest"] / tries["places"]
+        report.figure(f"{name}.without_rest", share, f"of {tries['places']} places looked at")
+    for why in ("fell_at_start", "fell_at_ease"):
+        report.figure(f"{name}.{why}", tries[why], "times")
     still = [unit["ways"]["still"] for unit in units]
     rests = [way["holds"] and way["from_rest_deg"] < APART_DEG for way in still]
     report.figure(f"{name}.follows_still", float(np.mean(rests)), "at rest, the object left alone")
-    led = [each for unit in units for each in unit["follows"]]
+    asked = [each for unit in units for each in unit["follows"]]
+    led = [each for each in asked if each is not None]
     if led:
-        report.figure(f"{name}.led_to_rest", float(np.mean(led)), f"of {len(led)} places")
+        said = f"of {len(led)} places; {len(asked) - len(led)} out of reach"
+        report.figure(f"{name}.led_to_rest", float(np.mean(led)), said)
     every = [way for unit in units for way in unit["ways"].values()]
     report.figure(f"{name}.sole_mm", max(way["slid_mm"] for way in every), "at most")
     for way in ("still", "ergoqp"):
@@ -203,8 +259,8 @@ def print_kind(report: Report, name: str, units: Sequence[dict[str, Any]]) -> No
         report.figure(
             f"{name}.hand_mm.{way}", off[-1], f"at rest, at most; beyond 10: {beyond:.3f}"
         )
-    if any(unit["held_mm"] for unit in units):
-        report.figure(f"{name}.hold_mm", max(unit["held_mm"] for unit in units), "in 20 s, at most")
+    if held := max(unit["held_mm"] for unit in tried):
+        report.figure(f"{name}.hold_mm", held, "in 20 s, at most, at every start that was tried")
     differ, count = (sum(unit["routes"][i] for unit in units) for i in range(2))
     if count:
         report.figure(f"{name}.route_matters", differ / count, "share of places")

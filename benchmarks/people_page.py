@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.people_figures import Numbers, end_of, figures_of, table_of
-from benchmarks.people_unit import draw_unit, model_optimum
+from benchmarks.people_draw import draw_unit, model_optimum
+from benchmarks.people_figures import Numbers, best_of, end_of, figures_of, table_of
 from ergoqp.files.whole import write_whole
 from ergoqp.report.charts import svg
 from ergoqp.report.charts.frame import WIDTH, time_axis
@@ -41,11 +41,12 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
     drawn = [unit for unit in found if unit["drawn"]]
     kinds, problems = (list(dict.fromkeys(unit[what] for unit in drawn)) for what in _GROUPS)
     of = {way: figures_of(drawn, way) for way in ways}
-    best = float(np.mean([unit["best"] for unit in drawn]))
+    best = float(np.mean([best_of(unit) for unit in drawn]))
     means = [
         ("left alone", of["still"]["mean_end"]),
         ("rule of thumb", of["rule"]["mean_end"]),
-        ("ergoqp", of["ergoqp"]["mean_end"]),
+        ("ergoqp, unguided", of["descent"]["mean_end"]),
+        ("ergoqp, guided", of["ergoqp"]["mean_end"]),
         ("best", best),
     ]
     page = Page(
@@ -60,20 +61,23 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
         sections=[
             Section(
                 "Every way of moving the object",
-                "ergoqp is guided by the optimum of its own model of the person; descent is the"
-                " same without. The rules put the object at elbow height, 0.40 m ahead, level. End:"
+                "ergoqp is guided by the optimum of its own model of the person (--guide best);"
+                " descent is the same without, as it comes. The rules put the object at elbow"
+                " height, 0.40 m ahead, level. End:"
                 " mean REBA at rest; at best: share that ends there, and had it been left after"
                 " 20 s; above: points above best; > still, > rule: shares that end higher, so"
                 " worse; gain: points below the rule, own gain: below that with the very person's"
                 " elbow; no rest: share that moves to the end; rest: median time of the first."
-                " An end where the person has no rest counts as no better than the start. Rules"
-                " and open loop are told in advance how far the person comes along.",
+                " An end where the person has no rest counts as no better than the start, and as"
+                " worse than any rest. Best is the lower one of what a search found before and of"
+                " what any way ended with. Rules and open loop are told in advance how far the"
+                " person comes along.",
                 tables=[_table(HEAD, table_of(drawn, ways))],
             ),
             Section(
                 "Per kind of person and per problem",
-                "Mean REBA at rest: left alone, by the rule, by ergoqp, and the best that there"
-                " is for these people on straight ways from their starts.",
+                "Mean REBA at rest: left alone, by the rule, by ergoqp without a guide and with"
+                " one, and the best that is known for these people from their starts.",
                 pictures=[Picture(means_chart(drawn))],
                 tables=[_matrix(drawn, kinds, problems)],
             ),
@@ -121,17 +125,17 @@ def means_chart(drawn: Sequence[Numbers]) -> str:
 
 
 def _mean_of(unit: Numbers, way: str) -> float:
-    return float(unit["best"]) if way == "best" else end_of(unit, unit["ways"][way])
+    return float(best_of(unit)) if way == "best" else end_of(unit, unit["ways"][way])
 
 
 def _matrix(drawn: Sequence[Numbers], kinds: Sequence[str], problems: Sequence[str]) -> PageTable:
-    """Return the table of the chart: still / rule / ergoqp / best, per kind and problem."""
+    """Return a table per kind and problem: still / rule / descent / ergoqp / best."""
 
     def cell(kind: str, problem: str | None) -> str:
         units = [u for u in drawn if u["kind"] == kind and problem in (u["problem"], None)]
         if not units:
             return "–"
-        ways = ("still", "rule", "ergoqp", "best")
+        ways = ("still", "rule", "descent", "ergoqp", "best")
         return " / ".join(f"{np.mean([_mean_of(unit, way) for unit in units]):.1f}" for way in ways)
 
     rows = [(kind, *(cell(kind, name) for name in (*problems, None))) for kind in kinds]
@@ -148,7 +152,7 @@ def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
     def badness(unit: Numbers) -> tuple[float, float, float]:
         way = unit["ways"]["ergoqp"]
         end, rule = end_of(unit, way), end_of(unit, unit["ways"]["rule"])
-        return end - unit["best"], end - rule, way["peak"] - unit["still"]
+        return end - best_of(unit), end - rule, way["peak"] - unit["still"]
 
     links: list[tuple[str, str]] = []
     for number, unit in enumerate(sorted(drawn, key=badness, reverse=True)[:WORST], start=1):
@@ -159,7 +163,8 @@ def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
             (
                 f"{name}.html",
                 f"{unit['kind']} in {unit['problem']}, seed {unit['seed']}: {unit['still']} to"
-                f" {ways['ergoqp']['end']}; by the rule {ways['rule']['end']}, best {unit['best']}",
+                f" {ways['ergoqp']['end']}; by the rule {ways['rule']['end']},"
+                f" best {best_of(unit)}",
             )
         )
     return Section(
@@ -171,8 +176,8 @@ def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
 
 def _write_replay(numbers: dict[str, Any], path: Path) -> None:
     """Run a unit's loop again, with everything that a report shows."""
-    unit = draw_unit(numbers["kind"], numbers["problem"], numbers["seed"])
-    if isinstance(unit, str):
+    unit = draw_unit(numbers["kind"], numbers["problem"], numbers["seed"]).unit
+    if unit is None:
         raise RuntimeError(f"{path.name}: the start that was drawn before is not drawn again")
     seconds = numbers["ways"]["ergoqp"]["seconds"]
     guide = model_optimum(numbers["problem"])

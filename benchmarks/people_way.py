@@ -21,6 +21,9 @@ _FILTER = 1.0
 _RESTS = (1e-3, np.radians(0.2))
 """An object slower than this is at rest [m/s], [rad/s], for a second."""
 
+_BY_CHANCE = ("pushed", "trembling")
+"""Kinds that something moves at any time."""
+
 
 class Watch:
     """Keeps the person as they are after `EARLY`, and ends a loop that goes nowhere any more."""
@@ -55,17 +58,36 @@ def rest_score(problem: Problem, person: Holding) -> tuple[int, bool]:
     return int(problem.assess(posture).final[0]), reached
 
 
-def at_rest(trace: Trace, person: Holding) -> dict[str, float]:
-    """Return how near the person came to their rest in the last 5 s, and what slid or was missed.
+def apart_deg(lived: np.ndarray, rest: np.ndarray, dt: float, kind: str) -> float:
+    """Return how far a person is from their rest, RMS over the joints [deg].
 
-    A push now and then is no lack of rest, so the nearest moment counts.
+    At most in the last second, so that nobody rests who sways about it; of `_BY_CHANCE` at least in
+    the last 5 s, as a push now and then is no lack of rest.
+
+    Args:
+        lived: postures period by period (n, 32) [rad].
+        rest: posture of their undisturbed rest (32,) [rad].
+        dt: period [s].
+        kind: of person.
+    """
+    apart = np.sqrt(np.mean((lived - rest) ** 2, axis=1))
+    if kind in _BY_CHANCE:
+        return float(np.degrees(apart[-round(5.0 / dt) :].min()))
+    return float(np.degrees(apart[-round(1.0 / dt) :].max()))
+
+
+def at_rest(trace: Trace, person: Holding, dt: float) -> dict[str, Any]:
+    """Return how far the person is from rest after a loop, and what slid or was missed.
+
+    Args:
+        trace: of the loop.
+        person: at its end.
+        dt: its period [s].
     """
     rest = person.copy()
     rest.rest(person.pose)
-    last = np.array(trace.postures)[-round(5.0 / (trace.time[1] - trace.time[0])) :]
-    apart = np.sqrt(np.mean((last - rest.posture) ** 2, axis=1))
     return {
-        "from_rest_deg": float(np.degrees(apart.min())),
+        "from_rest_deg": apart_deg(np.array(trace.postures), rest.posture, dt, person.person.kind),
         "slid_mm": 1e3 * person.slid,
         "hand_mm": 1e3 * rest.gap,
         "falls_over": bool(rest.unbalanced or rest.fallen),

@@ -30,13 +30,14 @@ class Report:
         """Return the size of the sample: `quick` or `full`."""
         return full if self.full else quick
 
-    def figure(self, name: str, value: float, meaning: str = "") -> None:
+    def figure(self, name: str, value: float, meaning: str = "", *, quiet: bool = False) -> None:
         """Keep and print a figure.
 
         Args:
             name: its key in the JSON file.
             value: a number; infinite only where the measure says what never means.
             meaning: unit or explanation, for the reader only.
+            quiet: for the JSON file alone, where there are too many to be read.
 
         Raises:
             ValueError: for a value that is not a number, or a name given twice.
@@ -45,7 +46,8 @@ class Report:
         if math.isnan(value) or name in self.figures:
             raise ValueError(f"figure {name}: got {value}, allowed: a number, once")
         self.figures[name] = value
-        print(f"{name:<32} {value:>14.6g}  {meaning}".rstrip(), flush=True)
+        if not quiet:
+            print(f"{name:<32} {value:>14.6g}  {meaning}".rstrip(), flush=True)
 
     def say(self, text: str) -> None:
         """Print a line that is no figure."""

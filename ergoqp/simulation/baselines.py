@@ -7,6 +7,7 @@ workspace and the cone of the tool's axis.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import casadi as ca
@@ -83,6 +84,10 @@ class Drive:
         problem: whose limits hold.
         start: pose of the object at the begin (4, 4) [m].
         goal: where it is carried (4, 4) [m].
+
+    Attributes:
+        dt: period [s].
+        duration: of the whole way [s].
     """
 
     def __init__(self, problem: Problem, start: np.ndarray, goal: np.ndarray) -> None:
@@ -105,7 +110,7 @@ class Drive:
             pose[:3, :3] = turned(start[:3, :3], share * swing)
             pose[:3, :3] = turned(pose[:3, :3], share * roll * pose[:3, 0])
             self._poses.append(pose)
-        self._next = 0
+        self.duration, self._next = len(pace) * self.dt, 0
 
     def reset(self) -> None:
         """Begin at the start."""
@@ -198,7 +203,7 @@ class Gradient:
 
 def _angle(one: np.ndarray, other: np.ndarray) -> float:
     """Return the angle between two unit vectors [rad]."""
-    return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
+    return math.acos(min(1.0, max(-1.0, float(one @ other))))
 
 
 def _fits(change: np.ndarray, most: np.ndarray) -> float:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks import people, people_unit, people_way
-from benchmarks.people_figures import figures_of, table_of
+from benchmarks import people, people_draw, people_unit, people_way
+from benchmarks.people_figures import best_of, figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
 from ergoqp.simulation.loop import Trace
@@ -38,6 +39,7 @@ def way(end: int, **other: object) -> dict:
 
 def unit(start: int, best: int, **ways: dict) -> dict:
     usual = {"still": way(start), "rule": way(3), "own_rule": way(3), "ergoqp": way(best)}
+    usual["descent"] = way(3)
     return {"still": start, "best": best, "kind": "looking", "problem": "desk"} | {
         "ways": usual | ways
     }
@@ -52,13 +54,14 @@ def test_figures_are_what_their_names_say() -> None:
         unit(6, 2, ergoqp=way(7, hand_mm=30.0, holds=False, peak=7.5, **felt)),
     ]
     found = figures_of(units, "ergoqp")
+    assert [best_of(each) for each in units] == [2, 1, 3, 2]
     assert found["share_at_best"] == 0.5
     assert figures_of([unit(5, 2, ergoqp=way(2, holds=False))], "ergoqp")["share_at_best"] == 0.0
-    assert found["beats_best"] == 0.25
+    assert found["beats_yardstick"] == 0.25
     assert found["share_at_20s"] == 0.25
     assert found["mean_end"] == 4.0
     assert found["mean_above_best"] == (0 + 0 + 3 + 5) / 4
-    assert found["worse_than_start"] == 0.25
+    assert found["worse_than_start"] == 0.25  # the fourth, and so are both of the next two
     assert found["worse_than_still"] == 0.5
     assert found["worse_than_rule"] == 0.5
     assert found["gain_over_rule"] == pytest.approx((1 + 1 - 3 - 4) / 4)
@@ -68,7 +71,7 @@ def test_figures_are_what_their_names_say() -> None:
     assert found["no_rest"] == found["lets_go"] == 0.25
     assert found["falls_over"] == 0.0
     assert (found["force_median_n"], found["force_peak_n"]) == (1.0, 9.0)
-    assert (found["slips"], found["falls"]) == (0.5, 0.25)
+    assert (found["slips"], found["falls"]) == (2.0, 1.0), "of people with mass alone"
     assert figures_of(units, "rule")["gain_over_rule"] == 0.0
     assert "force_peak_n" not in figures_of(units, "rule")
 
@@ -122,7 +125,13 @@ def test_nobody_wins_by_taking_the_object_away() -> None:
     lost = unit(6, 3, ergoqp=way(1, holds=False, falls_over=True))
     found = figures_of([lost], "ergoqp")
     assert found["mean_end"] == 6.0
-    assert (found["share_at_best"], found["share_at_20s"], found["beats_best"]) == (0.0, 0.0, 0.0)
+    names = ("share_at_best", "share_at_20s", "beats_yardstick")
+    assert [found[name] for name in names] == [0.0, 0.0, 0.0]
+    # As low as the start and the rule, and worse than either: there the person has a rest.
+    names = ("worse_than_start", "worse_than_still", "worse_than_rule", "worse_than_own_rule")
+    assert [found[name] for name in names] == [1.0, 1.0, 1.0, 1.0]
+    same = way(1, holds=False)
+    assert figures_of([unit(6, 3, ergoqp=same, rule=same)], "ergoqp")["worse_than_rule"] == 0.0
     assert found["gain_over_rule"] == -3.0
     assert found["falls_over"] == 1.0
     ruled = figures_of([unit(6, 3, rule=way(1, holds=False))], "ergoqp")
@@ -136,20 +145,30 @@ def test_nobody_wins_by_taking_the_object_away() -> None:
 def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> None:
     rests = {"from_rest_deg": 0.1, "slid_mm": 0.2, "hand_mm": 1.0}
     units = [
-        unit(5, 2, **{name: way(4, **rests) for name in ("still", "ergoqp", "rule", "own_rule")})
-        | {"follows": [True, False], "routes": [1, 4], "held_mm": 2.5}
+        unit(
+            5,
+            2,
+            **{
+                name: way(4, **rests) for name in ("still", "ergoqp", "rule", "own_rule", "descent")
+            },
+        )
+        | {"follows": [True, False, None], "routes": [1, 4], "held_mm": 2.5, "tries": {}}
         for _ in range(4)
     ]
     units[0]["ways"]["still"]["from_rest_deg"] = 3.0
     units[1]["ways"]["still"] |= {"holds": False, "hand_mm": 40.0}
     units[2]["ways"]["ergoqp"]["slid_mm"] = 7.0
     report = Report(full=False)
-    people.print_kind(report, "looking", units)
+    tries = {"places": 10, "without_rest": 4, "fell_at_start": 2}
+    others = [{"held_mm": 7.5, "tries": tries}]
+    people.print_kind(report, "looking", units, [*units, *others])
     assert report.figures["looking.follows_still"] == 0.5
     assert report.figures["looking.led_to_rest"] == 0.5
     assert report.figures["looking.sole_mm"] == 7.0
     assert report.figures["looking.hand_mm.still"] == 40.0
-    assert report.figures["looking.hold_mm"] == 2.5
+    assert report.figures["looking.hold_mm"] == 7.5, "who fell counts too"
+    assert report.figures["looking.fell_at_start"] == 2
+    assert report.figures["looking.without_rest"] == 0.4
     assert report.figures["looking.route_matters"] == 0.25
 
 
@@ -174,12 +193,54 @@ def test_finished_units_are_not_run_again(tmp_path, monkeypatch, capsys) -> None
     assert "0 to run" in capsys.readouterr().out
 
 
+def test_one_unit_that_fails_costs_no_other(tmp_path, monkeypatch) -> None:
+    """Nor one whose numbers no file takes; both are named."""
+    monkeypatch.setattr(people, "run_unit", half_of_them)
+    monkeypatch.setattr(people, "prepared", lambda problems: ThreadPoolExecutor(2))
+    left = {("follower", "desk", seed): tmp_path / f"{seed}.json" for seed in range(6)}
+    with pytest.raises(SystemExit) as stopped:
+        people.run_all(left, Report(full=False))
+    assert {path.name for path in tmp_path.iterdir()} == {"2.json", "3.json", "4.json", "5.json"}
+    assert "follower-desk-0: RuntimeError: no" in str(stopped.value)
+    assert "follower-desk-1: ValueError" in str(stopped.value)
+
+
+def half_of_them(kind: str, name: str, seed: int) -> dict:
+    if seed == 0:
+        raise RuntimeError("no")
+    return {"cpu_s": float("nan") if seed == 1 else 1.0}
+
+
+def test_what_changes_while_units_run_is_not_what_they_ran_with(tmp_path, monkeypatch) -> None:
+    people.digest.cache_clear()
+    monkeypatch.setattr(people, "_ROOT", tmp_path)
+    for name in ("ergoqp/loop.py", "benchmarks/people_draw.py", "benchmarks/people_unit.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("a")
+    (tmp_path / "benchmarks" / "people_way.py").write_text("a")
+    before = people.digest("looking")
+    (tmp_path / "ergoqp" / "loop.py").write_text("b")
+    assert people.digest("looking") == before
+    people.digest.cache_clear()
+    assert people.digest("looking") != before
+    people.digest.cache_clear()
+
+
+def test_drives_go_where_the_living_person_comes_along(monkeypatch) -> None:
+    """A slow hand that is asked first stops short; only who lets go of the drive does so too."""
+    one = drawn_unit("follower", "desk", 7)
+    goal = people_draw.model_optimum("desk").pose
+    monkeypatch.setattr(type(one.start), "carry", lambda self, pose: False)
+    np.testing.assert_array_equal(people_unit.come_along(one, goal), goal)
+    far = goal.copy()
+    far[:3, 3] += 3.0
+    np.testing.assert_array_equal(people_unit.come_along(one, far), one.start.pose)
+
+
 def test_a_unit_is_drawn_again_alike_and_its_start_is_as_bad_as_it_must_be() -> None:
-    one, same = (people_unit.draw_unit("follower", "desk", 7) for _ in range(2))
-    assert not isinstance(one, str)
-    assert not isinstance(same, str)
+    one, same = (drawn_unit("follower", "desk", 7) for _ in range(2))
     np.testing.assert_array_equal(one.start.posture, same.start.posture)
-    assert one.still >= one.best + people_unit.ABOVE
+    assert one.still >= one.best + people_draw.ABOVE
     assert one.still == one.problem.assess(one.start.posture).final[0]
     still = people_unit.way_of(one, "still")
     assert still["end"] == one.still
@@ -188,12 +249,96 @@ def test_a_unit_is_drawn_again_alike_and_its_start_is_as_bad_as_it_must_be() -> 
 
 
 def test_units_say_how_people_follow_and_whether_ways_matter() -> None:
-    one = people_unit.draw_unit("follower", "desk", 7)
-    assert not isinstance(one, str)
+    one = drawn_unit("follower", "desk", 7)
     assert people_unit.follows_of(one) == [True, True]
-    differ, count = people_unit.routes_of(one)
-    assert 0 <= differ <= count <= 4
-    assert count > 0
+    assert people_unit.routes_of(one)[1] > 0
+
+
+class Remembers:
+    """Rests at a place as the place before it has it; does not come to the nearest ones."""
+
+    def __init__(self, places: tuple[int, ...] = ()) -> None:
+        self.places = places
+
+    def copy(self) -> Remembers:
+        return Remembers(self.places)
+
+    def carry(self, pose: int) -> bool:
+        self.places = (*self.places, pose)
+        return pose != 7
+
+
+@pytest.mark.parametrize(("matters", "differ"), [(True, 3), (False, 0)])
+def test_routes_matter_where_the_place_before_does(monkeypatch, matters, differ) -> None:
+    """Of four detours, one by a place that is not reached, three places score otherwise."""
+
+    def carried(start: Remembers, place: int) -> SimpleNamespace:
+        return SimpleNamespace(score=2 + (len(start.places) if matters else 0))
+
+    asked = iter([1, 2, 3, 7, 4, 5, 6, 8])
+    judge = SimpleNamespace(
+        carried=carried, workspace=SimpleNamespace(pose=lambda point: next(asked))
+    )
+    monkeypatch.setattr(people_unit, "judged", lambda name: (None, judge))
+    one = SimpleNamespace(
+        problem=SimpleNamespace(name=""),
+        person=SimpleNamespace(kind="follower"),
+        start=Remembers(),
+        seed=0,
+    )
+    assert people_unit.routes_of(one) == [differ, 3]  # type: ignore[arg-type]
+
+
+def drawn_unit(kind: str, name: str, seed: int) -> people_draw.Unit:
+    unit = people_draw.draw_unit(kind, name, seed).unit
+    assert unit is not None
+    return unit
+
+
+class Falls:
+    """Falls in holding still, the first few times; has a rest anywhere."""
+
+    times = 0
+
+    def __init__(self) -> None:
+        self.fallen, self.pose, self.gap = False, np.eye(4), 0.0
+
+    def copy(self) -> Falls:
+        return Falls()
+
+    def carry(self, pose: np.ndarray) -> bool:
+        return True
+
+    def rest(self, pose: np.ndarray) -> bool:
+        return True
+
+    def follow(self, pose: np.ndarray, dt: float) -> None:
+        self.gap = 0.02 if Falls.times < 3 else 0.001
+
+
+def test_who_falls_at_a_start_is_counted(monkeypatch) -> None:
+    problem, judge = people_draw.judged("desk")
+
+    def held(start: Falls, seconds: float) -> float:
+        Falls.times += 1
+        start.fallen = Falls.times <= 3
+        return 20.0 if start.fallen else 1.0
+
+    person = SimpleNamespace(
+        body=people_draw.person_of(problem).body, comfort=None, hold=lambda *_, **__: Falls()
+    )
+    place = SimpleNamespace(score=6, pose=np.eye(4))
+    monkeypatch.setattr(people_draw, "person_of_kind", lambda *_: person)
+    monkeypatch.setattr(people_draw, "model_optimum", lambda name: place)
+    monkeypatch.setattr(people_draw, "hold_still", held)
+    monkeypatch.setattr(people_draw, "rest_score", lambda *_: (6, True))
+    monkeypatch.setattr(judge, "best", lambda *_, **__: [SimpleNamespace(score=2)])
+    monkeypatch.setattr(judge, "carried", lambda *_: place)
+    drawn = people_draw.draw_unit("mass", "desk", 1)
+    assert drawn.unit is not None
+    assert drawn.tries["fell_at_start"] == 3
+    assert drawn.tries["places"] == 4
+    assert drawn.held_mm == 20.0
 
 
 class Restless:
@@ -201,12 +346,14 @@ class Restless:
 
     def __init__(self, sways: float) -> None:
         self.pose, self.posture, self._sways, self._number = np.eye(4), np.zeros(32), sways, 0
-        self.person = SimpleNamespace(kind="follower")
+        self.person, self.gap, self.fallen = SimpleNamespace(kind="follower"), 0.0, False
+        self.slid, self.unbalanced = 0.0, False
         self.places: list[np.ndarray] = []
 
     def copy(self) -> Restless:
         other = Restless(self._sways)
         other.pose, other.posture, other.places = self.pose, self.posture, self.places
+        other.gap, other.person = self.gap, self.person
         return other
 
     def follow(self, pose: np.ndarray, dt: float) -> None:
@@ -230,12 +377,19 @@ def test_who_sways_about_their_rest_does_not_follow(
         home=home,
         seed=3,
     )
-    monkeypatch.setattr(
-        people_unit.judged("desk")[1], "carried", lambda *given: SimpleNamespace(score=3)
-    )
     assert people_unit.follows_of(unit) == [follows, follows]  # type: ignore[arg-type]
     steps = np.linalg.norm(np.diff(home.places[:200], axis=0), axis=1)
     assert steps.max() < 0.16 * 0.02 + 1e-9, "at 0.15 m/s, no jumps"
+    home.gap = 0.02
+    assert people_unit.follows_of(unit) == [None, None], "out of reach"  # type: ignore[arg-type]
+    # Nor where the object is left alone: it is the last second that counts, not the best moment.
+    swings = np.radians(sways_deg) * np.sin(np.arange(1000) / 20)
+    trace = SimpleNamespace(postures=[np.full(32, angle) for angle in swings])
+    found = people_way.at_rest(trace, home, 0.02)  # type: ignore[arg-type]
+    assert (found["from_rest_deg"] < people_unit.APART_DEG) is follows
+    home.person.kind = "pushed"
+    found = people_way.at_rest(trace, home, 0.02)  # type: ignore[arg-type]
+    assert found["from_rest_deg"] < people_unit.APART_DEG, "who is pushed rests in between"
 
 
 def test_tables_say_the_same_as_figures() -> None:
@@ -244,5 +398,5 @@ def test_tables_say_the_same_as_figures() -> None:
     assert row[:2] == ("ergoqp", "2.50")
     text = markdown_of(units, ["still", "rule", "ergoqp"])
     assert "| still | 5.50 |" in text
-    assert "| looking | 5.5 / 3.0 / 2.5 / 2.5 |" in text
+    assert "| looking | 5.5 / 3.0 / 3.0 / 2.5 / 2.5 |" in text
     assert "<svg" in means_chart(units)
