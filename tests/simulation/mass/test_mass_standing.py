@@ -124,6 +124,26 @@ def test_a_push_beyond_balance_makes_people_fall(soon: None) -> None:
     assert hard.fallen
 
 
+def test_who_is_out_of_balance_does_not_rest(soon: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    who = drawn("screwing").hold(drawn("screwing").comfort)
+    assert who.copy().rest(who.pose)
+    monkeypatch.setattr(who._support, "carries", lambda data: False)
+    assert not who.rest(who.pose)
+
+
+def test_slips_and_slides_are_counted_from_the_begin_of_a_loop(soon: None) -> None:
+    who = drawn("screwing").hold(drawn("screwing").comfort)
+    who._grasp.slipped, who.slid = 3, 0.1
+    who._stood = who._soles() + 0.2
+    who.follow(who.pose, 0.05)
+    assert who.slipped == 3
+    assert who.slid > 0.2
+    who.count_from_here()
+    who.follow(who.pose, 0.05)
+    assert who.slipped == 0
+    assert who.slid < 1e-3
+
+
 def test_soles_lift_and_are_not_welded(soon: None) -> None:
     who = drawn("screwing").hold(drawn("screwing").comfort)
     before = who.data.site("right_sole").xpos.copy()

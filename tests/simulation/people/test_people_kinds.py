@@ -204,6 +204,16 @@ def test_dead_zone_is_not_woken_by_its_own_delay() -> None:
     assert np.abs(late.posture - before).max() > np.radians(1)
 
 
+def test_dead_zone_wakes_up_when_the_arm_alone_does_not_get_there() -> None:
+    held = at_ease(soft("dead_zone"))
+    near, trunk = shifted(held.pose, 0.0, 0.0, 0.7 * SHIFT), INDEX["trunk_flexion"]
+    held._arms[:] = False  # as if it were stretched
+    before = held.posture
+    live(held, near, 4.0)
+    assert held.gap < REACHED
+    assert held.posture[trunk] != before[trunk]
+
+
 def test_dead_zone_wakes_up_for_turns() -> None:
     held = at_ease(soft("dead_zone"))
     trunk, before = INDEX["trunk_flexion"], held.posture
@@ -384,6 +394,34 @@ def test_balance_matters_and_leans_as_the_person_likes() -> None:
         centres[name] = other.tasks.mass_centre()[0][0] - feet[:, 0].mean()
     assert centres["weak"] > centres["usual"] + 0.01
     assert 0.005 < centres["ahead"] - centres["usual"] < 0.03
+
+
+@pytest.mark.parametrize(
+    ("ahead", "beside", "falls"),
+    [(0.0, 0.0, 0), (0.4, 0.0, 1), (-0.4, 0.0, 1), (0.0, 0.4, 1), (0.0, -0.4, 1), (0.0, 0.1, 0)],
+)
+def test_who_stands_is_out_of_balance_beyond_the_feet(
+    monkeypatch: pytest.MonkeyPatch, ahead: float, beside: float, falls: int
+) -> None:
+    held = at_ease(soft("follower"))
+    tasks = held.person.tasks
+    (x, y), moves = tasks.mass_centre()
+    monkeypatch.setattr(tasks, "mass_centre", lambda: ([x + ahead, y + beside], moves))
+    held.advance(held.pose, 1e-9)
+    assert held.unbalanced == bool(falls)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_no_step_leaves_the_ranges_of_the_joints(seed: int) -> None:
+    """Joints that stop push others on: also where that goes on for longer than is followed."""
+    rng, tasks = np.random.default_rng(seed), soft("follower").tasks
+    factor = rng.normal(size=(36, 36))
+    hessian, pull = factor @ factor.T + 1e-3 * np.eye(36), 100 * rng.normal(size=36)
+    placement = np.concatenate([np.zeros(4), (LOWER + UPPER) / 2])
+    step = tasks.step_within(placement, hessian, pull, rng.random(36) < 0.9)
+    assert np.all(placement + step >= tasks.lower - 1e-12)
+    assert np.all(placement + step <= tasks.upper + 1e-12)
 
 
 def test_nobody_rests_beyond_their_toes() -> None:
