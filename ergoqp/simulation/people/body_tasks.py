@@ -111,7 +111,7 @@ class BodyTasks:
                 return step
             step = np.where(beyond, np.minimum(np.maximum(step, lower), upper), step)
             mobile = mobile & ~beyond
-        return np.minimum(np.maximum(step, lower), upper)
+        return step
 
     def standing(self, posture: np.ndarray) -> np.ndarray:
         """Return the placement (36,) of a posture (32,) with the world's origin between the soles.
