@@ -27,11 +27,11 @@ from ergoqp.step.answer.step import Step
 AHEAD = 0.40
 """How far before the shoulder the rule of thumb wants the object [m]."""
 
-GRADIENT_GAIN = 1.0
+GRADIENT_GAIN = 0.1
 """The factor epsilon of the EPFL report's equation 3.2, which it leaves open [m^2/s per point].
 
-Of 0.01 to 1 the one that ended lowest with either cost (0.1 as low on the SVR, and 0.03 points
-higher on the smooth score), on starts that figures are not of: see ``benchmarks.gradient_gain``.
+Of 0.01 to 1 the one that ends lowest with either cost (0.3 as low on the smooth score), on starts
+that figures are not of: see ``benchmarks.gradient_gain``.
 """
 
 _EDGE = float(np.radians(0.5))
