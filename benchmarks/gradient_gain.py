@@ -18,7 +18,7 @@ from benchmarks.people import KEPT, OTHERS, TUNING, prepared
 from benchmarks.people_draw import draw_unit, svr
 from benchmarks.people_figures import end_of
 from benchmarks.people_unit import DURATION
-from benchmarks.people_way import rest_score
+from benchmarks.people_way import rested
 from benchmarks.report import Report, run
 from ergoqp.problem_files.load import TASKS
 from ergoqp.simulation.baselines import GRADIENT_GAIN, Gradient
@@ -41,8 +41,8 @@ def ends(kind: str, name: str, seed: int) -> dict[tuple[str, float], float]:
             value = svr() if cost == "svr" else unit.problem.cost
             controller = Gradient(unit.problem, value, gain)
             run_loop(unit.problem, person, duration=DURATION, seed=unit.seed, controller=controller)
-            end, holds = rest_score(unit.problem, person)
-            way: dict[str, Any] = {"end": end, "holds": holds}
+            end = rested(unit.problem, person)
+            way: dict[str, Any] = {"end": end.score, "holds": end.holds}
             found[cost, gain] = end_of({"still": unit.still}, way)
     return found
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from benchmarks.people_way import rest_score
+from benchmarks.people_way import rested
 from ergoqp.costs.cost import Cost
 from ergoqp.costs.svr import Svr
 from ergoqp.datasets.postures import posture_data
+from ergoqp.native.compiler import CompilerError, compiler
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
@@ -116,7 +117,7 @@ def draw_unit(kind: str, name: str, seed: int) -> Draw:
         if start.fallen:
             drawn.tries["fell_at_start"] += 1
             continue
-        still = rest_score(problem, start)[0]
+        still = rested(problem, start).score
         best = judge.best(start, known, **_SEARCH.get(kind, {}))[0].score or 15
         if still >= best + ABOVE:
             anywhere = min(anywhere, best)
@@ -147,8 +148,22 @@ def svr() -> Cost:
     return _made("svr")
 
 
+def compiles() -> bool:
+    """Return whether there is a C compiler, and so much to run that it is worth it."""
+    return bool(_made("compiled"))
+
+
 def make(what: str) -> Any:
-    """Return what takes long: ``svr``, or the optimum of the model of a problem of this name."""
+    """Return what takes long: ``svr``, or the optimum of the model of a problem of this name.
+
+    Or whether there is a C compiler: ``compiled``.
+    """
+    if what == "compiled":
+        try:
+            compiler()
+        except CompilerError:
+            return False
+        return True
     if what == "svr":
         # Which the fit would choose by itself, in twice the time.
         return Svr.fit(posture_data(150), features="steps")

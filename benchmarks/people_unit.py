@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.people_draw import Unit, draw_unit, judged, model_optimum, svr
-from benchmarks.people_way import Watch, apart_deg, at_rest, of_trace, rest_score
+from benchmarks.people_draw import Unit, compiles, draw_unit, judged, model_optimum, svr
+from benchmarks.people_way import DONE, STILL, Watch, apart_deg, at_rest, of_trace, rested
 from ergoqp.placing.population import person_of
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
@@ -42,7 +42,7 @@ DURATION = 60.0
 
 _DELAYS = 2.0
 """For how long whoever follows is waited for at the end of a drive [s]."""
-_WAITS = 15.0
+_WAITS = 10.0
 """For how long a person is waited for at a place [s]."""
 _PART = 13
 """Periods of 20 ms in which a part of the way of 4 cm is gone: 0.15 m/s."""
@@ -51,7 +51,6 @@ _HELD = 0.01
 APART_DEG = 2.0
 """Whose angles are this near to those of their rest, RMS, rests [deg]."""
 _ROUTES = {"mass": 1}
-_FOLLOWS = {"mass": 1}
 """Fewer places for people who take long to simulate."""
 
 
@@ -86,7 +85,7 @@ def come_along(unit: Unit, goal: np.ndarray) -> np.ndarray:
     drive = Drive(problem, unit.start.pose, goal)
     duration = drive.duration + _DELAYS
     run_loop(problem, driven, duration=duration, seed=unit.seed, controller=drive, robot=robot)
-    return goal if rest_score(problem, driven)[1] else carried.pose
+    return goal if rested(problem, driven).holds else carried.pose
 
 
 @cache
@@ -94,10 +93,9 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
     """Return what takes long to build: once per process; it is told of a robot of its own."""
     problem, _ = judged(name)
     problem = problem if robot is None else problem.replace(robot=robot)
-    if method == "gradient":
-        return Gradient(problem, svr())
-    if method == "gradient_smooth":
-        return Gradient(problem, problem.cost)
+    if method.startswith("gradient"):
+        cost = svr() if method == "gradient" else problem.cost
+        return Gradient(problem, cost, compiled=compiles())
     return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
 
 
@@ -134,7 +132,7 @@ def routes_of(unit: Unit) -> list[int]:
     """
     judge, rng = judged(unit.problem.name)[1], np.random.default_rng([unit.seed, 42])
     differ = count = 0
-    for _ in range(_ROUTES.get(unit.person.kind, 4)):
+    for _ in range(_ROUTES.get(unit.person.kind, 2)):
         place, by = (judge.workspace.pose(rng.uniform(-1.0, 1.0, 5)) for _ in range(2))
         detour = unit.start.copy()
         scores = (judge.carried(unit.start, place).score, 0)
@@ -148,10 +146,11 @@ def routes_of(unit: Unit) -> list[int]:
 
 def way_of(unit: Unit, method: str) -> dict[str, Any]:
     """Return the numbers of one method."""
-    person, watch = unit.start.copy(), Watch(unit.start.pose)
+    person = unit.start.copy()
     person.count_from_here()
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     controller = controller_of(unit, method)
+    watch = Watch(unit.start.pose, DONE if isinstance(controller, Still | Drive) else STILL)
     trace = run_loop(
         problem,
         person,
@@ -161,47 +160,42 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
         beside=watch,
         robot=robot,
     )
-    end, holds = rest_score(unit.problem, person)
-    early = (end, holds) if watch.early is None else rest_score(unit.problem, watch.early)
+    end = rested(unit.problem, person)
+    early = end if watch.early is None else rested(unit.problem, watch.early)
     second = np.array(trace.postures)[-round(1.0 / controller.dt) :]
     return {
-        "end": end,
+        "end": end.score,
         "lived": int(problem.assess(second.mean(axis=0)).final[0]),
-        "early": early[0],
-        "early_holds": early[1],
-        "holds": holds,
+        "early": early.score,
+        "early_holds": early.holds,
+        "holds": end.holds,
         **of_trace(problem, trace, controller.dt),
-        **at_rest(trace, person, controller.dt),
+        **at_rest(trace, person, end.person, controller.dt),
     }
 
 
-def follows_of(unit: Unit) -> list[bool | None]:
-    """Return, for places drawn at random, whether the living person comes to rest there.
+def follows_of(unit: Unit) -> bool | None:
+    """Return, for a place drawn at random, whether the living person comes to rest there.
 
     None where they do not come along, because the hand is off the object or they are out of
     balance. Begun at ease, away from rest: the object goes straight to the place at 0.15 m/s, with
     the person's delay and chance, and then stays for `_WAITS` seconds.
     """
-    _, judge = judged(unit.problem.name)
-    rng, rests = np.random.default_rng([unit.seed, 43]), list[bool | None]()
-    for _ in range(_FOLLOWS.get(unit.person.kind, 2)):
-        pose = judge.workspace.pose(rng.uniform(-1.0, 1.0, 5))
-        person, dt = unit.home.copy(), 0.02
-        here = person.pose
-        for part in straight(here, pose):
-            for share in np.linspace(0.0, 1.0, _PART + 1)[1:]:
-                person.follow(between(here, part, share), dt)
-            here = part
-        lived, holds = [], []
-        for _ in range(round(_WAITS / dt)):
-            person.follow(pose, dt)
-            lived.append(person.posture)
-            holds.append(person.gap < _HELD and not person.unbalanced and not person.fallen)
-        if not any(holds[-round(1.0 / dt) :]):
-            rests.append(None)
-            continue
-        rest = person.copy()
-        rest.rest(pose)
-        far = apart_deg(np.array(lived), rest.posture, dt, person.person.kind)
-        rests.append(far < APART_DEG)
-    return rests
+    rng, dt = np.random.default_rng([unit.seed, 43]), 0.02
+    pose = judged(unit.problem.name)[1].workspace.pose(rng.uniform(-1.0, 1.0, 5))
+    person = unit.home.copy()
+    here = person.pose
+    for part in straight(here, pose):
+        for share in np.linspace(0.0, 1.0, _PART + 1)[1:]:
+            person.follow(between(here, part, share), dt)
+        here = part
+    lived, holds = [], []
+    for _ in range(round(_WAITS / dt)):
+        person.follow(pose, dt)
+        lived.append(person.posture)
+        holds.append(person.gap < _HELD and not person.unbalanced and not person.fallen)
+    if not any(holds[-round(1.0 / dt) :]):
+        return None
+    rest = person.copy()
+    rest.rest(pose)
+    return apart_deg(np.array(lived), rest.posture, dt, person.person.kind) < APART_DEG

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from ergoqp.simulation.people.way import pose_error
 
 EARLY = 20.0
 """When the score is looked at a first time [s]."""
-STILL = 10.0
+STILL, DONE = 10.0, 6.0
+"""How long an object goes nowhere until a loop is over [s]; less where it never moves again."""
 _STAYS = (5e-3, np.radians(1.0))
 """An object that stays this near to where it is goes nowhere [m], [rad]."""
 _FILTER = 1.0
@@ -28,9 +30,10 @@ _BY_CHANCE = ("pushed", "trembling")
 class Watch:
     """Keeps the person as they are after `EARLY`, and ends a loop that goes nowhere any more."""
 
-    def __init__(self, pose: np.ndarray) -> None:
-        """Begin with the object at `pose` (4, 4)."""
+    def __init__(self, pose: np.ndarray, still: float = STILL) -> None:
+        """Begin with the object at `pose` (4, 4); end when it is `still` for so long [s]."""
         self.early: Holding | None = None
+        self._still = still
         self._stays, self._since, self._calls = pose, 0.0, 0
 
     def __call__(self, now: float, person: Holding) -> bool:
@@ -43,19 +46,30 @@ class Watch:
         moved = pose_error(self._stays, person.pose)
         if np.linalg.norm(moved[:3]) > _STAYS[0] or np.linalg.norm(moved[3:]) > _STAYS[1]:
             self._stays, self._since = person.pose, now
-        return now - self._since >= STILL
+        return now - self._since >= self._still
 
 
-def rest_score(problem: Problem, person: Holding) -> tuple[int, bool]:
-    """Return the exact score of the person's rest where the object is, and whether there is one.
+@dataclass(frozen=True)
+class Rested:
+    """A person's undisturbed rest where the object is.
 
-    There is none out of reach, out of balance or where they go on moving; the score is then that of
-    the posture itself.
+    Attributes:
+        holds: whether there is one: not out of reach, out of balance or where they go on moving.
+        score: exact score there; without a rest that of the posture itself.
+        person: as they came to rest, or tried to.
     """
-    rest = person.copy()
-    reached = rest.rest(person.pose)
-    posture = rest.posture if reached else person.posture
-    return int(problem.assess(posture).final[0]), reached
+
+    holds: bool
+    score: int
+    person: Holding
+
+
+def rested(problem: Problem, person: Holding) -> Rested:
+    """Return the rest of a person, who stays as they are."""
+    there = person.copy()
+    holds = there.rest(person.pose)
+    posture = there.posture if holds else person.posture
+    return Rested(holds, int(problem.assess(posture).final[0]), there)
 
 
 def apart_deg(lived: np.ndarray, rest: np.ndarray, dt: float, kind: str) -> float:
@@ -76,18 +90,18 @@ def apart_deg(lived: np.ndarray, rest: np.ndarray, dt: float, kind: str) -> floa
     return float(np.degrees(apart[-round(1.0 / dt) :].max()))
 
 
-def at_rest(trace: Trace, person: Holding, dt: float) -> dict[str, Any]:
+def at_rest(trace: Trace, person: Holding, rest: Holding, dt: float) -> dict[str, Any]:
     """Return how far the person is from rest after a loop, and what slid or was missed.
 
     Args:
         trace: of the loop.
         person: at its end.
+        rest: the same at rest there.
         dt: its period [s].
     """
-    rest = person.copy()
-    rest.rest(person.pose)
+    lived = np.array(trace.postures)
     return {
-        "from_rest_deg": apart_deg(np.array(trace.postures), rest.posture, dt, person.person.kind),
+        "from_rest_deg": apart_deg(lived, rest.posture, dt, person.person.kind),
         "slid_mm": 1e3 * person.slid,
         "hand_mm": 1e3 * rest.gap,
         "falls_over": bool(rest.unbalanced or rest.fallen),

@@ -17,6 +17,7 @@ from ergoqp.costs.cost import Cost
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.human import Body
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
 from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.people.body_tasks import BodyTasks
@@ -134,9 +135,19 @@ class Gradient:
         problem: whose response and limits are taken.
         cost: V(q).
         gain: epsilon.
+        compiled: take the gradient through the C compiler.
+
+    Raises:
+        CompilerError: if there is no C compiler for ``compiled=True``.
     """
 
-    def __init__(self, problem: Problem, cost: Cost, gain: float = GRADIENT_GAIN) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        cost: Cost,
+        gain: float = GRADIENT_GAIN,
+        compiled: bool = False,
+    ) -> None:
         """Build the gradient's function."""
         limit = problem.twist_limit
         self.dt, self._gain, self._acceleration = problem.dt, gain, limit.acceleration
@@ -150,7 +161,8 @@ class Gradient:
         q = ca.MX.sym("q", len(problem.coordinates))
         value = cost.expression(q)
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
-        self._evaluator = Evaluator(ca.Function("down", [q], [down.T, value], ["q"], ["g", "v"]))
+        function = ca.Function("down", [q], [down.T, value], ["q"], ["g", "v"])
+        self._evaluator = Evaluator(machine_code(lambda _: function) if compiled else function)
         self._twist = np.zeros(6)
 
     def reset(self) -> None:
@@ -177,9 +189,12 @@ class Gradient:
             stopped = self._twist - self._twist.clip(-most, most)
             twist[:3] = np.where(leaves, stopped[:3], twist[:3])
         if self._cone is not None:
-            here, there = pose[:3, 0], turned(pose[:3, :3], stop * twist[3:])[:, 0]
-            if _angle(there, self._toward) > max(self._widest, _angle(here, self._toward)):
-                twist[3:] = self._along_the_cone(here, wished[3:])
+            here, turn = pose[:3, 0], stop * twist[3:]
+            angle = _angle(here, self._toward)
+            if angle + math.hypot(*turn.tolist()) > self._widest:
+                there = turned(pose[:3, :3], turn)[:, 0]
+                if _angle(there, self._toward) > max(self._widest, angle):
+                    twist[3:] = self._along_the_cone(here, wished[3:])
         self._twist = twist
         return Sent(self._twist.copy(), "optimal")
 

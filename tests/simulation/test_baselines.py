@@ -166,6 +166,16 @@ def test_the_gradient_is_that_of_the_report() -> None:
     np.testing.assert_allclose(step.twist, -gain * np.array(slopes) @ sensitivity, rtol=1e-4)
 
 
+def test_the_gradient_compiled_is_the_same() -> None:
+    problem = load_problem("screwing")
+    pose, posture = Workspace(problem).pose(np.zeros(5)), problem.response.comfort + 0.2
+    plain, fast = (Gradient(problem, problem.cost, compiled=each) for each in (False, True))
+    for _ in range(20):
+        steps = [each.step(posture, pose).twist for each in (plain, fast)]
+        np.testing.assert_allclose(steps[1], steps[0], rtol=1e-9, atol=1e-12)
+    assert steps[0].any()
+
+
 def test_the_gradient_stops_below_a_cost_of_one() -> None:
     problem = load_problem("screwing")
 

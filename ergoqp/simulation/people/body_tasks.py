@@ -101,11 +101,11 @@ class BodyTasks:
         for _ in range(4):
             if mobile.all():
                 # Most steps: nobody is at the end of a range, and nothing has to be left out.
-                step = np.linalg.solve(hessian, pull)
+                step = _solved(hessian, pull)
             else:
                 free = np.flatnonzero(mobile)
                 left = pull[free] - hessian[free] @ np.where(mobile, 0.0, step)
-                step[free] = np.linalg.solve(hessian[free[:, None], free], left)
+                step[free] = _solved(hessian[free[:, None], free], left)
             beyond = mobile & ((step < lower) | (step > upper))
             if not beyond.any():
                 return step
@@ -139,3 +139,11 @@ class BodyTasks:
         """Return the height of the hip centres at which the lower sole is on the floor [m]."""
         self.place(np.concatenate([np.zeros(BASE), posture]))
         return -min(self.frame(f"{side}_sole")[2, 3] for side in SIDES)
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the solution (n,) with a positive definite matrix (n, n): small, and solved often."""
+    factor, solution = matrix.copy(), np.empty(len(right))
+    mujoco.mju_cholFactor(factor, 0.0)
+    mujoco.mju_cholSolve(solution, factor, right)
+    return solution
