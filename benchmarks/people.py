@@ -27,16 +27,9 @@ there the same person with the same noise is led by
 - ``.gradient``, ``.gradient_smooth``: the EPFL report's equation 3.2 on its SVR, and on the smooth
   score.
 
-The figures are described in `benchmarks.people_figures`: over all kinds, ``KIND.figure``,
-``PROBLEM.figure``, ``kept.figure`` for the kinds that nothing was tuned on. Of the people
-themselves: ``KIND.follows_still``, share of starts in which they are at rest once the object was
-left alone; ``KIND.led_to_rest``, share of places, one drawn for
-each start, to which they are led at 0.15 m/s,
-come along and are at rest after 10 s; ``KIND.without_rest``, share of the places looked at for
-starts where they have no rest: mostly out of reach; ``KIND.fell_at_start``, how often in holding
-still; ``KIND.sole_mm``, how far a sole slides at most in any loop; ``KIND.hand_mm.still``, how far
-a hand is off at rest at most; ``KIND.hold_mm``, how far it strays in holding still;
-``KIND.route_matters``, share of places whose score depends on the way.
+The figures are described in `benchmarks.people_figures`, those of the people themselves in
+`benchmarks.people_print`: over all kinds, ``KIND.figure``, ``PROBLEM.figure``, ``kept.figure`` for
+the kinds that nothing was tuned on, and ``KIND.PROBLEM.figure`` in the JSON file.
 
 Finished units are kept in ``--out`` (``out/people``) by what they depend on: a run that was ended
 goes on from there. The page ``report.html`` there has the tables, ``tables.md`` too, and the worst
@@ -51,7 +44,6 @@ import json
 import os
 import sys
 import time
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
@@ -59,13 +51,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.progress import Progress
 
 from benchmarks.people_draw import begin, make
-from benchmarks.people_figures import SHORT, best_of, figures_of
 from benchmarks.people_kinds import print_difference
-from benchmarks.people_unit import APART_DEG, METHODS, run_unit
+from benchmarks.people_print import WAYS, print_figures
+from benchmarks.people_unit import run_unit
 from benchmarks.report import Report, run
 from ergoqp.files.whole import write_json
 from ergoqp.problem_files.load import TASKS
@@ -91,8 +82,6 @@ _WITHOUT = {"report", "cli", "comparison", "recordings", "studies", "whole_body"
 """Rooms that no loop comes by."""
 
 _LIBRARIES = ("casadi", "daqp", "mujoco", "numpy", "scikit-learn", "scipy")
-
-_WAYS = tuple(method or "ergoqp" for method in METHODS)
 
 
 def units_of(kinds: Sequence[str], problems: Sequence[str], full: bool, first: int) -> list[tuple]:
@@ -152,6 +141,9 @@ def prepared(problems: Collection[str], quick: bool = False) -> ProcessPoolExecu
 def finished(units: Iterable[tuple], folder: Path, say: Report) -> list[dict[str, Any]]:
     """Return the numbers of units, run in two processes where they are not kept yet."""
     of = {kind: digest(kind) for kind in {unit[0] for unit in units}}
+    for kind, before in of.items():
+        if digest.__wrapped__(kind) != before:
+            raise SystemExit("ergoqp was changed while its units ran: start again")
     paths = {unit: folder / of[unit[0]] / f"{'-'.join(map(str, unit))}.json" for unit in units}
     left = [unit for unit, path in paths.items() if not path.is_file()]
     for path in paths.values():
@@ -190,93 +182,6 @@ def run_all(left: Mapping[tuple, Path], say: Report) -> None:
         raise SystemExit("\n".join(["units failed:", *failed]))
 
 
-def print_figures(report: Report, found: Sequence[dict[str, Any]]) -> None:
-    """Print the figures of all kinds, and fewer of each kind, each problem and the kept kinds."""
-    drawn = [unit for unit in found if unit["drawn"]]
-    report.figure("units", len(found))
-    report.figure("starts", len(drawn), "units with a start bad enough")
-    if not drawn:
-        return
-    report.figure("mean_start", sum(unit["still"] for unit in drawn) / len(drawn))
-    report.figure("mean_best", sum(map(best_of, drawn)) / len(drawn), "of yardstick and all ways")
-    report.figure("mean_best.yardstick", sum(unit["best"] for unit in drawn) / len(drawn))
-    anywhere = sum(unit["anywhere"] for unit in drawn) / len(drawn)
-    report.figure("mean_best_anywhere", anywhere, "whatever the way, from ease")
-    cells = Counter((unit["kind"], unit["problem"]) for unit in drawn)
-    report.figure("starts_least", min(cells.values()), "of a kind and problem")
-    kinds = dict.fromkeys(unit["kind"] for unit in drawn)
-    groups: dict[str, list[dict[str, Any]]] = {"": drawn}
-    groups |= {kind: [unit for unit in drawn if unit["kind"] == kind] for kind in kinds}
-    groups |= {name: [unit for unit in drawn if unit["problem"] == name] for name in TASKS}
-    groups["kept"] = [unit for unit in drawn if unit["kind"] in KEPT]
-    for name, units in groups.items():
-        if not units:
-            continue
-        if name:
-            of = [unit for unit in found if name in (unit["kind"], unit["problem"])]
-            print_kind(report, name, units, of)
-        print_ways(report, name, units)
-    for cell in cells:
-        units = [unit for unit in drawn if (unit["kind"], unit["problem"]) == cell]
-        print_ways(report, ".".join(cell), units, shown=())
-
-
-def print_ways(
-    report: Report, name: str, units: Sequence[dict[str, Any]], shown: Sequence[str] = SHORT
-) -> None:
-    """Print the figures of every way over some units; those not `shown` go to the file alone."""
-    columns = {way: figures_of(units, way) for way in _WAYS}
-    for figure in dict.fromkeys(figure for values in columns.values() for figure in values):
-        for way, values in columns.items():
-            if figure in values:
-                parts = (name, figure, "" if way == "ergoqp" else way)
-                quiet = bool(name) and figure not in shown
-                report.figure(".".join(filter(None, parts)), values[figure], quiet=quiet)
-
-
-def print_kind(
-    report: Report,
-    name: str,
-    units: Sequence[dict[str, Any]],
-    tried: Sequence[dict[str, Any]],
-) -> None:
-    """Print whether these people do what a body does, and whether ways matter.
-
-    Args:
-        report: takes the figures.
-        name: what they have in common.
-        units: that were drawn.
-        tried: those and the others, that found no start.
-    """
-    tries = sum((Counter(unit["tries"]) for unit in tried), Counter())
-    if tries["places"]:
-        share = tries["without_rest"] / tries["places"]
-        report.figure(f"{name}.without_rest", share, f"of {tries['places']} places looked at")
-    for why in ("fell_at_start", "fell_at_ease"):
-        report.figure(f"{name}.{why}", tries[why], "times")
-    still = [unit["ways"]["still"] for unit in units]
-    rests = [way["holds"] and way["from_rest_deg"] < APART_DEG for way in still]
-    report.figure(f"{name}.follows_still", float(np.mean(rests)), "at rest, the object left alone")
-    asked = [unit["follows"] for unit in units]
-    led = [each for each in asked if each is not None]
-    if led:
-        said = f"of {len(led)} places; {len(asked) - len(led)} out of reach"
-        report.figure(f"{name}.led_to_rest", float(np.mean(led)), said)
-    every = [way for unit in units for way in unit["ways"].values()]
-    report.figure(f"{name}.sole_mm", max(way["slid_mm"] for way in every), "at most")
-    for way in ("still", "ergoqp"):
-        off = sorted(unit["ways"][way]["hand_mm"] for unit in units)
-        beyond = float(np.mean(np.array(off) > 10.0))
-        report.figure(
-            f"{name}.hand_mm.{way}", off[-1], f"at rest, at most; beyond 10: {beyond:.3f}"
-        )
-    if held := max(unit["held_mm"] for unit in tried):
-        report.figure(f"{name}.hold_mm", held, "in 20 s, at most, at every start that was tried")
-    differ, count = (sum(unit["routes"][i] for unit in units) for i in range(2))
-    if count:
-        report.figure(f"{name}.route_matters", differ / count, "share of places")
-
-
 def measure(report: Report, options: argparse.Namespace) -> None:
     """Run what is not kept yet, print the figures, write the page."""
     from benchmarks.people_page import write_people_page
@@ -303,9 +208,9 @@ def measure(report: Report, options: argparse.Namespace) -> None:
     report.figure("core_minutes", cores, "of all units: half as many minutes on two cores")
     with prepared(()) as pool:
         print_difference(report, kinds, problems if report.full else problems[:1], pool)
-    print_figures(report, found)
+    print_figures(report, found, KEPT)
     if options.page or report.full:
-        path = write_people_page(found, _WAYS, options.out)
+        path = write_people_page(found, WAYS, options.out)
         report.say(f"page: {os.path.relpath(path)}")
 
 

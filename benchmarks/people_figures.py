@@ -2,7 +2,7 @@
 
 An end counts by the exact score of the person's rest there. Where there is none, because the hand
 is not on the object, the person out of balance or moving on, it counts as no better than the start:
-nobody wins by taking the object away. And it is worse than any end with a rest.
+nobody wins by taking the object away. In the shares that end worse it is worse than any rest.
 
 The best is the lower one of what the yardstick found before any loop was run, and of what any way
 ended with: a yardstick that is beaten is not the best there is.

@@ -29,7 +29,7 @@ HEAD = (
     "> rule",
     "gain",
     "own gain",
-    "no rest",
+    "moves on",
     "rest, s",
     "path, m",
 )
@@ -67,10 +67,11 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
                 " mean REBA at rest; at best: share that ends there, and had it been left after"
                 " 20 s; above: points above best; > still, > rule: shares that end higher, so"
                 " worse; gain: points below the rule, own gain: below that with the very person's"
-                " elbow; no rest: share that moves to the end; rest: median time of the first."
-                " An end where the person has no rest counts as no better than the start, and as"
-                " worse than any rest. Best is the lower one of what a search found before and of"
-                " what any way ended with. Rules and open loop are told in advance how far the"
+                " elbow; moves on: share whose object"
+                " moves to the end; rest: median time of the first."
+                " An end where the person has no rest counts as no better than the start and, where"
+                " shares are compared, as worse than any rest. Best is the lower one of what a"
+                " search found before and of what any way ended with. Rules and open loop are told in advance how far the"
                 " person comes along.",
                 tables=[_table(HEAD, table_of(drawn, ways))],
             ),

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import people, people_draw, people_unit, people_way
+from benchmarks import people, people_draw, people_print, people_unit, people_way
 from benchmarks.people_figures import best_of, figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
@@ -166,7 +166,7 @@ def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> N
     report = Report(full=False)
     tries = {"places": 10, "without_rest": 4, "fell_at_start": 2}
     others = [{"held_mm": 7.5, "tries": tries}]
-    people.print_kind(report, "looking", units, [*units, *others])
+    people_print.print_kind(report, "looking", units, [*units, *others])
     assert report.figures["looking.follows_still"] == 0.5
     assert report.figures["looking.led_to_rest"] == pytest.approx(2 / 3)
     assert report.figures["looking.sole_mm"] == 7.0
@@ -175,6 +175,54 @@ def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> N
     assert report.figures["looking.fell_at_start"] == 2
     assert report.figures["looking.without_rest"] == 0.4
     assert report.figures["looking.route_matters"] == 0.25
+
+
+def test_every_figure_is_printed_once_of_all_kinds_problems_and_cells(capsys) -> None:
+    rests = {"from_rest_deg": 0.1, "slid_mm": 0.2}
+    found = [
+        unit(5, 2, **{name: way(4, **rests) for name in people_print.WAYS})
+        | {"kind": kind, "problem": name, "drawn": True, "anywhere": 3, "follows": True}
+        | {"held_mm": 0.0, "tries": {"places": 2, "without_rest": 1}, "routes": [0, 1]}
+        for kind in ("looking", "stepping")
+        for name in ("desk", "screwing")
+    ]
+    fell = {"kind": "stepping", "problem": "desk", "drawn": False, "held_mm": 3.0}
+    found.append(fell | {"tries": {"fell_at_start": 20}})
+    report = Report(full=False)
+    people_print.print_figures(report, found, people.KEPT)
+    figures, shown = report.figures, capsys.readouterr().out
+    assert (figures["units"], figures["starts"], figures["starts_least"]) == (5, 4, 1)
+    assert figures["kept.fell_at_start"] == figures["stepping.fell_at_start"] == 20
+    assert figures["desk.fell_at_start"] == 20
+    assert figures["looking.fell_at_start"] == 0
+    assert figures["mean_best_anywhere"] == figures["mean_best"] == 2
+    for group in ("", "looking.", "desk.", "kept.", "stepping.screwing."):
+        for name in ("share_at_best", "path_m", "first_rest_s"):
+            assert {f"{group}{name}", f"{group}{name}.still", f"{group}{name}.rule"} <= set(figures)
+    assert "\npath_m.still" in shown
+    assert "desk.path_m" not in shown, "too many to be read"
+    nobody = Report(full=False)
+    people_print.print_figures(nobody, [fell | {"tries": {}}], people.KEPT)
+    assert nobody.figures["starts"] == 0
+
+
+def test_a_loop_ends_when_the_object_goes_nowhere() -> None:
+    for still in (6.0, 10.0):
+        person = Restless(0.0)
+        watch = people_way.Watch(person.pose, still)
+        for number in range(1, 5000):
+            now = 0.01 * number
+            # It moves until 15 s, then trembles by less than what counts.
+            shift = 0.1 * min(now, 15.0) + 1e-3 * np.sin(now)
+            person.pose = np.eye(4)
+            person.pose[0, 3] = shift
+            person.gap = now
+            if watch(now, person):  # type: ignore[arg-type]
+                break
+        assert now == pytest.approx(15.0 + still, abs=0.3)
+        assert (watch.early is not None) == (now > people_way.EARLY)
+        if watch.early is not None:
+            assert watch.early.gap == pytest.approx(people_way.EARLY, abs=0.2)
 
 
 def test_cells_without_enough_starts_go_on() -> None:
@@ -226,6 +274,8 @@ def test_what_changes_while_units_run_is_not_what_they_ran_with(tmp_path, monkey
     before = people.digest("looking")
     (tmp_path / "ergoqp" / "loop.py").write_text("b")
     assert people.digest("looking") == before
+    with pytest.raises(SystemExit, match="changed while its units ran"):
+        people.finished([("looking", "desk", 0)], tmp_path / "out", Report(full=False))
     people.digest.cache_clear()
     assert people.digest("looking") != before
     people.digest.cache_clear()
