@@ -71,8 +71,8 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
                 " moves to the end; rest: median time of the first."
                 " An end where the person has no rest counts as no better than the start and, where"
                 " shares are compared, as worse than any rest. Best is the lower one of what a"
-                " search found before and of what any way ended with. Rules and open loop are told in advance how far the"
-                " person comes along.",
+                " search found before and of what any way ended with. Rules and open loop are told"
+                " in advance how far the person comes along.",
                 tables=[_table(HEAD, table_of(drawn, ways))],
             ),
             Section(
