@@ -160,11 +160,12 @@ def _worst(drawn: Sequence[Numbers], folder: Path) -> Section:
         name = f"worst_{number:02d}_{unit['kind']}_{unit['problem']}_{unit['seed']}"
         _write_replay(unit, folder / f"{name}.html")
         ways = unit["ways"]
+        rests = "" if ways["ergoqp"]["holds"] else " without a rest"
         links.append(
             (
                 f"{name}.html",
                 f"{unit['kind']} in {unit['problem']}, seed {unit['seed']}: {unit['still']} to"
-                f" {ways['ergoqp']['end']}; by the rule {ways['rule']['end']},"
+                f" {ways['ergoqp']['end']}{rests}; by the rule {ways['rule']['end']},"
                 f" best {best_of(unit)}",
             )
         )
