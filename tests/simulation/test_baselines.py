@@ -16,7 +16,7 @@ from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.way import pose_error
+from ergoqp.simulation.people.way import pose_error, turned
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.yardstick import Workspace
 
@@ -148,6 +148,25 @@ def test_the_gradient_turns_on_along_the_edge_of_the_cone() -> None:
     assert min(angles[at_edge:]) > cone.half_angle_deg - 3.0
     turned = np.degrees(np.arctan2(0.2, 0.6) - np.arctan2(-0.6, 0.6))
     assert abs(np.degrees(turns[-1] - turns[690])) == pytest.approx(turned, abs=3.0)
+
+
+def test_the_gradient_comes_back_from_beyond_the_edge() -> None:
+    """Whoever goes along an edge drifts over it: it is pulled out, and comes back all the same."""
+    problem = load_problem("screwing")
+    cone = problem.limit_of(AxisCone)
+    toward = np.array(cone.direction) / np.linalg.norm(cone.direction)
+    controller, pose = Gradient(problem, problem.cost, 1.0), Workspace(problem).pose(np.zeros(5))
+    out = np.cross(toward, [0.0, 0.0, 1.0])
+    pose[:3, :3] = turned(pose[:3, :3], np.radians(cone.half_angle_deg + 2.0) * out)
+    controller._evaluator = SimpleNamespace(
+        inputs={"q": np.zeros(32)},
+        evaluate=lambda: None,
+        outputs={"v": np.array([5.0]), "g": np.concatenate([np.zeros(3), 0.3 * out])},
+    )
+    for _ in range(600):
+        twist = controller.step(problem.response.comfort, pose).twist
+        pose = moved(pose, twist * controller.dt)
+    assert np.degrees(np.arccos(pose[:3, 0] @ toward)) < cone.half_angle_deg + 0.1
 
 
 def test_the_gradient_is_that_of_the_report() -> None:
