@@ -1,14 +1,14 @@
 """What `benchmarks.people` prints: of the people themselves, and of every way of moving the object.
 
 Of the people: ``follows_still``, share of starts in which they are at rest once the object was left
-alone (of who is pushed: at some time of the last 5 s, mostly before the first push); of one place
-each, drawn at random, to which they are led at 0.15 m/s: ``left_behind``, share in which hand or
-balance is lost, be it in reach or not, and ``led_to_rest``, share of the others in which they are
-at rest after 10 s; ``without_rest``, share of the places looked at for starts where they have no
-rest: mostly out of reach; ``fell_at_start``, how often in holding still; ``sole_mm``, how far a
-sole slides at most in any loop; ``hand_mm.still``, how far a hand is off at rest at most;
-``hold_mm``, how far it strays in holding still; ``route_matters``, share of places whose score
-depends on the way. The ways are described in `benchmarks.people_figures`.
+alone (of who is pushed or trembles: at some time of the last 5 s of 13); of one place each, drawn
+at random, to which they are led at 0.15 m/s: ``left_behind``, share that is out of reach for a slow
+hand too, and ``led_to_rest``, share of the others in which they are at rest after 10 s;
+``without_rest``, share of the places looked at for starts where they have no rest: mostly out of
+reach; ``fell_at_start``, how often in holding still; ``sole_mm``, how far a sole slides at most in
+any loop; ``hand_mm.still``, how far a hand is off at rest at most; ``hold_mm``, how far it strays
+in holding still; ``route_matters``, share of places whose score depends on the way. The ways are
+described in `benchmarks.people_figures`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks.people_draw import Unit, compiles, draw_unit, judged, model_optimum, svr
-from benchmarks.people_way import DONE, STILL, Watch, apart_deg, at_rest, of_trace, rested
+from benchmarks.people_way import (
+    BY_CHANCE,
+    DONE,
+    PUSHED,
+    STILL,
+    Watch,
+    apart_deg,
+    at_rest,
+    of_trace,
+    rested,
+)
 from ergoqp.placing.population import person_of
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
@@ -73,13 +83,13 @@ def controller_of(unit: Unit, method: str) -> Controller:
 def come_along(unit: Unit, goal: np.ndarray) -> np.ndarray:
     """Return where a drive to a place may end (4, 4): there, or as far as the person comes along.
 
-    Asked in advance and without noise: nobody pulls the object out of a hand. ergoqp has nothing
-    like it; it is a favour to the simple ways.
+    Tried in advance with the very person, by a slow hand and by the drive itself: nobody pulls the
+    object out of a hand. ergoqp has nothing like it; it is a favour to the simple ways.
     """
     carried = unit.start.copy()
-    if carried.carry(goal):
+    # A robot of the person's own is soft: what a slow hand may do it may not, and the other way.
+    if carried.carry(goal) and unit.person.robot is None:
         return goal
-    # Whoever does not come along with a slow hand may do so with the drive itself.
     driven = unit.start.copy()
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     drive = Drive(problem, unit.start.pose, goal)
@@ -150,7 +160,7 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
     person.count_from_here()
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     controller = controller_of(unit, method)
-    watch = Watch(unit.start.pose, DONE if isinstance(controller, Still | Drive) else STILL)
+    watch = Watch(unit.start.pose, still_of(controller, unit.person.kind))
     trace = run_loop(
         problem,
         person,
@@ -174,12 +184,19 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
     }
 
 
+def still_of(controller: Controller, kind: str) -> float:
+    """Return how long an object goes nowhere until a loop is over [s]."""
+    if isinstance(controller, Still) and kind in BY_CHANCE:
+        return PUSHED
+    return DONE if isinstance(controller, Still | Drive) else STILL
+
+
 def follows_of(unit: Unit) -> bool | None:
     """Return, for a place drawn at random, whether the living person comes to rest there.
 
-    None where they do not come along, because the hand is off the object or they are out of
-    balance. Begun at ease, away from rest: the object goes straight to the place at 0.15 m/s, with
-    the person's delay and chance, and then stays for `_WAITS` seconds.
+    None where they neither come along nor have a rest there that a slow hand leads them to. Begun
+    at ease, away from rest: the object goes straight to the place at 0.15 m/s, with the person's
+    delay and chance, and then stays for `_WAITS` seconds.
     """
     rng, dt = np.random.default_rng([unit.seed, 43]), 0.02
     pose = judged(unit.problem.name)[1].workspace.pose(rng.uniform(-1.0, 1.0, 5))
@@ -195,7 +212,7 @@ def follows_of(unit: Unit) -> bool | None:
         lived.append(person.posture)
         holds.append(person.gap < _HELD and not person.unbalanced and not person.fallen)
     if not any(holds[-round(1.0 / dt) :]):
-        return None
+        return False if unit.home.copy().carry(pose) else None
     rest = person.copy()
     rest.rest(pose)
     return apart_deg(np.array(lived), rest.posture, dt, person.person.kind) < APART_DEG

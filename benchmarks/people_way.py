@@ -14,8 +14,11 @@ from ergoqp.simulation.people.way import pose_error
 
 EARLY = 20.0
 """When the score is looked at a first time [s]."""
-STILL, DONE = 10.0, 6.0
-"""How long an object goes nowhere until a loop is over [s]; less where it never moves again."""
+STILL, DONE, PUSHED = 10.0, 6.0, 13.0
+"""How long an object goes nowhere until a loop is over [s]; less where it never moves again.
+
+But for people who are disturbed now and then: so long that they were.
+"""
 _STAYS = (5e-3, np.radians(1.0))
 """An object that stays this near to where it is goes nowhere [m], [rad]."""
 _FILTER = 1.0
@@ -23,7 +26,7 @@ _FILTER = 1.0
 _RESTS = (1e-3, np.radians(0.2))
 """An object slower than this is at rest [m/s], [rad/s], for a second."""
 
-_BY_CHANCE = ("pushed", "trembling")
+BY_CHANCE = ("pushed", "trembling")
 """Kinds that something moves at any time."""
 
 
@@ -75,7 +78,7 @@ def rested(problem: Problem, person: Holding) -> Rested:
 def apart_deg(lived: np.ndarray, rest: np.ndarray, dt: float, kind: str) -> float:
     """Return how far a person is from their rest, RMS over the joints [deg].
 
-    At most in the last second, so that nobody rests who sways about it; of `_BY_CHANCE` at least in
+    At most in the last second, so that nobody rests who sways about it; of `BY_CHANCE` at least in
     the last 5 s, as a push now and then is no lack of rest.
 
     Args:
@@ -85,7 +88,7 @@ def apart_deg(lived: np.ndarray, rest: np.ndarray, dt: float, kind: str) -> floa
         kind: of person.
     """
     apart = np.sqrt(np.mean((lived - rest) ** 2, axis=1))
-    if kind in _BY_CHANCE:
+    if kind in BY_CHANCE:
         return float(np.degrees(apart[-round(5.0 / dt) :].min()))
     return float(np.degrees(apart[-round(1.0 / dt) :].max()))
 

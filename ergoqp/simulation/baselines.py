@@ -153,6 +153,9 @@ class Gradient:
         self.dt, self._gain, self._acceleration = problem.dt, gain, limit.acceleration
         self._free = np.array([axis in limit.axes for axis in AXES], dtype=float)
         self._allowed = np.where(self._free > 0, limit.speed, np.inf)
+        # What is seen is old, and what is sent is done late: so much longer it goes on.
+        robot = problem.robot
+        self._late, self._lag = 2 * self.dt + robot.delay + robot.pose_delay, robot.lag
         box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
         self._box = None if box is None else (np.array(box.lower), np.array(box.upper))
         if self._cone is not None:
@@ -163,11 +166,11 @@ class Gradient:
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
         function = ca.Function("down", [q], [down.T, value], ["q"], ["g", "v"])
         self._evaluator = Evaluator(machine_code(lambda _: function) if compiled else function)
-        self._twist = np.zeros(6)
+        self._twist, self._done = np.zeros(6), np.zeros(6)
 
     def reset(self) -> None:
         """Begin a loop at rest."""
-        self._twist = np.zeros(6)
+        self._twist, self._done = np.zeros(6), np.zeros(6)
 
     def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
         """Go down the gradient where the posture was measured."""
@@ -181,21 +184,24 @@ class Gradient:
         # What would leave the workspace or the cone stops; the rest goes on along the wall.
         most = self._acceleration * self.dt
         twist = self._twist + (wished - self._twist).clip(-most, most)
-        stop = 2 * self.dt + float((np.abs(twist) / self._acceleration).max()) / 2
+        stop = self._late + float((np.abs(twist) / self._acceleration).max()) / 2
+        ahead = stop * twist + self._lag * self._done
         if self._box is not None:
-            here, there = pose[:3, 3], pose[:3, 3] + stop * twist[:3]
+            here, there = pose[:3, 3], pose[:3, 3] + ahead[:3]
             lower, upper = self._box
             leaves = (there > np.maximum(upper, here)) | (there < np.minimum(lower, here))
             stopped = self._twist - self._twist.clip(-most, most)
             twist[:3] = np.where(leaves, stopped[:3], twist[:3])
         if self._cone is not None:
-            here, turn = pose[:3, 0], stop * twist[3:]
+            here, turn = pose[:3, 0], ahead[3:]
             angle = _angle(here, self._toward)
             if angle + math.hypot(*turn.tolist()) > self._widest:
                 there = turned(pose[:3, :3], turn)[:, 0]
                 if _angle(there, self._toward) > max(self._widest, angle):
                     twist[3:] = self._along_the_cone(here, wished[3:])
         self._twist = twist
+        share = 1.0 if self._lag == 0.0 else 1.0 - math.exp(-self.dt / self._lag)
+        self._done += share * (twist - self._done)
         return Sent(self._twist.copy(), "optimal")
 
     def _along_the_cone(self, axis: np.ndarray, wished: np.ndarray) -> np.ndarray:

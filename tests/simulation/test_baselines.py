@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.way import pose_error, turned
-from ergoqp.simulation.robot import moved
+from ergoqp.simulation.robot import RobotKind, SimulatedRobot, moved
 from ergoqp.simulation.yardstick import Workspace
 
 JUDGED = ("speed", "acceleration", "axes", "workspace", "tool axis")
@@ -183,6 +184,31 @@ def test_the_gradient_is_that_of_the_report() -> None:
     ]
     sensitivity = np.array(problem.response.sensitivity()(posture, 0)[0])
     np.testing.assert_allclose(step.twist, -gain * np.array(slopes) @ sensitivity, rtol=1e-4)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.1])
+def test_the_gradient_stops_for_a_robot_as_late_as_it_is_declared(lag: float) -> None:
+    problem = load_problem("screwing")
+    problem = problem.replace(robot=replace(problem.robot, lag=lag))
+    box = problem.limit_of(WorkspaceBox)
+
+    class Pulled(Gradient):
+        def step(self, posture, pose, **rest):
+            self._evaluator = SimpleNamespace(
+                inputs={"q": np.zeros(32)},
+                evaluate=lambda: None,
+                outputs={"v": np.array([5.0]), "g": np.array([9.0, 0, 0, 0, 0, 0])},
+            )
+            return super().step(posture, pose, **rest)
+
+    controller, pose = Pulled(problem, problem.cost), Workspace(problem).pose(np.zeros(5))
+    arm = SimulatedRobot(RobotKind(lag=lag), pose, np.random.default_rng(0))
+    furthest = 0.0
+    for _ in range(800):
+        twist = controller.step(problem.response.comfort, arm.measured_pose()).twist
+        for _ in arm.execute(twist, controller.dt):
+            furthest = max(furthest, arm.pose[0, 3])
+    assert box.upper[0] - 0.02 < furthest < box.upper[0] + 1e-4
 
 
 def test_the_gradient_compiled_is_the_same() -> None:

@@ -420,6 +420,9 @@ class Restless:
         self.posture = np.zeros(32)
         return True
 
+    def carry(self, pose: np.ndarray) -> bool:
+        return True
+
 
 @pytest.mark.parametrize(("sways_deg", "follows"), [(1.0, True), (5.0, False)])
 def test_who_sways_about_their_rest_does_not_follow(
@@ -436,6 +439,8 @@ def test_who_sways_about_their_rest_does_not_follow(
     steps = np.linalg.norm(np.diff(home.places[:200], axis=0), axis=1)
     assert steps.max() < 0.16 * 0.02 + 1e-9, "at 0.15 m/s, no jumps"
     home.gap = 0.02
+    assert people_unit.follows_of(unit) is False, "left behind where there is a rest"
+    monkeypatch.setattr(Restless, "carry", lambda self, pose: False)
     assert people_unit.follows_of(unit) is None, "out of reach"  # type: ignore[arg-type]
     # Nor where the object is left alone: it is the last second that counts, not the best moment.
     swings = np.radians(sways_deg) * np.sin(np.arange(1000) / 20)
