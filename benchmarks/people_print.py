@@ -6,9 +6,9 @@ at random, to which they are led at 0.15 m/s: ``left_behind``, share that is out
 hand too, and ``led_to_rest``, share of the others in which they are at rest after 10 s;
 ``without_rest``, share of the places looked at for starts where they have no rest: mostly out of
 reach; ``fell_at_start``, how often in holding still; ``sole_mm``, how far a sole slides at most in
-any loop; ``hand_mm.still``, how far a hand is off at rest at most; ``hold_mm``, how far it strays
-in holding still; ``route_matters``, share of places whose score depends on the way. The ways are
-described in `benchmarks.people_figures`.
+any loop, and ``sole_mm.still`` where the object is left alone; ``hand_mm.still``, how far a hand is
+off at rest at most; ``hold_mm``, how far it strays in holding still; ``route_matters``, share of
+places whose score depends on the way. The ways are described in `benchmarks.people_figures`.
 """
 
 from __future__ import annotations
@@ -103,6 +103,8 @@ def print_kind(
     report.figure(f"{name}.left_behind", share, "share that does not come along to such a place")
     every = [way for unit in units for way in unit["ways"].values()]
     report.figure(f"{name}.sole_mm", max(way["slid_mm"] for way in every), "at most")
+    slid = max(way["slid_mm"] for way in still)
+    report.figure(f"{name}.sole_mm.still", slid, "at most, the object left alone")
     for way in ("still", "ergoqp"):
         off = sorted(unit["ways"][way]["hand_mm"] for unit in units)
         beyond = float(np.mean(np.array(off) > 10.0))

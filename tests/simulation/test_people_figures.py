@@ -170,6 +170,7 @@ def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> N
     assert report.figures["looking.follows_still"] == 0.5
     assert report.figures["looking.led_to_rest"] == pytest.approx(2 / 3)
     assert report.figures["looking.sole_mm"] == 7.0
+    assert report.figures["looking.sole_mm.still"] == 0.2
     assert report.figures["looking.hand_mm.still"] == 40.0
     assert report.figures["looking.hold_mm"] == 7.5, "who fell counts too"
     assert report.figures["looking.fell_at_start"] == 2
