@@ -8,6 +8,7 @@ workspace and the cone of the tool's axis.
 from __future__ import annotations
 
 import math
+from collections import deque
 from functools import cached_property
 
 import casadi as ca
@@ -153,9 +154,9 @@ class Gradient:
         self.dt, self._gain, self._acceleration = problem.dt, gain, limit.acceleration
         self._free = np.array([axis in limit.axes for axis in AXES], dtype=float)
         self._allowed = np.where(self._free > 0, limit.speed, np.inf)
-        # What is seen is old, and what is sent is done late: so much longer it goes on.
         robot = problem.robot
-        self._late, self._lag = 2 * self.dt + robot.delay + robot.pose_delay, robot.lag
+        self._lag, late = robot.lag, robot.delay + robot.pose_delay
+        self._late = math.ceil(late / self.dt - 1e-9)
         box, self._cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
         self._box = None if box is None else (np.array(box.lower), np.array(box.upper))
         if self._cone is not None:
@@ -166,11 +167,12 @@ class Gradient:
         down = -ca.gradient(value, q).T @ problem.response.expression(q)
         function = ca.Function("down", [q], [down.T, value], ["q"], ["g", "v"])
         self._evaluator = Evaluator(machine_code(lambda _: function) if compiled else function)
-        self._twist, self._done = np.zeros(6), np.zeros(6)
+        self.reset()
 
     def reset(self) -> None:
         """Begin a loop at rest."""
         self._twist, self._done = np.zeros(6), np.zeros(6)
+        self._sent = deque([np.zeros(6)] * self._late)
 
     def step(self, posture: np.ndarray, pose: np.ndarray, **rest: object) -> Sent:
         """Go down the gradient where the posture was measured."""
@@ -184,8 +186,9 @@ class Gradient:
         # What would leave the workspace or the cone stops; the rest goes on along the wall.
         most = self._acceleration * self.dt
         twist = self._twist + (wished - self._twist).clip(-most, most)
-        stop = self._late + float((np.abs(twist) / self._acceleration).max()) / 2
-        ahead = stop * twist + self._lag * self._done
+        # What is seen is old, and what was sent is not done yet: so much further it goes on.
+        stop = 2 * self.dt + float((np.abs(twist) / self._acceleration).max()) / 2
+        ahead = stop * twist + self._lag * self._done + self.dt * sum(self._sent)
         if self._box is not None:
             here, there = pose[:3, 3], pose[:3, 3] + ahead[:3]
             lower, upper = self._box
@@ -201,7 +204,8 @@ class Gradient:
                     twist[3:] = self._along_the_cone(here, wished[3:])
         self._twist = twist
         share = 1.0 if self._lag == 0.0 else 1.0 - math.exp(-self.dt / self._lag)
-        self._done += share * (twist - self._done)
+        self._sent.append(twist)
+        self._done += share * (self._sent.popleft() - self._done)
         return Sent(self._twist.copy(), "optimal")
 
     def _along_the_cone(self, axis: np.ndarray, wished: np.ndarray) -> np.ndarray:

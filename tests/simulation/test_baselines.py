@@ -24,6 +24,15 @@ from ergoqp.simulation.yardstick import Workspace
 JUDGED = ("speed", "acceleration", "axes", "workspace", "tool axis")
 
 
+def pull(controller: Gradient, twist: list[float] | np.ndarray) -> None:
+    """Let the gradient pull this way, wherever the person is."""
+    controller._evaluator = SimpleNamespace(  # type: ignore[assignment]
+        inputs={"q": np.zeros(32)},
+        evaluate=lambda: None,
+        outputs={"v": np.array([5.0]), "g": np.array(twist, dtype=float)},
+    )
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_a_drive_arrives_within_every_limit_of_the_object(name: str) -> None:
     problem = load_problem(name)
@@ -89,17 +98,8 @@ def test_the_gradient_stops_at_the_walls_and_goes_on_along_them(way: float) -> N
     """Pulled against the workspace's end, the cone's edge and along the floor at once."""
     problem = load_problem("screwing")
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-
-    class Pulled(Gradient):
-        def step(self, posture, pose, **rest):
-            self._evaluator = SimpleNamespace(
-                inputs={"q": np.zeros(32)},
-                evaluate=lambda: None,
-                outputs={"v": np.array([5.0]), "g": way * np.array([9.0, 0.1, 9, 0.5, 9, 9])},
-            )
-            return super().step(posture, pose, **rest)
-
-    controller, checker = Pulled(problem, problem.cost), Checker(problem)
+    controller, checker = Gradient(problem, problem.cost), Checker(problem)
+    pull(controller, way * np.array([9, 0.1, 9, 0.5, 9, 9]))
     pose, previous = Workspace(problem).pose(np.zeros(5)), np.zeros(6)
     begin = pose
     for _ in range(1500):
@@ -120,21 +120,10 @@ def test_the_gradient_turns_on_along_the_edge_of_the_cone() -> None:
     """Pulled out it comes to the edge; pulled to another side, still outward, it goes around."""
     problem = load_problem("screwing")
     cone = problem.limit_of(AxisCone)
-
-    class Pulled(Gradient):
-        def step(self, posture, pose, **rest):
-            self._evaluator = SimpleNamespace(
-                inputs={"q": np.zeros(32)},
-                evaluate=lambda: None,
-                outputs={"v": np.array([5.0]), "g": np.array([0, 0, 0, 0, 0.6, side])},
-            )
-            return super().step(posture, pose, **rest)
-
-    controller, checker = Pulled(problem, problem.cost, 1.0), Checker(problem)
+    controller, checker = Gradient(problem, problem.cost, 1.0), Checker(problem)
     pose, previous, angles, turns = Workspace(problem).pose(np.zeros(5)), np.zeros(6), [], []
-    side = 0.2
     for number in range(1500):
-        side = 0.2 if number < 700 else -0.6
+        pull(controller, [0, 0, 0, 0, 0.6, 0.2 if number < 700 else -0.6])
         step = controller.step(problem.response.comfort, pose)
         after = moved(pose, step.twist * controller.dt)
         zeros = np.zeros(32)
@@ -159,11 +148,7 @@ def test_the_gradient_comes_back_from_beyond_the_edge() -> None:
     controller, pose = Gradient(problem, problem.cost, 1.0), Workspace(problem).pose(np.zeros(5))
     out = np.cross(toward, [0.0, 0.0, 1.0])
     pose[:3, :3] = turned(pose[:3, :3], np.radians(cone.half_angle_deg + 2.0) * out)
-    controller._evaluator = SimpleNamespace(
-        inputs={"q": np.zeros(32)},
-        evaluate=lambda: None,
-        outputs={"v": np.array([5.0]), "g": np.concatenate([np.zeros(3), 0.3 * out])},
-    )
+    pull(controller, np.concatenate([np.zeros(3), 0.3 * out]))
     for _ in range(600):
         twist = controller.step(problem.response.comfort, pose).twist
         pose = moved(pose, twist * controller.dt)
@@ -186,23 +171,23 @@ def test_the_gradient_is_that_of_the_report() -> None:
     np.testing.assert_allclose(step.twist, -gain * np.array(slopes) @ sensitivity, rtol=1e-4)
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.1])
-def test_the_gradient_stops_for_a_robot_as_late_as_it_is_declared(lag: float) -> None:
+LATE = {
+    "at once": {},
+    "lag": {"lag": 0.1},
+    "delay": {"delay": 0.1},
+    "old pose": {"pose_delay": 0.1},
+    "all": {"lag": 0.05, "delay": 0.06, "pose_delay": 0.04},
+}
+
+
+@pytest.mark.parametrize("late", LATE.values(), ids=LATE)
+def test_the_gradient_stops_for_a_robot_as_late_as_it_is_declared(late: dict[str, float]) -> None:
     problem = load_problem("screwing")
-    problem = problem.replace(robot=replace(problem.robot, lag=lag))
+    problem = problem.replace(robot=replace(problem.robot, **late))
     box = problem.limit_of(WorkspaceBox)
-
-    class Pulled(Gradient):
-        def step(self, posture, pose, **rest):
-            self._evaluator = SimpleNamespace(
-                inputs={"q": np.zeros(32)},
-                evaluate=lambda: None,
-                outputs={"v": np.array([5.0]), "g": np.array([9.0, 0, 0, 0, 0, 0])},
-            )
-            return super().step(posture, pose, **rest)
-
-    controller, pose = Pulled(problem, problem.cost), Workspace(problem).pose(np.zeros(5))
-    arm = SimulatedRobot(RobotKind(lag=lag), pose, np.random.default_rng(0))
+    controller, pose = Gradient(problem, problem.cost), Workspace(problem).pose(np.zeros(5))
+    pull(controller, [9, 0, 0, 0, 0, 0])
+    arm = SimulatedRobot(RobotKind(**late), pose, np.random.default_rng(0))
     furthest = 0.0
     for _ in range(800):
         twist = controller.step(problem.response.comfort, arm.measured_pose()).twist

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks import people, people_draw, people_print, people_unit, people_way
+from benchmarks import people, people_draw, people_page, people_print, people_unit, people_way
 from benchmarks.people_figures import best_of, figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
+from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.simulation.baselines import Still
 from ergoqp.simulation.loop import Trace
 
 
@@ -163,6 +166,7 @@ def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> N
     units[0]["ways"]["still"]["from_rest_deg"] = 3.0
     units[1]["ways"]["still"] |= {"holds": False, "hand_mm": 40.0}
     units[2]["ways"]["ergoqp"]["slid_mm"] = 7.0
+    units[3]["ways"]["still"]["slid_mm"] = 0.4
     report = Report(full=False)
     tries = {"places": 10, "without_rest": 4, "fell_at_start": 2}
     others = [{"held_mm": 7.5, "tries": tries}]
@@ -170,7 +174,7 @@ def test_kinds_say_whether_they_rest_where_the_object_is_left_alone(capsys) -> N
     assert report.figures["looking.follows_still"] == 0.5
     assert report.figures["looking.led_to_rest"] == pytest.approx(2 / 3)
     assert report.figures["looking.sole_mm"] == 7.0
-    assert report.figures["looking.sole_mm.still"] == 0.2
+    assert report.figures["looking.sole_mm.still"] == 0.4
     assert report.figures["looking.hand_mm.still"] == 40.0
     assert report.figures["looking.hold_mm"] == 7.5, "who fell counts too"
     assert report.figures["looking.fell_at_start"] == 2
@@ -291,6 +295,57 @@ def test_drives_go_where_the_living_person_comes_along(monkeypatch) -> None:
     far = goal.copy()
     far[:3, 3] += 3.0
     np.testing.assert_array_equal(people_unit.come_along(one, far), one.start.pose)
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_a_soft_robot_is_tried_even_where_a_slow_hand_arrives(monkeypatch, holds) -> None:
+    one, goal = drawn_unit("follower", "desk", 7), people_draw.model_optimum("desk").pose
+    tried = []
+    monkeypatch.setattr(type(one.start), "carry", lambda self, pose: True)
+    monkeypatch.setattr(people_unit, "run_loop", lambda told, *_, **__: tried.append(told.robot))
+    monkeypatch.setattr(people_unit, "rested", lambda *_: SimpleNamespace(holds=holds))
+    assert people_unit.come_along(one, goal) is goal
+    assert not tried, "whoever is led by a stiff robot comes along with it as with a slow hand"
+    soft = replace(one, person=Soft(one.person))  # type: ignore[arg-type]
+    assert np.array_equal(people_unit.come_along(soft, goal), goal if holds else one.start.pose)
+    assert tried == [soft.person.robot]
+
+
+class Soft:
+    """A person whose robot is a soft one."""
+
+    def __init__(self, person: object) -> None:
+        self.person, self.robot = person, DeclaredRobot(lag=0.08)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.person, name)
+
+
+def test_loops_end_later_where_a_push_is_still_to_come() -> None:
+    problem = people_draw.judged("desk")[0]
+    still, stepper = Still(problem), people_unit.Gradient(problem, problem.cost)
+    drive = people_unit.Drive(problem, np.eye(4), np.eye(4))
+    for kind in people.OTHERS:
+        waits = people_way.PUSHED if kind in ("pushed", "trembling") else people_way.DONE
+        assert people_unit.still_of(still, kind) == waits
+        assert people_unit.still_of(drive, kind) == people_way.DONE
+        assert people_unit.still_of(stepper, kind) == people_way.STILL
+
+
+def test_the_page_names_the_worst_runs_first_and_who_is_left_without_a_rest(
+    tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr(people_page, "_write_replay", lambda unit, path: None)
+    units = [
+        unit(5, 2, ergoqp=way(end, holds=end != 4)) | {"seed": end, "drawn": True}
+        for end in (2, 3, 4)
+    ]
+    ways = ("ergoqp", "descent", "still", "rule", "own_rule")
+    html = people_page.write_people_page(units, ways, tmp_path).read_text()
+    said = [f"seed {seed}: 5 to {end}; by the rule 3" for seed, end in ((3, 3), (2, 2))]
+    said.insert(0, "seed 4: 5 to 4 without a rest; by the rule 3")
+    places = [html.index(words) for words in said]
+    assert places == sorted(places)
 
 
 def test_a_unit_is_drawn_again_alike_and_its_start_is_as_bad_as_it_must_be() -> None:
