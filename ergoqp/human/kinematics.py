@@ -25,6 +25,7 @@ FRAMES: Final[tuple[str, ...]] = (
     "head",
     "head_top",
     "nose",
+    "eyes",
     *(
         f"{side}_{name}"
         for side in ("right", "left")

@@ -20,6 +20,9 @@ _TERMS = (
     "balance",
     "relaxation_time",
     "damping",
+    "looks",
+    "attention",
+    "free_arm",
 )
 
 

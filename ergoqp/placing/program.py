@@ -17,7 +17,7 @@ from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.nlp_solvers import SETTINGS, check_names
 from ergoqp.placing.optimality import Solution, optimality_function, violation
 from ergoqp.placing.place import Place
-from ergoqp.placing.rest import Holding, Situated, rest_conditions
+from ergoqp.placing.rest import Holding, Situated, hang, rest_conditions
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
 
@@ -66,7 +66,7 @@ class Program:
         check_names(mode, solver)
         self.problem, self.response, self.mode, self.solver = problem, response, mode, solver
         self.place = Place.of(problem)
-        self.moved = [INDEX[joint] for joint in response.joints]
+        self.moved = [INDEX[joint] for joint in response.chain]
         hands, cost = len(response.hands), problem.cost
         posture, anchor = ca.SX.sym("posture", N), ca.SX.sym("anchor", 4, 4)
         grasp, soles = ca.SX.sym("grasp", 4, 4 * hands), ca.SX.sym("soles", 4, 8)
@@ -251,6 +251,7 @@ class Program:
         posture = ca.SX(situated.posture)
         for number, joint in enumerate(self.moved):
             posture[joint] = joints[number]
+        hang(self.response, posture)
         holding = Holding(self.response, situated, posture, pelvis)
         errors = [
             error - (holding.about_tool(turns[i]) if turns.numel() else ca.SX(6, 1))

@@ -4,15 +4,18 @@ They are the follower's conditions of optimality with relaxed complementarity.
 
 A person who holds an object comes to rest at
 
-    q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + |e(q)|^2 / d^2    s.t.  soles
-    stay, l <= q <= u
+    q = argmin 1/2 |q - c|^2_W + B/2 |pelvis - middle of the feet|^2 + a/2 |r(q)|^2 + |e(q)|^2 / d^2
+    s.t.  soles stay, l <= q <= u
 
-with c the comfort posture, B the weight of balance and e what is missing between grips and object,
-without turning about a free tool: the fixed point of `ergoqp.simulation.people.alike.Alike.settle`,
-where damping d makes the hands yield by less than a millimetre. With the multiplier y = e/d^2 of
-the hands and m of the soles the conditions are
+with c the comfort posture, B the weight of balance, a that of looking, r what is missing between
+eyes and work, and e what is missing between grips and object, without turning about a free tool:
+the fixed point of `ergoqp.simulation.people.alike.Alike.settle`, where damping d makes the hands
+yield by less than a millimetre. With the multiplier y = e/d^2 of the hands and m of the soles the
+conditions are
 
-    W (s - c) = 2 J' y - A' m,    e = d^2 y,    soles where they stand,    q = clip(s)
+    W (s - c) = 2 J' y - a R' r - A' m,    e = d^2 y,    soles where they stand,    q = clip(s)
+
+An arm that hangs does so whatever the object does: its angles are a function of the trunk's.
 
 on s, the posture before it is cut to its ranges: W (s - q) is the multiplier of the ranges
 (Robinson's normal map), so no inequality and no further unknown is needed. The cut is made smooth
@@ -31,6 +34,8 @@ import casadi as ca
 from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.responses.contact import contact_frame
+from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
+from ergoqp.responses.gaze import gaze
 from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
 
@@ -77,7 +82,8 @@ class Holding:
         self._base = pelvis[:3] if self.standing else ca.SX([0, 0, response.seat])
         self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
         self._hands = [response.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
-        self._axis = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)[1][:, 0]
+        self._work, turned = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)
+        self._axis = turned[:, 0]
 
     @cached_property
     def errors(self) -> list[ca.SX]:
@@ -125,6 +131,15 @@ class Holding:
             on_joints += jacobian[:, list(joints)].T @ force
             on_pelvis += base_jacobian(position).T @ force
         return on_joints, on_pelvis
+
+    def looking(self, joints: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+        """Return what looking at the work does to joints (n,) and to the pelvis (4,)."""
+        if not self.response.looks:
+            return ca.SX(len(joints), 1), ca.SX(4, 1)
+        seen = gaze(self.response.kinematics, self.posture, self._work, joints)
+        pull = -self.response.attention * seen.residual
+        on_pelvis = -base_jacobian(self._work)[:3, :].T @ (seen.by_work.T @ pull)
+        return seen.by_joints.T @ pull, on_pelvis
 
     def legs(self, multipliers: ca.SX) -> tuple[list[ca.SX], ca.SX]:
         """Return what sole multipliers (12,) do to each leg's joints (6,), and to the pelvis (4,).
@@ -184,14 +199,15 @@ class Rest:
 def rest_conditions(response: IkResponse, place: Situated) -> Rest:
     """Return the conditions under which a person is at rest when the object is somewhere."""
     standing, hands = response.stance == "standing", len(response.hands)
-    moved = [INDEX[joint] for joint in response.joints]
-    arms = [joint for joint in moved if joint < 20]
+    moved = [INDEX[joint] for joint in response.chain]
+    chain = [joint for joint in moved if joint < 20]
     aims, pelvis = ca.SX.sym("s", len(moved)), ca.SX.sym("b", 4 if standing else 0)
     y, m = ca.SX.sym("y", 6 * hands), ca.SX.sym("m", 12 if standing else 0)
     wanted, posture = ca.SX(place.posture), ca.SX(place.posture)
     for number, joint in enumerate(moved):
         wanted[joint] = aims[number]
         posture[joint] = soft_clip(aims[number], LOWER[joint], UPPER[joint], place.relaxation)
+    hang(response, posture)
     holding = Holding(response, place, posture, pelvis)
     discomfort = ca.DM(response.weight_vector) * (wanted - ca.DM(response.comfort))
 
@@ -201,17 +217,27 @@ def rest_conditions(response: IkResponse, place: Situated) -> Rest:
         free = holding.along_tool(force)
         forces.append(2 * (force - free))
         contact.append(compliance * force + free - (error - holding.along_tool(error)))
-    on_arms, on_pelvis = holding.pull(forces, arms)
-    balance = [discomfort[arms] - on_arms]
+    on_chain, on_pelvis = holding.pull(forces, chain)
+    seen, seen_by_pelvis = holding.looking(chain)
+    balance = [discomfort[chain] - on_chain - seen]
     if standing:
         on_legs, on_base = holding.legs(m)
         for side, on_leg in zip(SIDES, on_legs, strict=True):
             balance.append(discomfort[[INDEX[name] for name in LEG_JOINTS[side]]] + on_leg)
-        balance.append(on_base - on_pelvis)
+        balance.append(on_base - on_pelvis - seen_by_pelvis)
     contact.append(holding.slipping())
     return Rest(
         moved, aims, pelvis, ca.vertcat(y, m), posture, ca.vertcat(*balance), ca.vertcat(*contact)
     )
+
+
+def hang(response: IkResponse, posture: ca.SX) -> None:
+    """Put an arm that hangs, if there is one, to where it comes to rest beside the trunk."""
+    if response.hanging is None:
+        return
+    arm, swings = arm_of(response.hanging), swinging(response.hanging)
+    posture[arm] = ca.DM(response.comfort[arm])
+    posture[swings] = hanging(posture[TRUNK], response.hanging, ca.SX(ca.DM(response.comfort[swings])))
 
 
 def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:

@@ -12,14 +12,13 @@ import numpy as np
 
 from ergoqp.arguments import check_kind, check_number, flag, names_of, shown
 from ergoqp.errors import InputError
-from ergoqp.expressions.linear import spd_inverse
 from ergoqp.human import Body, Kinematics
-from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.responses.by_joint import DEFAULT_COMFORT_DEG, DEFAULT_WEIGHTS, per_joint
-from ergoqp.responses.contact import TOOL_AXES, about_tool, carried_to, contact_frame, pose_matrix
-from ergoqp.responses.sensitivity import sensitivity_function
-from ergoqp.responses.stance import LEG_JOINTS, LEGS, Stance, seat_in_words, seated, standing
+from ergoqp.responses.contact import TOOL_AXES
+from ergoqp.responses.following import Following
+from ergoqp.responses.free_arm import HANGING_DEG, arm_of, swinging
+from ergoqp.responses.stance import LEG_JOINTS, Stance, seat_in_words, seated, standing
 
 _ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
 
@@ -30,8 +29,9 @@ class IkResponse:
 
     The joint rates minimise 1/2 v' W v over J v = G xi, so v = S xi with S = W^-1 J' (J W^-1 J')^-1
     G: Whitney's weighted pseudo-inverse (1972). Standing, the soles are eliminated exactly
-    (`ergoqp.responses.stance`); only the hand rows are damped. A locked joint has a zero in W^-1
-    and the others follow without it.
+    (`ergoqp.responses.stance`); the hand rows are damped, and looking at the work is a soft row
+    beside them (`ergoqp.responses.following`). A locked joint has a zero in W^-1 and the others
+    follow without it.
 
     Attributes:
         body: the person as the controller models it.
@@ -51,6 +51,14 @@ class IkResponse:
             people keep their balance.
         relaxation_time: time constant of relaxing toward it [s].
         damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
+        looks: whether the person looks at the work: the neck follows it then, and trunk and neck
+            share what the eyes leave over, see `ergoqp.responses.gaze`. Without it the neck stays
+            as it is.
+        attention: cost of not seeing the work with ease, per rad^2 beyond the eyes' easy turn, in
+            the units of `weights`.
+        free_arm: where an arm is that holds nothing: it ``"hangs"``, or ``"rests"`` on a thigh or a
+            desk, where it stays as it is; None: it hangs when standing and rests when seated. An
+            arm that holds the object too is one of `hands`.
     """
 
     body: Body = field(default_factory=Body)
@@ -64,6 +72,9 @@ class IkResponse:
     balance: float = 60.0
     relaxation_time: float = 1.0
     damping: float = 0.02
+    looks: bool = True
+    attention: float = 8.0
+    free_arm: Literal["hangs", "rests"] | None = None
 
     def __post_init__(self) -> None:
         """Check the terms; a wrong one raises here and not in the loop."""
@@ -76,7 +87,12 @@ class IkResponse:
             raise InputError(f"stance: got {shown(self.stance)}, allowed 'standing' or 'seated'")
         if not isinstance(self.tool, str) or self.tool not in TOOL_AXES:
             raise InputError(f"tool: got {shown(self.tool)}, allowed one of {', '.join(TOOL_AXES)}")
-        object.__setattr__(self, "free_about_tool", flag("free_about_tool", self.free_about_tool))
+        for name in ("free_about_tool", "looks"):
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
+        if self.free_arm not in (None, "hangs", "rests"):
+            raise InputError(
+                f"free_arm: got {shown(self.free_arm)}, allowed 'hangs', 'rests' or none"
+            )
         for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
             check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
         for name, low, high in (
@@ -84,6 +100,7 @@ class IkResponse:
             ("balance", 0.0, 1e6),
             ("relaxation_time", 1e-2, 1e3),
             ("damping", 1e-6, 1.0),
+            ("attention", 1e-3, 1e6),
         ):
             unset = name == "seat_height" and self.seat_height is None
             if not unset:
@@ -114,21 +131,42 @@ class IkResponse:
     coordinates = JOINTS
     largest = float(np.pi)
 
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Trunk, the working arms and, standing, the legs: the joints that the object can move."""
-        chains = ("trunk", *(f"{hand}_{part}" for hand in self.hands for part in _ARM))
+    @cached_property
+    def chain(self) -> tuple[str, ...]:
+        """Joints that follow by themselves, in the order of `ergoqp.JOINTS`.
+
+        Trunk, the neck of who looks at the work, the working arms and, standing, the legs.
+        """
+        chains = ("trunk", *(("neck",) if self.looks else ()))
+        chains += tuple(f"{hand}_{part}" for hand in self.hands for part in _ARM)
         moved = [joint for joint in JOINTS[:20] if joint.startswith(chains)]
         if self.stance == "standing":
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
         return tuple(moved)
 
     @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that the object can move: the chain, and the shoulder of an arm that hangs."""
+        swings = () if self.hanging is None else [JOINTS[i] for i in swinging(self.hanging)]
+        return tuple(joint for joint in JOINTS if joint in self.chain or joint in swings)
+
+    @property
+    def hanging(self) -> str | None:
+        """Side of the arm that hangs, or None."""
+        free = next((side for side in SIDES if side not in self.hands), None)
+        stays = self.free_arm == "rests" or (self.free_arm is None and self.stance == "seated")
+        return None if stays else free
+
+    @cached_property
     def comfort(self) -> np.ndarray:
         """The comfort posture (32,) [rad]."""
-        return np.radians(
-            per_joint(self.comfort_deg, DEFAULT_COMFORT_DEG[self.stance], 0.0, "comfort_deg")
-        )
+        given, defaults = dict(self.comfort_deg), dict(DEFAULT_COMFORT_DEG[self.stance])
+        if self.hanging is not None:
+            # What is said of arms is said of those at work; of this one only what names its side.
+            for joint in (JOINTS[i] for i in arm_of(self.hanging)):
+                angle = HANGING_DEG.get(joint.removeprefix(f"{self.hanging}_"), 0.0)
+                given.setdefault(joint, angle)
+        return np.radians(per_joint(given, defaults, 0.0, "comfort_deg"))
 
     @property
     def weight_vector(self) -> np.ndarray:
@@ -222,74 +260,20 @@ class IkResponse:
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ...]:
-        q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
-        weights = ca.SX(ca.DM(self.weight_vector))
-        moved = ca.SX(ca.DM([float(joint in self.joints) for joint in JOINTS]))
-        wish = moved * (ca.SX(ca.DM(self.comfort)) - q) / self.relaxation_time * (1 - locked)
-        stance = self._stance(q, weights, locked, wish)
-        hands = [self.kinematics.at(f"{hand}_grip", q) for hand in self.hands]
-        position, rotation = contact_frame([(p, r) for p, r, _ in hands], self.tool)
-
-        arms = [INDEX[joint] for joint in self.joints if joint in JOINTS[:20]]
-        free = (1 - locked[arms]) / weights[arms]
-        pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
-        axis = rotation[:, 0]
-        moves, wants, about = [], [], []
-        for p, _, jacobian in hands:
-            moves.append(ca.horzcat(base_jacobian(p), jacobian[:, arms]))
-            wants.append(carried_to(p - position))
-            about.append(about_tool(axis, self.free_about_tool))
-        J, G = ca.vertcat(*moves), ca.vertcat(*wants)
-        turning = ca.diagcat(*about)
-        P = ca.SX.eye(6 * len(hands)) - turning
-        inverse_weight = ca.diagcat(pelvis, ca.diag(free))
-        K = P @ J
-        softness = turning + self.damping**2 * ca.SX.eye(6 * len(hands))
-        pull = inverse_weight @ K.T
-        inverse_M = spd_inverse(K @ pull + softness)
-
-        def in_joints(rates: ca.SX) -> ca.SX:
-            """Spread (pelvis, trunk and arms) over the 32 joints."""
-            spread = (
-                stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
-            )
-            spread[arms, :] = rates[4:, :]
-            return spread
-
-        to_pelvis = ca.diagcat(stance.yaw.T, stance.yaw.T)
-        parts = {
-            "K": K.T,
-            "pull": pull,
-            "softness": softness,
-            "wanted": P @ G @ to_pelvis,
-            "legs": stance.legs[LEGS, :],
-        }
-        own = ca.vertcat(stance.relax, wish[arms])
-        relax = in_joints(own - pull @ (inverse_M @ (K @ own)))
-
-        base = pose_matrix(stance.position, stance.yaw)
-        contact = base @ pose_matrix(position, rotation)
-        grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
-        error = ca.SX.sym("e", 6 * len(hands))
-        in_pelvis = ca.diagcat(*[stance.yaw.T] * (2 * len(hands))) @ error
-        reach = in_joints(pull @ (inverse_M @ (P @ in_pelvis)))
-        return (
-            sensitivity_function(
-                ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
-                arms,
-                self.damping,
-            ),
-            ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
-            ca.Function(
-                "contact",
-                [q],
-                ca.cse([ca.densify(contact), ca.densify(base)]),
-                ["q"],
-                ["contact", "pelvis"],
-            ),
-            ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
-            ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
-        )
+        return Following(
+            kinematics=self.kinematics,
+            hands=self.hands,
+            tool=self.tool,
+            free_about_tool=self.free_about_tool,
+            damping=self.damping,
+            weights=self.weight_vector,
+            comfort=self.comfort,
+            relaxation_time=self.relaxation_time,
+            chain=[INDEX[joint] for joint in self.chain if joint in JOINTS[:20]],
+            stand=self._stance,
+            attention=self.attention if self.looks else 0.0,
+            hanging=self.hanging,
+        ).functions
 
     def _stance(self, q: ca.SX, weights: ca.SX, locked: ca.SX, wish: ca.SX) -> Stance:
         if self.stance == "seated":

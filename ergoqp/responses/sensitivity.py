@@ -10,30 +10,38 @@ from ergoqp.joints import JOINTS
 from ergoqp.responses.stance import LEGS
 
 
-def sensitivity_function(geometry: ca.Function, arms: list[int], damping: float) -> ca.Function:
+def sensitivity_function(
+    geometry: ca.Function, chain: list[int], hanging: list[int], damping: float, hands: int
+) -> ca.Function:
     """Return ``(q, locked) -> (S, E)`` from the geometry: products of matrices, run as such.
 
     Args:
-        geometry: ``(q (32,), locked (32,)) -> (K', W^-1 K', softness, P G, legs)`` of `IkResponse`.
-        arms: joints of trunk and arms that K has columns for, after the pelvis's four.
+        geometry: ``(q (32,), locked (32,)) -> (K', W^-1 K', softness, wanted, legs, swing)`` of
+            `ergoqp.responses.following`.
+        chain: joints from the trunk up that K has columns for, after the pelvis's four; the
+            trunk's come first.
+        hanging: joints that swing with the trunk's.
         damping: of the hand rows [m, rad].
+        hands: number of the hand rows, which come first.
     """
     q, locked = ca.MX.sym("q", len(JOINTS)), ca.MX.sym("locked", len(JOINTS))
-    K, pull, softness, wanted, legs = geometry(q, locked)
+    K, pull, softness, wanted, legs, swing = geometry(q, locked)
     M = ca.SX.sym("M", softness.shape[0], softness.shape[0])
     inverse = ca.Function("inverse", [M], [spd_inverse(M)])
     multipliers = inverse(K.T @ pull + softness) @ wanted
     rates = pull @ multipliers
-    moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), 0)
-    # The legs follow the pelvis; all others are rates themselves. What neither has stays zero,
-    # the last entry.
-    height = 4 + len(arms)
+    swung = ca.vec(swing @ rates[4:7, :]) if hanging else ca.MX(0, 1)
+    moved = ca.vertcat(ca.vec(rates), ca.vec(legs @ rates[:4, :]), swung, 0)
+    # The legs follow the pelvis, an arm that hangs the trunk; all others are rates themselves. What
+    # none of them has stays zero, the last entry.
+    height, at_legs = 4 + len(chain), 6 * (4 + len(chain))
     places = np.full((len(JOINTS), 6), moved.numel() - 1)
-    places[arms] = np.arange(6 * height).reshape(6, height).T[4:]
-    places[LEGS] = 6 * height + np.arange(6 * len(LEGS)).reshape(6, -1).T
+    places[chain] = np.arange(6 * height).reshape(6, height).T[4:]
+    places[LEGS] = at_legs + np.arange(6 * len(LEGS)).reshape(6, -1).T
+    places[hanging] = at_legs + 6 * len(LEGS) + np.arange(6 * len(hanging)).reshape(6, -1).T
     S = ca.reshape(moved[places.ravel(order="F").tolist()], len(JOINTS), 6)
     # G xi - J S xi: what the damping leaves over, and all of it where the joints cannot follow.
-    E = damping**2 * multipliers
+    E = damping**2 * multipliers[:hands, :]
     return ca.Function(
         "sensitivity",
         [q, locked],

@@ -229,6 +229,7 @@ def _key(problem: Problem, person: Alike, spacing: float) -> str:
             response.free_about_tool,
         ],
         "numbers": [response.balance, response.relaxation_time, response.damping],
+        "eyes": [response.looks, response.attention, response.hanging],
     }
     return digest_of(content)
 

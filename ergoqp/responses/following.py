@@ -1,0 +1,200 @@
+"""What a person's joints do when the object moves, and when it does not: the algebra of `ik`.
+
+All rates of pelvis, trunk, neck and arms at once minimise 1/2 v' W v + 1/2 |A v - a|^2 / s^2 under
+rows A v = a that are kept as firmly as their softness s says: the hands' own, which follow the
+object, and those of the gaze, which follows the work. With K for the rows v = W^-1 K' (K W^-1 K' +
+s^2)^-1 a: a soft row is a row whose pivot is not zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.expressions.linear import spd_inverse
+from ergoqp.human import Kinematics
+from ergoqp.human.kinematics import base_jacobian
+from ergoqp.joints import JOINTS
+from ergoqp.responses.contact import about_tool, carried_to, contact_frame, pose_matrix
+from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
+from ergoqp.responses.gaze import Gaze, gaze
+from ergoqp.responses.sensitivity import sensitivity_function
+from ergoqp.responses.stance import LEGS, Stance
+
+Stand = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], Stance]
+"""Gives the stance at a posture, from joint weights, locks and wishes (32,) each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """What `ergoqp.responses.ik.IkResponse` says of a person, as its algebra takes it.
+
+    Attributes:
+        kinematics: of the body.
+        hands: that hold the object.
+        tool: axis of the tool, a key of `ergoqp.responses.contact.TOOL_AXES`.
+        free_about_tool: whether the hand may turn about it.
+        damping: softness of the hands' rows [m, rad].
+        weights: cost of each joint's rate (32,).
+        comfort: posture relaxed toward (32,) [rad].
+        relaxation_time: in which [s].
+        chain: numbers of the joints from the trunk up that are free to follow.
+        stand: where the pelvis is, and how it moves.
+        attention: weight of looking at the work; 0: it is not looked at.
+        hanging: side of an arm that hangs, or None.
+    """
+
+    kinematics: Kinematics
+    hands: tuple[str, ...]
+    tool: str
+    free_about_tool: bool
+    damping: float
+    weights: np.ndarray
+    comfort: np.ndarray
+    relaxation_time: float
+    chain: list[int]
+    stand: Stand
+    attention: float
+    hanging: str | None
+
+    @cached_property
+    def functions(self) -> tuple[ca.Function, ...]:
+        """Sensitivity, drift, contact, grips and reach, as `IkResponse` describes them."""
+        q, locked = ca.SX.sym("q", len(JOINTS)), ca.SX.sym("locked", len(JOINTS))
+        weights = ca.SX(ca.DM(self.weights))
+        wish = (ca.SX(ca.DM(self.comfort)) - q) / self.relaxation_time * (1 - locked)
+        stance = self.stand(q, weights, locked, wish)
+        hands = [self.kinematics.at(f"{hand}_grip", q) for hand in self.hands]
+        position, rotation = contact_frame([(p, r) for p, r, _ in hands], self.tool)
+        seen = self._gaze(q, position)
+        rows = _Rows.of(self, stance, hands, position, rotation[:, 0], seen)
+        free = (1 - locked[self.chain]) / weights[self.chain]
+        pelvis = spd_inverse(stance.weight) if stance.moves else ca.SX(4, 4)
+        pull = ca.diagcat(pelvis, ca.diag(free)) @ rows.K.T
+        inverse_M = spd_inverse(rows.K @ pull + rows.softness)
+        swing, fall = self._swing(q)
+        side = len(self.hands)
+
+        def in_joints(rates: ca.SX) -> ca.SX:
+            """Spread (pelvis and chain) over the 32 joints."""
+            spread = (
+                stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
+            )
+            spread[self.chain, :] = rates[4:, :]
+            if self.hanging is not None:
+                joints = swinging(self.hanging)
+                spread[joints, :] = swing @ rates[4:7, :] * (1 - locked[joints])
+            return spread
+
+        own = ca.vertcat(stance.relax, wish[self.chain])
+        asked = ca.vertcat(ca.SX(6 * side, 1), -seen.residual / self.relaxation_time)
+        relax = in_joints(own + pull @ (inverse_M @ (asked - rows.K @ own)))
+        if self.hanging is not None:
+            relax[arm_of(self.hanging)] += fall * (1 - locked[arm_of(self.hanging)])
+
+        error = ca.SX.sym("e", 6 * side)
+        to_hands = ca.diagcat(*[stance.yaw.T] * (2 * side)) @ error
+        work = sum((to_hands[6 * i : 6 * i + 3] for i in range(side)), ca.SX(3, 1)) / side
+        asked = ca.vertcat(rows.kept @ to_hands, -seen.by_work @ work)
+        reach = in_joints(pull @ (inverse_M @ asked))
+
+        parts = {
+            "K": rows.K.T,
+            "pull": pull,
+            "softness": rows.softness,
+            "wanted": rows.wanted @ ca.diagcat(stance.yaw.T, stance.yaw.T),
+            "legs": stance.legs[LEGS, :],
+            "swing": swing * (1 - locked[swinging(self.hanging)]) if self.hanging else swing,
+        }
+        base = pose_matrix(stance.position, stance.yaw)
+        grips = ca.horzcat(*(base @ pose_matrix(p, r) for p, r, _ in hands))
+        poses = [base @ pose_matrix(position, rotation), base]
+        return (
+            sensitivity_function(
+                ca.Function("geometry", [q, locked], ca.cse(list(map(ca.densify, parts.values())))),
+                self.chain,
+                [] if self.hanging is None else swinging(self.hanging),
+                self.damping,
+                6 * side,
+            ),
+            ca.Function("drift", [q, locked], ca.cse([ca.densify(relax)])),
+            ca.Function(
+                "contact", [q], ca.cse(list(map(ca.densify, poses))), ["q"], ["contact", "pelvis"]
+            ),
+            ca.Function("grips", [q], ca.cse([ca.densify(grips)])),
+            ca.Function("reach", [q, locked, error], ca.cse([ca.densify(reach)])),
+        )
+
+    def _gaze(self, q: ca.SX, work: ca.SX) -> Gaze:
+        if self.attention:
+            return gaze(self.kinematics, q, work, self.chain)
+        return Gaze(ca.SX(0, 1), ca.SX(0, len(self.chain)), ca.SX(0, 3))
+
+    def _swing(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return how an arm that hangs turns with the trunk (2, 3), and how it comes to hang (7,).
+
+        The latter in rad/s.
+        """
+        if self.hanging is None:
+            return ca.SX(0, 3), ca.SX(0, 1)
+        joints, arm = swinging(self.hanging), arm_of(self.hanging)
+        trunk = ca.SX.sym("trunk", 3)
+        hangs = hanging(trunk, self.hanging, ca.SX(ca.DM(self.comfort[joints])))
+        both = ca.Function("hangs", [trunk], [hangs, ca.jacobian(hangs, trunk)])
+        down, swing = both(q[TRUNK])
+        goal = ca.SX(ca.DM(self.comfort[arm]))
+        goal[[arm.index(joint) for joint in joints]] = down
+        return swing, (goal - q[arm]) / self.relaxation_time
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows that the rates keep to, in pelvis axes.
+
+    Attributes:
+        K: (r, 4 + n) what they take of pelvis and chain.
+        softness: (r, r) how firmly.
+        wanted: (r, 6) what a twist asks of them.
+        kept: (6 k, 6 k) what the hands keep of a motion: all but turns about a free tool.
+    """
+
+    K: ca.SX
+    softness: ca.SX
+    wanted: ca.SX
+    kept: ca.SX
+
+    @classmethod
+    def of(
+        cls,
+        person: Following,
+        stance: Stance,
+        hands: list[tuple[ca.SX, ca.SX, ca.SX]],
+        work: ca.SX,
+        axis: ca.SX,
+        seen: Gaze,
+    ) -> _Rows:
+        """Return the rows of hands and eyes."""
+        moves, wants, about = [], [], []
+        for p, _, jacobian in hands:
+            moves.append(ca.horzcat(base_jacobian(p), jacobian[:, person.chain]))
+            wants.append(carried_to(p - work))
+            about.append(about_tool(axis, person.free_about_tool))
+        turning = ca.diagcat(*about)
+        kept = ca.SX.eye(6 * len(hands)) - turning
+        firm = turning + person.damping**2 * ca.SX.eye(6 * len(hands))
+        # Where the pelvis goes, the work comes the other way.
+        by_pelvis = -seen.by_work @ base_jacobian(work)[:3, :]
+        if not stance.moves:
+            by_pelvis = ca.SX(*by_pelvis.shape)
+        count = seen.residual.shape[0]
+        lenient = ca.SX.eye(count) / person.attention if count else ca.SX(0, 0)
+        return cls(
+            ca.vertcat(kept @ ca.vertcat(*moves), ca.horzcat(by_pelvis, seen.by_joints)),
+            ca.diagcat(firm, lenient),
+            ca.vertcat(kept @ ca.vertcat(*wants), ca.horzcat(-seen.by_work, ca.SX(count, 3))),
+            kept,
+        )
