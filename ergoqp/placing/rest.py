@@ -237,7 +237,9 @@ def hang(response: IkResponse, posture: ca.SX) -> None:
         return
     arm, swings = arm_of(response.hanging), swinging(response.hanging)
     posture[arm] = ca.DM(response.comfort[arm])
-    posture[swings] = hanging(posture[TRUNK], response.hanging, ca.SX(ca.DM(response.comfort[swings])))
+    posture[swings] = hanging(
+        posture[TRUNK], response.hanging, ca.SX(ca.DM(response.comfort[swings]))
+    )
 
 
 def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:

@@ -27,7 +27,9 @@ def arm_of(side: str) -> list[int]:
     """Return the numbers of the seven joints of an arm."""
     chain = ("shoulder", "elbow", "forearm", "wrist")
     return [
-        INDEX[joint] for joint in JOINTS[:20] if joint.startswith(tuple(f"{side}_{p}" for p in chain))
+        INDEX[joint]
+        for joint in JOINTS[:20]
+        if joint.startswith(tuple(f"{side}_{p}" for p in chain))
     ]
 
 
@@ -53,7 +55,9 @@ def hanging(trunk: ca.SX, side: str, ease: ca.SX) -> ca.SX:
     )
     # The arm turns with the trunk about the vertical, and does not lean with it.
     forward, sideways, twist = trunk[0], trunk[1], trunk[2]
-    down = _about(2, -twist) @ _about(0, sideways) @ _about(1, -forward) @ _about(2, twist) @ upright
+    down = (
+        _about(2, -twist) @ _about(0, sideways) @ _about(1, -forward) @ _about(2, twist) @ upright
+    )
     across = ca.fmax(ca.fmin(aside * down[1], _NEARLY), -_NEARLY)
     return ca.vertcat(ca.atan2(down[0], -down[2]), ca.asin(across))
 

@@ -73,11 +73,51 @@ def rows_of(response: IkResponse, data: mujoco.MjData) -> tuple[np.ndarray, np.n
     return np.vstack(moves), np.vstack(wants)
 
 
+def missing(data: mujoco.MjData, work: np.ndarray) -> np.ndarray:
+    """What is missing (3,) for seeing the work with ease, by angles and from MuJoCo's head."""
+    head = frame(data, "eyes")
+    toward = head[:3, :3].T @ (work - head[:3, 3])
+    distance = np.linalg.norm(toward)
+    ease = np.array([np.cos(np.radians(15)), 0, -np.sin(np.radians(15))])
+    up = np.array([np.sin(np.radians(15)), 0, np.cos(np.radians(15))])
+    toward = toward / distance
+    aside = np.array([toward[1], toward @ up]) * 2.1 / (1.1 + toward @ ease)
+    turn = np.hypot(*aside)
+    beyond = turn - np.radians(15) * turn / np.hypot(turn, np.radians(15))
+    near = 0.3 - distance
+    nearness = near / 0.3 / 2 + np.sqrt(near**2 + 0.03**2) / 0.3 / 2
+    return np.append(aside * (beyond / turn if turn > 1e-9 else 0.0), nearness)
+
+
+def eyes_of(response: IkResponse, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is missing (3,), its change with all 36 rates (3, 36) and with a twist (3, 6): central
+    differences."""
+    work, step = contact_of(response, data)[:3, 3], 1e-5
+    other = mujoco.MjData(data.model)
+
+    def at(qpos: np.ndarray, place: np.ndarray) -> np.ndarray:
+        other.qpos[:] = qpos
+        mujoco.mj_kinematics(data.model, other)
+        return missing(other, place)
+
+    by_rates, by_twist = np.zeros((3, 36)), np.zeros((3, 6))
+    for i, change in enumerate(step * np.eye(36)):
+        by_rates[:, i] = (at(data.qpos + change, work) - at(data.qpos - change, work)) / (2 * step)
+    for i, change in enumerate(step * np.eye(3)):
+        by_twist[:, i] = (at(data.qpos, work + change) - at(data.qpos, work - change)) / (2 * step)
+    return at(data.qpos, work), by_rates, by_twist
+
+
+def swings_of(response: IkResponse) -> list[int]:
+    """Numbers of the joints that gravity turns."""
+    return [INDEX[joint] for joint in response.joints if joint not in response.chain]
+
+
 def mobile(response: IkResponse, locked: np.ndarray) -> np.ndarray:
     """The rates, of all 36, that may differ from zero."""
     base = [0, 1, 2, 3] if response.stance == "standing" else []
     return np.array(
-        base + [4 + INDEX[joint] for joint in response.joints if not locked[INDEX[joint]]]
+        base + [4 + INDEX[joint] for joint in response.chain if not locked[INDEX[joint]]]
     )
 
 
@@ -86,8 +126,8 @@ def sensitivity(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return S (32, 6) and the unmet contact motion per twist (6 k, 6), world axes.
 
-    min 1/2 v'Wv + 1/2 balance |v_xy|^2 + 1/(2 damping^2) |hands v - wanted xi|^2  s.t.  both soles
-    stay (standing).
+    min 1/2 v'Wv + 1/2 balance |v_xy|^2 + 1/(2 damping^2) |hands v - wanted xi|^2 + 1/2 attention
+    |eyes v + work xi|^2  s.t.  both soles stay (standing). An arm that hangs is left out: zero.
     """
     data = placed(response, posture)
     moves, wants = rows_of(response, data)
@@ -98,6 +138,11 @@ def sensitivity(
     hands = moves[:, columns]
     H = np.diag(weights) + hands.T @ hands / response.damping**2
     g = -hands.T @ wants / response.damping**2
+    if response.looks:
+        _, by_rates, by_twist = eyes_of(response, data)
+        eyes = by_rates[:, columns]
+        H += response.attention * eyes.T @ eyes
+        g += response.attention * eyes.T @ by_twist
     soles = np.zeros((0, len(columns)))
     if response.stance == "standing":
         soles = np.vstack([jacobian(data, "right_sole"), jacobian(data, "left_sole")])[:, columns]
