@@ -57,6 +57,9 @@ class IkTable(Table):
     balance: NotNegative = 60.0
     relaxation_time: Positive = 1.0
     damping: Annotated[float, Field(ge=1e-6, le=1)] = 0.02
+    looks: bool = True
+    attention: Annotated[float, Field(ge=1e-3, le=1e6)] = 8.0
+    free_arm: Literal["hangs", "rests"] | None = None
 
 
 class PointsTable(Table):

@@ -72,7 +72,7 @@ def gaze(kinematics: Kinematics, q: ca.SX, work: ca.SX, joints: Sequence[int]) -
 def beyond_ease(seen: ca.SX) -> ca.SX:
     """Return what is missing (3,) where the work is seen at (3,) [m], x along the eyes at ease.
 
-    The direction is twice the tangent of half its angle, so that it grows up to behind the head;
+    The direction is about twice the tangent of half its angle, so that it grows up to 150 deg;
     of it counts what is beyond the turn of the eyes, smoothly.
     """
     distance = ca.sqrt(ca.sumsqr(seen) + 1e-8)

@@ -144,7 +144,7 @@ class IkResponse:
             moved += [joint for side in SIDES for joint in LEG_JOINTS[side]]
         return tuple(moved)
 
-    @cached_property
+    @property
     def joints(self) -> tuple[str, ...]:
         """The joints that the object can move: the chain, and the shoulder of an arm that hangs."""
         swings = () if self.hanging is None else [JOINTS[i] for i in swinging(self.hanging)]

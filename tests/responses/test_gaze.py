@@ -37,7 +37,7 @@ def test_the_eyes_take_the_first_degrees_and_the_head_the_rest() -> None:
         left = np.degrees(toward(angle)[0])
         assert 0.5 * (angle - np.degrees(EYES_TURN)) < left < 1.7 * angle
         assert toward(-angle)[0] == pytest.approx(-toward(angle)[0])
-    sizes = [toward(angle)[0] for angle in np.linspace(0.0, 175.0, 60)]
+    sizes = [toward(angle)[0] for angle in np.linspace(0.0, 150.0, 60)]
     assert np.all(np.diff(sizes) > 0)
     assert np.isfinite(toward(180.0)).all()
 
