@@ -26,6 +26,7 @@ from benchmarks.people_way import (
 )
 from ergoqp.placing.population import person_of
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot
 from ergoqp.simulation.people.way import between, straight
@@ -33,6 +34,7 @@ from ergoqp.step.stepper import Stepper
 
 METHODS = (
     "",
+    "guided",
     "descent",
     "still",
     "rule",
@@ -43,8 +45,9 @@ METHODS = (
 )
 """Ways of moving the object.
 
-The first is ergoqp guided by the optimum of its own model (``ergoqp run --guide best``), the second
-ergoqp without a guide, as it comes.
+The first is ergoqp as ``ergoqp run --seek`` runs it: it tries the optimum of its own model and the
+rule's place after its own descent, and keeps what measures best. The second is guided by that
+optimum alone (``ergoqp run --guide best``), the third has no guide.
 """
 
 DURATION = 60.0
@@ -106,7 +109,10 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
     if method.startswith("gradient"):
         cost = svr() if method == "gradient" else problem.cost
         return Gradient(problem, cost, compiled=compiles())
-    return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
+    if method:
+        return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
+    rule = rule_pose(problem, person_of(problem).body)
+    return Seeker(problem, [Place("model's best", model_optimum(name).pose), Place("rule", rule)])
 
 
 def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:

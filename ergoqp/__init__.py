@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.problem_files.load import load_problem as load_problem
     from ergoqp.recordings.load import load_recording as load_recording
+    from ergoqp.seeking.seeker import Seeker as Seeker
     from ergoqp.sheets import reba as reba
     from ergoqp.simulation.simulate import simulate as simulate
     from ergoqp.step.answer.step import Step as Step
@@ -40,6 +41,7 @@ _LATER = {
     "Control": "ergoqp.problem.control",
     "DeclaredRobot": "ergoqp.problem.robot",
     "Problem": "ergoqp.problem.problem",
+    "Seeker": "ergoqp.seeking.seeker",
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
     "compare": "ergoqp.comparison.compare",
@@ -60,6 +62,7 @@ __all__ = [
     "Control",
     "DeclaredRobot",
     "Problem",
+    "Seeker",
     "Step",
     "Stepper",
     "__version__",

@@ -47,6 +47,8 @@ class Control:
         guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
         guide_gain: how much better than where descent comes to rest the given place must promise to
             be, and how much worse than promised it may be to be kept [points].
+        guide_price: how much worse than where it began a journey to a place may make the person,
+            for a while, before the object goes back [points].
     """
 
     look_ahead: float = 0.5
@@ -67,6 +69,7 @@ class Control:
     average: float | None = None
     guide_weight: float = 20.0
     guide_gain: float = 0.3
+    guide_price: float = 1.5
 
     def __post_init__(self) -> None:
         """Check the numbers."""

@@ -15,6 +15,7 @@ from ergoqp.expressions.quaternions import pose_as_dict
 from ergoqp.files.whole import whole, write_json
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
+from ergoqp.seeking.tries import Try
 from ergoqp.sheets.reba import Assessment
 from ergoqp.step.guide.place import Guide
 
@@ -56,6 +57,7 @@ class Run:
             stayed where it was: what the robot is to be compared with.
         settle: when the object came to rest for good [s], None if it was still moving at the end.
         guide: the place that the control step was given to be drawn to, None without one.
+        tries: what a loop that tries places tried, and what it measured there.
         follower: kind of the person, one of `ergoqp.simulation.people.KINDS`.
         forces: of the object on the hands, at the contact frame, world-aligned, shape (n, 6) [N,
             N m]; not finite for people without mass.
@@ -95,6 +97,7 @@ class Run:
     reba_standing_still: int = 0
     settle: float | None = None
     guide: Guide | None = None
+    tries: tuple[Try, ...] = ()
     follower: str = "alike"
     forces: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
     slips: int = 0
@@ -158,6 +161,7 @@ def summary_of_run(run: Run) -> dict[str, Any]:
         },
         "settle_s": _seconds(run.settle),
         "guide": _place(run.guide),
+        "tries": [_try(each) for each in run.tries],
         "let_go_s": _seconds(run.let_go),
         "violations": dict(run.violations),
         "max_violation": {name: _finite(value) for name, value in run.max_violation.items()},
@@ -216,6 +220,17 @@ def _forces(wrenches: np.ndarray) -> dict[str, float] | None:
 
 def _place(guide: Guide | None) -> dict[str, Any] | None:
     return None if guide is None else pose_as_dict(guide.pose) | {"promise": guide.promise}
+
+
+def _try(tried: Try) -> dict[str, Any]:
+    return pose_as_dict(tried.pose) | {
+        "name": tried.name,
+        "why": tried.why,
+        "begun_s": _seconds(tried.begun),
+        "ended_s": _seconds(tried.ended),
+        "score": _finite(tried.score),
+        "note": tried.note,
+    }
 
 
 def _seconds(value: float | None) -> float | None:

@@ -16,6 +16,7 @@ from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.seeking.seeker import Seeker
 from ergoqp.simulation.assumed import about_person, about_robot
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.inputs import check_numbers, read_observed, read_posture, stood_otherwise
@@ -49,6 +50,7 @@ def simulate(
     assumptions: Sequence[str] = (),
     progress: Progress | None = None,
     guide: Any = None,
+    seek: Sequence[Any] | None = None,
     robot: RobotKind | None = None,
     senses: Senses | None = None,
 ) -> Run:
@@ -71,6 +73,8 @@ def simulate(
         guide: a place that the control step is drawn to where descent alone comes to rest at a
             worse one: the optimum of `ergoqp.optimise` or a pose (4, 4), see
             `ergoqp.step.guide.place.read_guide`; None: descent alone.
+        seek: places that the loop tries after descent, keeping what scores lowest as measured: see
+            `ergoqp.Seeker`; None: none is tried. Without a guide then.
         robot: how the robot really does what it is sent; None: as badly as the problem declares it,
             or, where it declares nothing, as the person's simulation has it.
         senses: what lies between person and controller, constant errors of angles too; None: as
@@ -127,13 +131,16 @@ def simulate(
     unmoved.rest(unmoved.pose)
     checker = _Watched(problem, progress, round(duration / problem.dt))
     place = None if guide is None else read_guide(problem, guide)
-    stepper = Stepper(problem, solver=_SOLVER, guide=place)
+    if seek is not None and place is not None:
+        raise InputError("seek: got places beside a guide, allowed one of the two")
+    stepper = Stepper(problem, solver=_SOLVER, guide=place) if seek is None else None
+    seeker = None if seek is None else Seeker(problem, seek, solver=_SOLVER)
     trace = run_loop(
         problem,
         start,
         duration=duration,
         seed=seed,
-        controller=stepper,
+        controller=stepper or seeker,
         observed=seen,
         checker=checker,
         robot=robot,
@@ -188,6 +195,7 @@ def simulate(
         reba_standing_still=int(problem.assess(unmoved.posture).final[0]),
         settle=settled if math.isfinite(settled) else None,
         guide=place,
+        tries=() if seeker is None else tuple(seeker.account),
     )
 
 

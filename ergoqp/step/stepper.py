@@ -92,6 +92,7 @@ class Stepper:
         self._rest_at = count({name: parts[name] for name in ("history", "stored", "started")})
         self._bind(step_function(self.problem, solver, compiled, guided=self._guided))
         self._notes: dict[str, str] = {}
+        self._held = False
         if place is not None:
             self._lead(place)
         self.reset()
@@ -124,12 +125,25 @@ class Stepper:
         Raises:
             InputError: if `twist` is not six finite numbers.
         """
-        state = self._begin
+        state, self._held = self._begin, False
         if twist is not None:
             speed = self.problem.twist_limit.speed
             state = initial_state(self._model, np.clip(_six(twist), -speed, speed))
         self._state_in[:] = state
         self._inputs["posture"][:] = 0.0
+
+    def hold(self) -> None:
+        """Say no: the object comes to rest and stays there until `try_again` or `reset`.
+
+        Steps brake with that reason, whatever comes in; never raises.
+        """
+        self._held = True
+
+    def try_again(self) -> None:
+        """Move again after `hold`, and try the guide anew, if there is one."""
+        self._held = False
+        if self._guided:
+            self._state_in[-TRIAL:] = 0.0
 
     @property
     def stalled(self) -> float:
@@ -230,7 +244,9 @@ class Stepper:
             put(into["executed"], twist, (6,), "twist", notes)
         into["dt"][0] = self.dt if dt is None else number(dt)
         into["age"][0] = number(age)
-        into["enable"][0] = truth(enable, "enable", notes)
+        into["enable"][0] = truth(enable, "enable", notes) and not self._held
+        if self._held:
+            notes.setdefault("enable", "held: the object stays at rest until try_again()")
         if self._log is not None:
             self._record(notes)
         self._call()

@@ -10,13 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.arguments import check_number, read_array, shown
+from ergoqp.arguments import check_number, flag, read_array, shown
 from ergoqp.errors import InputError
 from ergoqp.expressions.rigid import read_pose
 from ergoqp.joints import JOINTS
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.step.guide.pull import UNKNOWN
+from ergoqp.step.guide.trial import FIRM, UNKNOWN
 
 _ROUNDING: Final = 1e-4
 """A place this far beyond the workspace is on its edge [m, rad]."""
@@ -31,14 +31,19 @@ class Guide:
             its x, the tool's axis.
         promise: cost that the model person has there [points]; None: nobody knows, and the place is
             tried to see.
+        firm: whether somebody else judges the place: the object goes there from rest, descends
+            from there, and comes back only where the way costs the person too much.
     """
 
     pose: np.ndarray
     promise: float | None = None
+    firm: bool = False
 
     @property
     def expected(self) -> float:
         """The promise as the step takes it."""
+        if self.firm:
+            return FIRM
         return UNKNOWN if self.promise is None else self.promise
 
 
@@ -71,6 +76,7 @@ def read_guide(problem: Problem, guide: Any) -> Guide:
     pose = read_pose("guide", getattr(guide, "pose", guide))
     _check_place(problem, pose)
     if isinstance(guide, Guide):
+        flag("guide.firm", guide.firm)
         if guide.promise is not None:
             check_number("guide.promise", guide.promise, -1e6, 1e6, "points")
         return guide

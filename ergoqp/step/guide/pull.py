@@ -22,9 +22,6 @@ GUIDE_INPUTS: Final = ("guide", "guided", "promise")
 GUIDE_OUTPUTS: Final = ("drawn",)
 """Which phase drew this step's twist, 0 for none."""
 
-UNKNOWN: Final = -1e9
-"""Promise of a place of which nothing is known: it is worth a trial."""
-
 _APPROACH: Final = 0.3
 """Time constant of the last of the way [s]."""
 

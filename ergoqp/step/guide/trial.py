@@ -42,6 +42,12 @@ DESCENT, THERE, LOOK, AFTER, BACK = range(5)
 The rest there lasts until the person is at rest too.
 """
 
+UNKNOWN: Final = -1e9
+"""Promise of a place of which nothing is known: it is worth a trial."""
+
+FIRM: Final = -2e9
+"""Promise of a place that somebody else judges: the object stays there, whatever it costs."""
+
 _ARRIVED: Final = 0.05
 """Distance that counts as none, in seconds at full speed."""
 
@@ -53,9 +59,6 @@ _STUCK: Final = 1.5
 
 _SETTLING: Final = 1.0
 """For how long the object rests at the place before its cost is looked at [s]."""
-
-_PRICE: Final = 1.5
-"""How much worse than where it began a journey may make the person, for a while [points]."""
 
 _SAME: Final = 0.1
 """Costs that differ by less are taken to be the same [points]."""
@@ -113,9 +116,12 @@ def trial_update(
     seen = ca.logic_and(phase == LOOK, waited > _SETTLING)
     kept = ca.logic_and(seen, cost <= expected)
     # Whoever gets that much worse on the way there may be unable to reach it.
-    suffers = ca.logic_and(ca.logic_or(phase == THERE, phase == LOOK), cost > before + _PRICE)
+    suffers = ca.logic_and(
+        ca.logic_or(phase == THERE, phase == LOOK), cost > before + control.guide_price
+    )
     judged = ca.logic_or(ca.logic_or(kept, suffers), ca.logic_and(phase == AFTER, ended))
-    returns = ca.logic_and(judged, cost > before + _SAME)
+    own = ca.logic_or(suffers, promise > (UNKNOWN + FIRM) / 2)
+    returns = ca.logic_and(ca.logic_and(judged, own), cost > before + _SAME)
 
     after = ca.if_else(leaves, THERE, phase)
     after = ca.if_else(arrives, ca.if_else(phase == THERE, LOOK, DESCENT), after)

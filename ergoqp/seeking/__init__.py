@@ -1,0 +1,5 @@
+"""A loop that tries places and believes what it measures there."""
+
+from ergoqp.seeking.seeker import Seeker as Seeker
+from ergoqp.seeking.tries import Place as Place
+from ergoqp.seeking.tries import Seeking as Seeking

@@ -1,0 +1,85 @@
+"""When the person is at rest, and in which posture: angles are noisy and people follow late."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+WINDOW: Final = 1.0
+"""Seconds over which postures are averaged."""
+
+LONGEST: Final = 5.0
+"""An object at rest for so long is judged, whether the person is steady or not [s]."""
+
+STEADY: Final = float(np.radians(1.0))
+"""Averages of two windows in a row that differ by less, RMS over the joints, are at rest [rad]."""
+
+
+@dataclass(frozen=True)
+class Resting:
+    """A rest as it was measured.
+
+    Attributes:
+        time: of the loop, at its end [s].
+        pose: of the object (4, 4) [m].
+        posture: mean of the last second, over the frames in which a joint was seen (32,) [rad];
+            NaN where it never was.
+    """
+
+    time: float
+    pose: np.ndarray
+    posture: np.ndarray
+
+
+class RestWatch:
+    """Collects postures while the object is at rest, and says when the person is too."""
+
+    def __init__(self) -> None:
+        """Begin with an object that moves."""
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was collected: the object moves."""
+        self._still, self._windows = 0.0, []
+        self._sum, self._count, self._in_window = np.zeros(1), np.zeros(1), 0.0
+
+    def add(
+        self, now: float, dt: float, still: bool, posture: np.ndarray, pose: np.ndarray
+    ) -> Resting | None:
+        """Add a period; return the rest as soon as it is one.
+
+        Args:
+            now: time of the loop [s].
+            dt: period [s].
+            still: whether the object is at rest in it.
+            posture: as measured (32,) [rad], NaN for what is not seen or not new.
+            pose: of the object (4, 4) [m].
+        """
+        if not still:
+            if self._still:
+                self.begin()
+            return None
+        seen = np.isfinite(posture)
+        self._sum = self._sum + np.where(seen, posture, 0.0)
+        self._count = self._count + seen
+        self._still += dt
+        self._in_window += dt
+        if self._in_window < WINDOW - dt / 2:
+            return None
+        mean = np.full(posture.shape, np.nan)
+        np.divide(self._sum, self._count, out=mean, where=self._count > 0)
+        self._windows.append(mean)
+        self._sum, self._count, self._in_window = np.zeros(1), np.zeros(1), 0.0
+        if not (self._steady() or self._still >= LONGEST - dt / 2):
+            return None
+        self.begin()
+        return Resting(now, pose.copy(), mean)
+
+    def _steady(self) -> bool:
+        if len(self._windows) < 2:
+            return False
+        apart = self._windows[-1] - self._windows[-2]
+        both = np.isfinite(apart)
+        return bool(both.any() and np.sqrt(np.mean(apart[both] ** 2)) < STEADY)

@@ -1,0 +1,172 @@
+"""A control loop that tries places, measures the person at rest in each, and keeps the best.
+
+Descent finds what lies downhill, for the model of the person; the optimum of the model is that of
+somebody else than who stands there. Which of them is better for this person is measured: the smooth
+score of their mean posture over a second at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.arguments import as_tuple, check_kind
+from ergoqp.costs.smooth_reba import SmoothReba
+from ergoqp.errors import InputError
+from ergoqp.joints import JOINTS
+from ergoqp.problem.problem import Problem
+from ergoqp.seeking.resting import RestWatch
+from ergoqp.seeking.tries import Place, Seeking, Tries, Try
+from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.model import stand_in
+from ergoqp.step.stepper import Step, Stepper
+from ergoqp.step.user_values import number
+
+NOISE_DEG: Final = 2.0
+"""Scale at which a measured posture is scored [deg]: what is left of noise and habit at rest."""
+
+
+class Seeker:
+    """One control loop that tries places; takes and gives what a `Stepper` does.
+
+    Every twist is the stepper's own, with its limits and its certification: what is tried is only
+    where it is drawn to.
+
+    Args:
+        problem: the task; it must move an object that a person holds.
+        places: to be tried after descent, the most promising first: `Place`, or an `Optimum`.
+        how: how many, and for how long; None: `Seeking`'s defaults.
+        terms: keywords of the `Stepper`.
+
+    Raises:
+        InputError: as for `Stepper`, and if a place cannot be used.
+
+    Attributes:
+        stepper: that moves the object.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        places: Sequence[Any] = (),
+        how: Seeking | None = None,
+        **terms: Any,
+    ) -> None:
+        """Read the places; build the step."""
+        check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+        if tuple(problem.coordinates) != JOINTS:
+            raise InputError(
+                f"problem {problem.name}: got one that moves {', '.join(problem.coordinates)},"
+                " allowed problems of a person"
+            )
+        if "guide" in terms:
+            raise InputError("guide: got one, allowed only as one of the places to be tried")
+        check_kind("how", how, (Seeking, type(None)), "Seeking or None")
+        known = [_read_place(problem, place) for place in as_tuple("places", places)]
+        # A stepper that is made with a place can be drawn to others.
+        first = Guide(known[0].pose, firm=True) if known else None
+        self.stepper = Stepper(problem, guide=first, **terms)
+        self._guided = bool(known)
+        self.problem = self.stepper.problem
+        self._score = SmoothReba((NOISE_DEG,), (1.0,), problem.method, **problem.task)
+        self._tries = Tries(known, how or Seeking(), self.score(np.zeros(len(JOINTS))))
+        self._watch = RestWatch()
+        self.reset()
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        return self.stepper.dt
+
+    @property
+    def account(self) -> list[Try]:
+        """What was tried so far, and what became of it."""
+        return list(self._tries.account)
+
+    @property
+    def best(self) -> Try | None:
+        """The rest that scored lowest, as measured last; None before there is one."""
+        return self._tries.best
+
+    @property
+    def seeks(self) -> bool:
+        """Whether places are still tried."""
+        return not self._tries.done
+
+    def score(self, posture: np.ndarray) -> float:
+        """Return the smooth score of a mean posture (32,) [points]; NaN: as the model rests."""
+        known = np.where(np.isfinite(posture), posture, stand_in(self.problem))
+        return float(self._score(np.clip(known, -np.pi, np.pi))[0])
+
+    def reset(self, twist: Any = None) -> None:
+        """Forget the loop and what was tried; see `Stepper.reset`."""
+        self.stepper.reset(twist)
+        self._now = 0.0
+        self._tries.begin(0.0)
+        self._watch.begin()
+        self._lead(None)
+
+    def hold(self) -> None:
+        """Say no: the object comes to rest and stays, and nothing is tried, until `try_again`."""
+        self.stepper.hold()
+        self._tries.done = True
+
+    def try_again(self) -> None:
+        """Try all places anew, from here."""
+        self.stepper.try_again()
+        self._tries.begin(self._now)
+        self._watch.begin()
+        self._lead(None)
+
+    def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
+        """Return the next braking twist without new data; see `Stepper.brake`."""
+        return self.stepper.brake(dt, elapsed)
+
+    def step(
+        self,
+        posture: Any,
+        pose: Any = None,
+        twist: Any = None,
+        *,
+        dt: float | None = None,
+        age: float = 0.0,
+        enable: bool = True,
+        observed: Any = None,
+    ) -> Step:
+        """Return the next object twist; see `Stepper.step`."""
+        step = self.stepper.step(
+            posture, pose, twist, dt=dt, age=age, enable=enable, observed=observed
+        )
+        if self._tries.done:
+            return step
+        period = self.dt if dt is None else number(dt)
+        if np.isfinite(period):
+            self._now += period
+            self._look(step, period, fresh=posture is not None and age == 0.0)
+        return step
+
+    def _look(self, step: Step, period: float, fresh: bool) -> None:
+        """Go on with the tries after a step."""
+        still = step.status == "settled" and not step.twist.any()
+        seen = np.full(len(JOINTS), np.nan)
+        if still and fresh:
+            angles, mask = self.stepper.frame
+            seen = np.where(mask > 0.5, angles, np.nan)
+        rest = self._watch.add(self._now, period, still, seen, step.pose)
+        if rest is not None:
+            self._lead(self._tries.measured(rest, self.score(rest.posture)))
+        elif self._tries.overdue(self._now):
+            self._watch.begin()
+            self._lead(self._tries.unrested(self._now, step.pose.copy()))
+
+    def _lead(self, place: Place | None) -> None:
+        if self._guided:
+            self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
+
+
+def _read_place(problem: Problem, given: Any) -> Place:
+    """Return a place that can be gone to, from what a user gives."""
+    pose = read_guide(problem, given).pose
+    return given if isinstance(given, Place) else Place("given", pose)

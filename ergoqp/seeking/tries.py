@@ -1,0 +1,182 @@
+"""Which place is tried next, which is kept, and why: believes what is measured at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.arguments import check_number, check_text, check_whole
+from ergoqp.expressions.rigid import read_pose
+from ergoqp.seeking.resting import Resting
+
+DESCENT: Final = "descent"
+"""Name of where descent alone comes to rest."""
+
+_SAME: Final = (0.03, float(np.radians(5.0)))
+"""Places this near to each other are one [m], [rad]."""
+
+_TAKES: Final = 12.0
+"""A try with the return after it takes about so long: none is begun later than that [s]."""
+
+
+@dataclass(frozen=True)
+class Seeking:
+    """How places are tried.
+
+    Attributes:
+        tries: how many places are tried at most, that of descent among them.
+        longest: after how long no place is tried any more, and the best one has been returned to
+            [s].
+        patience: a try without a rest after so long is over [s].
+        better: a place must score so much lower to be returned to [points].
+        enough: so little above what standing at ease scores nothing more is looked for [points].
+        returns: how often the object returns to the best place, which may not be what it was.
+    """
+
+    tries: int = 6
+    longest: float = 60.0
+    patience: float = 15.0
+    better: float = 0.2
+    enough: float = 0.5
+    returns: int = 2
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("tries", "returns"):
+            check_whole(f"seeking.{name}", getattr(self, name), 0, 100)
+        for name, unit in (("longest", "s"), ("patience", "s"), ("better", ""), ("enough", "")):
+            check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6, unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A place to be tried.
+
+    Attributes:
+        name: a few words.
+        pose: of the object (4, 4) [m].
+    """
+
+    name: str
+    pose: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check both."""
+        check_text("place.name", self.name)
+        object.__setattr__(self, "pose", read_pose("place.pose", self.pose))
+
+
+@dataclass(frozen=True, eq=False)
+class Try:
+    """What became of a place.
+
+    Attributes:
+        name: of the place.
+        why: it was gone to.
+        begun: when [s].
+        ended: when it was judged [s].
+        pose: where the object came to rest (4, 4) [m].
+        score: of the person at rest there, as measured [points]; NaN where they did not rest.
+        note: what became of it.
+    """
+
+    name: str
+    why: str
+    begun: float
+    ended: float
+    pose: np.ndarray
+    score: float
+    note: str
+
+
+class Tries:
+    """The account of a loop that tries places, and its next move.
+
+    Args:
+        places: to be tried, the most promising first.
+        how: how many, for how long.
+        floor: score of standing at ease, which no work is below [points].
+    """
+
+    def __init__(self, places: Sequence[Place], how: Seeking, floor: float) -> None:
+        """Begin with descent."""
+        self.how, self.floor, self._places = how, floor, list(places)
+        self.begin(0.0)
+
+    def begin(self, now: float) -> None:
+        """Begin anew at a time of the loop [s]."""
+        self.account: list[Try] = []
+        self.best: Try | None = None
+        self.going: Place | None = None
+        self.returning = self.done = False
+        self._left, self._rests = list(self._places), []
+        self._returned, self._began, self._since = 0, now, now
+
+    def overdue(self, now: float) -> bool:
+        """Return whether the present try has had its time."""
+        return not self.done and now - self._since > self.how.patience
+
+    def unrested(self, now: float, pose: np.ndarray) -> Place | None:
+        """Note that nobody came to rest; return the next place to go to, None to stay."""
+        return self._next(self._noted(now, pose, np.nan, "no rest"))
+
+    def measured(self, rest: Resting, score: float) -> Place | None:
+        """Note a rest; return the next place to go to, None to stay.
+
+        Args:
+            rest: where and when.
+            score: of the person there [points].
+        """
+        note = "measured"
+        if self.going is not None and self.account:
+            to_goal = _apart(rest.pose, self.going.pose)
+            if _apart(rest.pose, self.account[-1].pose) < min(1.0, to_goal):
+                note = "came back: the way there cost too much"
+        return self._next(self._noted(rest.time, rest.pose, score, note))
+
+    def _noted(self, now: float, pose: np.ndarray, score: float, note: str) -> Try:
+        name = DESCENT if self.going is None else self.going.name
+        why = "returned to" if self.returning else "to be tried" if self.going else "downhill"
+        noted = Try(name, why, self._since - self._began, now - self._began, pose, score, note)
+        if self.returning and self.best in self._rests:
+            # What the place scores now is what it scores.
+            self._rests.remove(self.best)
+        self.account.append(noted)
+        if np.isfinite(score):
+            self._rests.append(noted)
+        self._since = now
+        return noted
+
+    def _next(self, last: Try) -> Place | None:
+        self.best = min(self._rests, key=lambda each: each.score, default=None)
+        if not self.returning and self._seeks(last):
+            while self._left:
+                place = self._left.pop(0)
+                if all(_apart(place.pose, each.pose) > 1.0 for each in self.account):
+                    self.going = place
+                    return place
+        best = self.best
+        worse = best is not None and not last.score <= best.score + self.how.better
+        if best is None or not worse or self._returned >= self.how.returns:
+            self.done, self.returning = True, False
+            return None
+        self._returned += 1
+        self.returning, self.going = True, Place(best.name, best.pose)
+        return self.going
+
+    def _seeks(self, last: Try) -> bool:
+        """Return whether another place is worth a try, and there is time for it."""
+        how, best = self.how, self.best
+        good = best is not None and best.score <= self.floor + how.enough
+        late = last.ended + _TAKES > how.longest
+        return len(self.account) < how.tries and not late and not good
+
+
+def _apart(pose: np.ndarray, other: np.ndarray) -> float:
+    """Return how far places are from each other: below 1 they are one."""
+    turn = float(np.arccos(np.clip(pose[:3, 0] @ other[:3, 0], -1.0, 1.0)))
+    way = float(np.linalg.norm(pose[:3, 3] - other[:3, 3]))
+    return max(way / _SAME[0], turn / _SAME[1])
