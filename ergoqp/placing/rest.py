@@ -137,7 +137,9 @@ class Holding:
         if not self.response.looks:
             return ca.SX(len(joints), 1), ca.SX(4, 1)
         seen = gaze(self.response.kinematics, self.posture, self._work, joints)
-        pull = -self.response.attention * seen.residual
+        # As for the forces of the hands: what they miss comes in whole, what they wish in half.
+        missed = sum((error[:3] for error in self.errors), ca.SX(3, 1)) / len(self.errors)
+        pull = -self.response.attention * (seen.residual + 2 * seen.by_work @ missed)
         on_pelvis = -base_jacobian(self._work)[:3, :].T @ (seen.by_work.T @ pull)
         return seen.by_joints.T @ pull, on_pelvis
 

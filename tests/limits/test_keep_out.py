@@ -230,7 +230,9 @@ def test_an_object_that_was_put_into_a_region_comes_out_of_it() -> None:
         depths.append(distance(region, pose[:3, 3]))
     assert depths[0] < -0.02
     assert depths[-1] > -1e-4
-    assert np.all(np.diff(depths) > -1e-9)
+    inside = np.flatnonzero(np.array(depths) < 0)
+    assert np.all(np.diff(depths)[inside[:-1]] > -1e-9)
+    assert min(depths[inside[-1] + 1 :]) >= 0
 
 
 def test_the_best_place_is_out_of_the_region() -> None:

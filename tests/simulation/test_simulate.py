@@ -21,6 +21,7 @@ from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.starts import awkward_start
 
 KEYS = {
+    "tries",
     "version",
     "problem",
     "title",
