@@ -15,7 +15,7 @@ from ergoqp.whole_body.loop import run_whole_body
 
 problem = ergoqp.load_problem("dentist")
 person = sample_person(problem, seed=0, body=problem.response.body)
-posture = awkward_start(problem, person, seed=1, places=10)
+posture = awkward_start(problem, person, seed=4, places=1)
 
 # The robot that comes with the package; any MJCF or URDF by its path, with frame= and, where the
 # file is silent, load_robot().

@@ -145,6 +145,7 @@ def test_public_names():
         "Control",
         "Problem",
         "Step",
+        "Seeker",
         "Stepper",
         "__version__",
         "compare",

@@ -89,10 +89,9 @@ class IkResponse:
             raise InputError(f"tool: got {shown(self.tool)}, allowed one of {', '.join(TOOL_AXES)}")
         for name in ("free_about_tool", "looks"):
             object.__setattr__(self, name, flag(name, getattr(self, name)))
-        if self.free_arm not in (None, "hangs", "rests"):
-            raise InputError(
-                f"free_arm: got {shown(self.free_arm)}, allowed 'hangs', 'rests' or none"
-            )
+        arm = self.free_arm
+        if arm is not None and not (isinstance(arm, str) and arm in ("hangs", "rests")):
+            raise InputError(f"free_arm: got {shown(arm)}, allowed 'hangs', 'rests' or none")
         for name, unit in (("comfort_deg", "its angle [deg]"), ("weights", "its weight")):
             check_kind(name, getattr(self, name), Mapping, f"a table of joints, each with {unit}")
         for name, low, high in (

@@ -221,7 +221,7 @@ def test_what_a_lagging_robot_still_owes_after_a_hold_is_kept_free(lag: float, h
             stepper.reset()
             pose[0, 3] = walls.lower[0] + distance
             sim = SimulatedRobot(RobotKind(lag=lag), pose, np.random.default_rng(0))
-            q = near_comfort("screwing", np.random.default_rng(0), 1)
+            q = near_comfort("screwing", np.random.default_rng(0), 15)
             for number in range(300):
                 twist = stepper.step(q, sim.measured_pose()).twist
                 for way in sim.execute(twist, 0.01 + hold * (number == held)):

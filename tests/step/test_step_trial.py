@@ -10,8 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ergoqp.problem.control import Control
-from ergoqp.step.guide.pull import UNKNOWN
-from ergoqp.step.guide.trial import AFTER, BACK, DESCENT, LOOK, THERE, TRIAL, trial_update
+from ergoqp.step.guide.trial import (
+    AFTER,
+    BACK,
+    DESCENT,
+    LOOK,
+    THERE,
+    TRIAL,
+    UNKNOWN,
+    trial_update,
+)
 from ergoqp.step.rest import STATES
 
 CONTROL = Control()

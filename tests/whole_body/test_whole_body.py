@@ -57,7 +57,7 @@ def near_the_thigh():
     """A dentist's start from which the object would come down onto the thigh."""
     problem = ergoqp.load_problem("dentist")
     person = sample_person(problem, 0, body=problem.response.body)
-    return problem, person, awkward_start(problem, person, 1, 10)
+    return problem, person, awkward_start(problem, person, 4, 1)
 
 
 def test_the_distance_is_kept_where_it_would_not_be(near_the_thigh):
