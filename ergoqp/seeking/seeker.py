@@ -20,12 +20,16 @@ from ergoqp.problem.problem import Problem
 from ergoqp.seeking.resting import RestWatch
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
 from ergoqp.step.guide.place import Guide, read_guide
+from ergoqp.step.guide.trial import LOOK
 from ergoqp.step.model import stand_in
 from ergoqp.step.stepper import Step, Stepper
 from ergoqp.step.user_values import number
 
 NOISE_DEG: Final = 2.0
 """Scale at which a measured posture is scored [deg]: what is left of noise and habit at rest."""
+
+_NOT_ENABLED: Final = "not enabled"
+_KEPT: Final = "at rest: at the best of the places tried"
 
 
 class Seeker:
@@ -103,7 +107,7 @@ class Seeker:
     def reset(self, twist: Any = None) -> None:
         """Forget the loop and what was tried; see `Stepper.reset`."""
         self.stepper.reset(twist)
-        self._now = 0.0
+        self._now, self._held = 0.0, False
         self._tries.begin(0.0)
         self._watch.begin()
         self._lead(None)
@@ -111,11 +115,12 @@ class Seeker:
     def hold(self) -> None:
         """Say no: the object comes to rest and stays, and nothing is tried, until `try_again`."""
         self.stepper.hold()
-        self._tries.done = True
+        self._held = True
 
     def try_again(self) -> None:
         """Try all places anew, from here."""
         self.stepper.try_again()
+        self._held = False
         self._tries.begin(self._now)
         self._watch.begin()
         self._lead(None)
@@ -137,12 +142,18 @@ class Seeker:
     ) -> Step:
         """Return the next object twist; see `Stepper.step`."""
         step = self.stepper.step(
-            posture, pose, twist, dt=dt, age=age, enable=enable, observed=observed
+            posture,
+            pose,
+            twist,
+            dt=dt,
+            age=age,
+            enable=enable and not self._stays,
+            observed=observed,
         )
-        if self._tries.done:
-            return step
+        if self._stays and enable is True and not step.twist.any() and step.reason == _NOT_ENABLED:
+            step.status, step.reason = "settled", _KEPT
         period = self.dt if dt is None else number(dt)
-        if np.isfinite(period):
+        if np.isfinite(period) and not self._held:
             self._now += period
             self._look(step, period, fresh=posture is not None and age == 0.0)
         return step
@@ -155,13 +166,20 @@ class Seeker:
             angles, mask = self.stepper.frame
             seen = np.where(mask > 0.5, angles, np.nan)
         rest = self._watch.add(self._now, period, still, seen, step.pose)
-        if rest is not None:
+        if self._tries.returning and step.drawn == LOOK:
+            self._stays = True
+        if self._tries.done:
+            if rest is not None and self._tries.worsened(self.score(rest.posture)):
+                self.try_again()
+        elif rest is not None:
             self._lead(self._tries.measured(rest, self.score(rest.posture)))
         elif self._tries.overdue(self._now):
             self._watch.begin()
             self._lead(self._tries.unrested(self._now, step.pose.copy()))
 
     def _lead(self, place: Place | None) -> None:
+        # At the end the object stays where it is: another descent would leave what was measured.
+        self._stays = self._tries.done
         if self._guided:
             self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
 

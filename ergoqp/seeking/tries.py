@@ -21,6 +21,9 @@ _SAME: Final = (0.03, float(np.radians(5.0)))
 _TAKES: Final = 12.0
 """A try with the return after it takes about so long: none is begun later than that [s]."""
 
+_AGAIN: Final = 3
+"""So many worse rests in a row are no accident: the person is another, or works otherwise."""
+
 
 @dataclass(frozen=True)
 class Seeking:
@@ -34,6 +37,8 @@ class Seeking:
         better: a place must score so much lower to be returned to [points].
         enough: so little above what standing at ease scores nothing more is looked for [points].
         returns: how often the object returns to the best place, which may not be what it was.
+        worse: at the end the object stays; once the person there scores this much worse than
+            measured, all is tried anew [points].
     """
 
     tries: int = 6
@@ -42,13 +47,16 @@ class Seeking:
     better: float = 0.2
     enough: float = 0.5
     returns: int = 2
+    worse: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         for name in ("tries", "returns"):
             check_whole(f"seeking.{name}", getattr(self, name), 0, 100)
-        for name, unit in (("longest", "s"), ("patience", "s"), ("better", ""), ("enough", "")):
-            check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6, unit)
+        for name in ("longest", "patience"):
+            check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6, "s")
+        for name in ("better", "enough", "worse"):
+            check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +122,7 @@ class Tries:
         self.returning = self.done = False
         self._left, self._rests = list(self._places), []
         self._returned, self._began, self._since = 0, now, now
+        self._last, self._windows = np.inf, 0
 
     def overdue(self, now: float) -> bool:
         """Return whether the present try has had its time."""
@@ -122,6 +131,11 @@ class Tries:
     def unrested(self, now: float, pose: np.ndarray) -> Place | None:
         """Note that nobody came to rest; return the next place to go to, None to stay."""
         return self._next(self._noted(now, pose, np.nan, "no rest"))
+
+    def worsened(self, score: float) -> bool:
+        """Return whether, at the end, a rest scores so much worse that all is to be tried anew."""
+        self._windows = self._windows + 1 if score > self._last + self.how.worse else 0
+        return self._windows >= _AGAIN
 
     def measured(self, rest: Resting, score: float) -> Place | None:
         """Note a rest; return the next place to go to, None to stay.
@@ -162,6 +176,7 @@ class Tries:
         worse = best is not None and not last.score <= best.score + self.how.better
         if best is None or not worse or self._returned >= self.how.returns:
             self.done, self.returning = True, False
+            self._last, self._windows = last.score, 0
             return None
         self._returned += 1
         self.returning, self.going = True, Place(best.name, best.pose)

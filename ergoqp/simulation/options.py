@@ -29,6 +29,7 @@ _UNITS: Final[dict[str, str]] = {
     "rest_below": "points",
     "move_above": "points",
     "guide_gain": "points",
+    "guide_price": "points",
     "effort_linear": "points/(m/s)²",
     "effort_angular": "points/(rad/s)²",
     "contact": "points/(m/s)²",

@@ -14,6 +14,7 @@ from ergoqp.step.guide.trial import (
     AFTER,
     BACK,
     DESCENT,
+    FIRM,
     LOOK,
     THERE,
     TRIAL,
@@ -78,7 +79,7 @@ def plain(
             next_phase, arrived_back = (LOOK, False) if phase == THERE else (DESCENT, True)
     if phase == DESCENT and ended and cost > expected:
         next_phase, before, began = THERE, cost, np.concatenate([pose[:3, 3], pose[:3, 0]])
-    worse = phase in (THERE, LOOK) and cost > trial[3] + 1.5
+    worse = phase in (THERE, LOOK) and cost > trial[3] + CONTROL.guide_price
     looked = phase == LOOK and waited > 1.0
     if looked:
         next_phase = AFTER
@@ -87,7 +88,9 @@ def plain(
         judged = True
     if judged:
         worth, tried = cost, 1.0
-        next_phase = BACK if cost > trial[3] + 0.1 else DESCENT
+        # A firm place is judged by somebody else, but for what the way there costs.
+        own = worse or promise > -1.5e9
+        next_phase = BACK if own and cost > trial[3] + 0.1 else DESCENT
     if next_phase != phase:
         closest, waited = 1e9, 0.0
     after = np.array([next_phase, tried, worth, before, closest, waited, cost, *began])
@@ -134,7 +137,7 @@ def test_a_trial_goes_by_its_rules(seed: int) -> None:
         "distance": float(
             rng.choice([0.04, 0.06, trial[4] - 0.01, trial[4] - 0.03, rng.uniform(0, 2)])
         ),
-        "promise": float(rng.choice([UNKNOWN, rng.uniform(0, 4)])),
+        "promise": float(rng.choice([UNKNOWN, FIRM, rng.uniform(0, 4)])),
         "points": rng.uniform(1, 5),
         "dt": float(rng.choice([0.01, 0.05, 1.0])),
     }
