@@ -17,8 +17,8 @@ from ergoqp.joints import LOWER, UPPER
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best_place import frame_of
 from ergoqp.step.model import stand_in
 from ergoqp.step.stepper import Stepper
 

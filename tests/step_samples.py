@@ -119,7 +119,7 @@ def near_comfort(name: str, rng: np.random.Generator, spread_deg: float = 8.0) -
 
 def held_pose(name: str) -> np.ndarray:
     """A pose well inside the workspace, its tool in the middle of the cone."""
-    from ergoqp.simulation.best_place import frame_of
+    from ergoqp.problem.workspace import frame_of
 
     problem = problem_of(name)
     box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)

@@ -14,6 +14,7 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.expressions.quaternions import matrix_of
 from ergoqp.human.body import Body
+from ergoqp.human.growth import Offsets
 from ergoqp.joints import INDEX, JOINTS
 
 Expression = TypeVar("Expression", ca.SX, ca.MX, ca.DM)
@@ -52,17 +53,22 @@ class Kinematics:
 
     Args:
         body: the person; its loaded MuJoCo model is the one source of every number.
+        growth: by how much the person is larger than `body`, in the order of
+            `ergoqp.human.growth.GROWTH`, as a share of it; None: by nothing.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, growth: ca.SX | None = None) -> None:
         """Read the tree of the loaded model once."""
-        self.body = body
+        self.body, self._growth = body, growth
+        self._offsets = Offsets.of(body, growth)
         self._q = ca.SX.sym("q", len(JOINTS))
-        self._bodies = _forward(body.model, self._q)
+        self._bodies = _forward(body.model, self._offsets, self._q)
         self._functions: dict[str, ca.Function] = {}
 
     def function(self, frame: str) -> ca.Function:
         """Return ``q (32,) -> (p (3,), R (3, 3), J (6, 32))`` of a frame, in the pelvis frame.
+
+        Of a body that may grow the growth is a second input.
 
         ``J`` is linear first, about the frame's own origin, along the axes of the pelvis.
 
@@ -81,7 +87,10 @@ class Kinematics:
         They are those at the posture `q` (32,) [rad].
         """
         position, rotation, jacobian = cast(
-            "tuple[Expression, Expression, Expression]", self.function(frame)(q)
+            "tuple[Expression, Expression, Expression]",
+            self.function(frame)(q)
+            if self._growth is None
+            else self.function(frame)(q, self._growth),
         )
         return position, rotation, jacobian
 
@@ -90,14 +99,17 @@ class Kinematics:
         site = model.site(frame)
         owner = int(site.bodyid[0])
         position, rotation, axes = self._bodies[owner]
-        origin = position + rotation @ ca.DM(site.pos)
+        origin = position + rotation @ self._offsets.site(frame)
         orientation = _clean(rotation @ ca.DM(_matrix(site.quat)))
         jacobian = ca.SX(6, len(JOINTS))
         for joint, axis, anchor in axes:
             jacobian[:3, joint] = ca.cross(axis, origin - anchor)
             jacobian[3:, joint] = axis
         outputs = ca.cse([_clean(origin), orientation, _clean(jacobian)])
-        return ca.Function(frame, [self._q], outputs, ["q"], ["position", "rotation", "jacobian"])
+        given = {"q": self._q} | ({} if self._growth is None else {"growth": self._growth})
+        return ca.Function(
+            frame, list(given.values()), outputs, list(given), ["position", "rotation", "jacobian"]
+        )
 
 
 def base_jacobian(position: Expression) -> Expression:
@@ -117,13 +129,15 @@ def base_jacobian(position: Expression) -> Expression:
 _Axis = tuple[int, ca.SX, ca.SX]
 
 
-def _forward(model: mujoco.MjModel, q: ca.SX) -> dict[int, tuple[ca.SX, ca.SX, list[_Axis]]]:
+def _forward(
+    model: mujoco.MjModel, offsets: Offsets, q: ca.SX
+) -> dict[int, tuple[ca.SX, ca.SX, list[_Axis]]]:
     """Walk the tree from the pelvis: each body's pose, (joint, axis, anchor) per hinge above it."""
     pelvis = model.body("pelvis").id
     bodies: dict[int, tuple[ca.SX, ca.SX, list[_Axis]]] = {pelvis: (ca.SX(3, 1), ca.SX.eye(3), [])}
     for body in range(pelvis + 1, model.nbody):
         position, rotation, axes = bodies[int(model.body_parentid[body])]
-        position = position + rotation @ ca.DM(model.body_pos[body])
+        position = position + rotation @ offsets.body(body)
         rotation = rotation @ ca.DM(_matrix(model.body_quat[body]))
         for number in range(
             model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]

@@ -10,7 +10,7 @@ import numpy as np
 from ergoqp.errors import InputError
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import frame_of, turn_about
+from ergoqp.problem.workspace import frame_of, turn_about
 
 _STEEPEST = np.radians(85.0)
 """Largest tilt about the frame's z [rad]: at a quarter turn the two tilts would be one."""

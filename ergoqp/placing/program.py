@@ -17,8 +17,9 @@ from ergoqp.limits import JointLimit, OneClassBoundary
 from ergoqp.placing.nlp_solvers import SETTINGS, check_names
 from ergoqp.placing.optimality import Solution, optimality_function, violation
 from ergoqp.placing.place import Place
-from ergoqp.placing.rest import Holding, Situated, hang, rest_conditions
+from ergoqp.placing.rest import rest_conditions
 from ergoqp.problem.problem import Problem
+from ergoqp.responses.holding import Holding, Situated, hang
 from ergoqp.responses.ik import IkResponse
 
 EASE: Final = 1e-3

@@ -25,153 +25,14 @@ relaxation^2 / 4 exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 
-from ergoqp.human.kinematics import base_jacobian
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
-from ergoqp.responses.contact import contact_frame
-from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
-from ergoqp.responses.gaze import gaze
+from ergoqp.responses.holding import Holding, Situated, hang
 from ergoqp.responses.ik import IkResponse
-from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
-
-_ROUND = 1e-3
-"""How smoothly straight knees become bent [rad]; see `ergoqp.responses.stance.with_bent_knees`."""
-
-
-@dataclass(frozen=True)
-class Situated:
-    """What a start gives: symbols that become numbers when a program is solved.
-
-    Attributes:
-        posture: joints that do not move stay as they are here (32,) [rad].
-        grasp: grips in the contact frame side by side (4, 4 k).
-        soles: right and left sole in the world (4, 8).
-        position: of the object's contact frame (3,) [m].
-        rotation: of the object's contact frame (3, 3).
-        relaxation: of complementarity [rad].
-    """
-
-    posture: ca.SX
-    grasp: ca.SX
-    soles: ca.SX
-    position: ca.SX
-    rotation: ca.SX
-    relaxation: ca.SX
-
-
-class Holding:
-    """A person holding the object: contact errors and forces as expressions of posture and pelvis.
-
-    Attributes:
-        response: the person.
-        posture: expression of the posture (32,).
-        pelvis: x, y, z [m] and yaw [rad] of the pelvis (4,), empty when seated.
-    """
-
-    def __init__(
-        self, response: IkResponse, place: Situated, posture: ca.SX, pelvis: ca.SX
-    ) -> None:
-        """Find hands and soles of the posture."""
-        self.response, self.place, self.posture, self.pelvis = response, place, posture, pelvis
-        self.standing = response.stance == "standing"
-        self._base = pelvis[:3] if self.standing else ca.SX([0, 0, response.seat])
-        self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
-        self._hands = [response.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
-        self._work, turned = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)
-        self._axis = turned[:, 0]
-
-    @cached_property
-    def errors(self) -> list[ca.SX]:
-        """Motion (6,) that would bring each hand to where the object is, pelvis axes [m, rad]."""
-        place, back = self.place, self._turned.T
-        errors = []
-        for number, (position, rotation, _) in enumerate(self._hands):
-            grip = place.grasp[:, 4 * number : 4 * number + 4]
-            wanted = back @ (place.position + place.rotation @ grip[:3, 3] - self._base)
-            errors.append(
-                ca.vertcat(wanted - position, _turn(rotation, back @ place.rotation @ grip[:3, :3]))
-            )
-        return errors
-
-    def slipping(self) -> ca.SX:
-        """Return how far the soles are from where they stand (12,) [m, rad]; empty when seated."""
-        rows = []
-        for number, side in enumerate(SIDES if self.standing else ()):
-            position, rotation, _ = self.response.kinematics.at(f"{side}_sole", self.posture)
-            sole = self.place.soles[:, 4 * number : 4 * number + 4]
-            wanted = self._turned.T @ (sole[:3, 3] - self._base)
-            rows += [wanted - position, _turn(rotation, self._turned.T @ sole[:3, :3])]
-        return ca.vertcat(*rows)
-
-    def along_tool(self, vector: ca.SX) -> ca.SX:
-        """Return the part (6,) of a motion or a force that turns about the tool.
-
-        It is zero unless the hand is free to turn so.
-        """
-        free = (
-            self._axis * ca.dot(self._axis, vector[3:])
-            if self.response.free_about_tool
-            else ca.SX(3, 1)
-        )
-        return ca.vertcat(ca.SX(3, 1), free)
-
-    def about_tool(self, angle: ca.SX) -> ca.SX:
-        """Return the turn (6,) by an angle [rad] about the tool."""
-        return ca.vertcat(ca.SX(3, 1), self._axis * angle)
-
-    def pull(self, forces: Sequence[ca.SX], joints: Sequence[int]) -> tuple[ca.SX, ca.SX]:
-        """Return what forces at the hands (6,) each do to joints (n,) and to the pelvis (4,)."""
-        on_joints, on_pelvis = ca.SX(len(joints), 1), ca.SX(4, 1)
-        for force, (position, _, jacobian) in zip(forces, self._hands, strict=True):
-            on_joints += jacobian[:, list(joints)].T @ force
-            on_pelvis += base_jacobian(position).T @ force
-        return on_joints, on_pelvis
-
-    def looking(self, joints: Sequence[int]) -> tuple[ca.SX, ca.SX]:
-        """Return what looking at the work does to joints (n,) and to the pelvis (4,)."""
-        if not self.response.looks:
-            return ca.SX(len(joints), 1), ca.SX(4, 1)
-        seen = gaze(self.response.kinematics, self.posture, self._work, joints)
-        # As for the forces of the hands: what they miss comes in whole, what they wish in half.
-        missed = sum((error[:3] for error in self.errors), ca.SX(3, 1)) / len(self.errors)
-        pull = -self.response.attention * (seen.residual + 2 * seen.by_work @ missed)
-        on_pelvis = -base_jacobian(self._work)[:3, :].T @ (seen.by_work.T @ pull)
-        return seen.by_joints.T @ pull, on_pelvis
-
-    def legs(self, multipliers: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-        """Return what sole multipliers (12,) do to each leg's joints (6,), and to the pelvis (4,).
-
-        What acts on the pelvis includes balance.
-
-        Written at the hip centre and with straight knees taken as a little bent, as the response
-        does.
-        """
-        kinematics, bent = self.response.kinematics, self._bent()
-        on_legs, on_pelvis, middle = [], ca.SX(4, 1), ca.SX(3, 1)
-        for number, side in enumerate(SIDES):
-            columns = [INDEX[name] for name in LEG_JOINTS[side]]
-            hip = kinematics.at(f"{side}_hip", bent)[0]
-            sole, _, jacobian = kinematics.at(f"{side}_sole", bent)
-            axes = jacobian[3:, columns]
-            at_hip = ca.vertcat(jacobian[:3, columns] + ca.skew(sole - hip) @ axes, axes)
-            force = multipliers[6 * number : 6 * number + 6]
-            on_legs.append(at_hip.T @ force)
-            on_pelvis += base_jacobian(hip).T @ force
-            middle += kinematics.at(f"{side}_sole", self.posture)[0] / 2
-        return on_legs, on_pelvis - self.response.balance * ca.vertcat(middle[:2], 0, 0)
-
-    def _bent(self) -> ca.SX:
-        bent = ca.SX(self.posture)
-        for side in SIDES:
-            knee = INDEX[f"{side}_knee_flexion"]
-            above = bent[knee] - STRAIGHT_KNEE
-            bent[knee] = STRAIGHT_KNEE + (above + ca.sqrt(above**2 + _ROUND**2)) / 2
-        return bent
+from ergoqp.responses.stance import LEG_JOINTS
 
 
 @dataclass(frozen=True)
@@ -233,17 +94,6 @@ def rest_conditions(response: IkResponse, place: Situated) -> Rest:
     )
 
 
-def hang(response: IkResponse, posture: ca.SX) -> None:
-    """Put an arm that hangs, if there is one, to where it comes to rest beside the trunk."""
-    if response.hanging is None:
-        return
-    arm, swings = arm_of(response.hanging), swinging(response.hanging)
-    posture[arm] = ca.DM(response.comfort[arm])
-    posture[swings] = hanging(
-        posture[TRUNK], response.hanging, ca.SX(ca.DM(response.comfort[swings]))
-    )
-
-
 def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca.SX:
     """Return a value cut to a range, smoothly.
 
@@ -252,15 +102,3 @@ def soft_clip(value: ca.SX, lower: float, upper: float, relaxation: ca.SX) -> ca
     below = ca.sqrt((value - lower) ** 2 + relaxation**2)
     above = ca.sqrt((upper - value) ** 2 + relaxation**2)
     return (lower + upper + below - above) / 2
-
-
-def _turn(have: ca.SX, want: ca.SX) -> ca.SX:
-    return sum((ca.cross(have[:, i], want[:, i]) for i in range(3)), ca.SX(3, 1)) / 2
-
-
-def _about_z(angle: ca.SX) -> ca.SX:
-    rotation = ca.SX.eye(3)
-    rotation[0, 0] = rotation[1, 1] = ca.cos(angle)
-    rotation[1, 0] = ca.sin(angle)
-    rotation[0, 1] = -rotation[1, 0]
-    return rotation

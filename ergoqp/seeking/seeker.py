@@ -15,9 +15,9 @@ import numpy as np
 from ergoqp.arguments import as_tuple, check_kind
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
+from ergoqp.identification.resting import RestWatch
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.seeking.resting import RestWatch
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
 from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.guide.trial import LOOK

@@ -10,7 +10,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number, check_text, check_whole
 from ergoqp.expressions.rigid import read_pose
-from ergoqp.seeking.resting import Resting
+from ergoqp.identification.resting import Resting
 
 DESCENT: Final = "descent"
 """Name of where descent alone comes to rest."""

@@ -11,6 +11,7 @@ from ergoqp.errors import ErgoqpError
 from ergoqp.files.cache import CacheEntry, digest_of
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.workspace import frame_of, turn_about
 from ergoqp.simulation.people.alike import Alike, Start
 
 SPACING = 0.10
@@ -146,24 +147,6 @@ def tilted_frames(
         if np.hypot(a, b) <= 0.95
     ]
     return np.stack([middle @ turn_about(1, a * half) @ turn_about(2, b * half) for a, b in tilts])
-
-
-def frame_of(direction: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) with x along a direction and y level, to the left of it."""
-    x = direction / np.linalg.norm(direction)
-    up = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.99 else np.array([-1.0, 0.0, 0.0])
-    y = np.cross(up, x)
-    y /= np.linalg.norm(y)
-    return np.column_stack([x, y, np.cross(x, y)])
-
-
-def turn_about(axis: int, angle: float) -> np.ndarray:
-    """Return the rotation (3, 3) by an angle [rad] about axis 0, 1 or 2."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    rotation = np.eye(3)
-    rotation[i, i] = rotation[j, j] = np.cos(angle)
-    rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
-    return rotation
 
 
 def draw_starts(

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ergoqp.costs.smooth_reba import SmoothReba
-from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
-from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import frame_of, turn_about
+from ergoqp.problem.workspace import Workspace
 from ergoqp.simulation.people.person import Holding
 
 NOISE_DEG = 2.0
@@ -26,10 +24,6 @@ NOISE_DEG = 2.0
 
 _STEPS = (0.25, 0.12, 0.06)
 """Steps of the search, as shares of the workspace and of the cone."""
-
-_PRIMES = (2, 3, 5, 7, 11)
-_TILT = 0.9
-"""Largest tilt of places, as a share of the cone's half angle."""
 
 
 @dataclass(frozen=True)
@@ -52,50 +46,6 @@ class Place:
     def rank(self) -> tuple[float, float]:
         """What is lower is better."""
         return (self.score or np.inf, self.value)
-
-
-class Workspace:
-    """Poses that a problem allows, as points of a cube.
-
-    Args:
-        problem: with a workspace and a tool axis.
-
-    Raises:
-        InputError: if it has not both.
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        """Read the limits."""
-        box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
-        if box is None or cone is None:
-            missing = "workspace" if box is None else "tool_axis"
-            raise InputError(
-                f"problem {problem.name}: got no limits.{missing}, allowed both limits.workspace"
-                " and limits.tool_axis where places are looked for"
-            )
-        self._lower, self._upper = np.asarray(box.lower), np.asarray(box.upper)
-        self._middle, self._half = (
-            frame_of(np.asarray(cone.direction)),
-            np.radians(cone.half_angle_deg) * _TILT,
-        )
-        axes = problem.twist_limit.axes
-        turns = [("rx" in axes or axis in axes) for axis in ("ry", "rz")]
-        self.moves = np.array([*(self._upper > self._lower + 1e-9), *turns])
-        self.moves[:3] &= [axis in axes for axis in AXES[:3]]
-
-    def pose(self, point: np.ndarray) -> np.ndarray:
-        """Return the pose (4, 4) of a point (5,) of the cube from -1 to 1."""
-        point = np.where(self.moves, point, 0.0)
-        tilt = point[3:] / max(1.0, float(np.linalg.norm(point[3:]))) * self._half
-        pose = np.eye(4)
-        pose[:3, 3] = (self._lower + self._upper) / 2 + point[:3] * (self._upper - self._lower) / 2
-        pose[:3, :3] = self._middle @ turn_about(1, tilt[0]) @ turn_about(2, tilt[1])
-        return pose
-
-    def spread(self, count: int) -> np.ndarray:
-        """Return points (n, 5) spread evenly over the cube: Halton's sequence."""
-        numbers = range(1, count + 1)
-        return np.array([[2 * _mirrored(n, prime) - 1 for prime in _PRIMES] for n in numbers])
 
 
 class Judge:
@@ -181,13 +131,3 @@ class Judge:
 
 def _ranked(places: Sequence[Place]) -> list[Place]:
     return sorted(places, key=lambda place: place.rank)
-
-
-def _mirrored(number: int, base: int) -> float:
-    """Return a whole number's digits behind the point, in reverse."""
-    value, share = 0.0, 1.0
-    while number:
-        share /= base
-        value += share * (number % base)
-        number //= base
-    return value

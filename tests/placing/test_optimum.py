@@ -9,7 +9,7 @@ import pytest
 from ergoqp import JOINTS, load_problem
 from ergoqp.errors import InputError
 from ergoqp.placing.optimum import Optimum, Trial
-from ergoqp.simulation.best_place import turn_about
+from ergoqp.problem.workspace import turn_about
 from ergoqp.simulation.people.alike import sample_person
 
 

@@ -6,8 +6,9 @@ import pytest
 
 import ergoqp
 from ergoqp.joints import LOWER, UPPER
-from ergoqp.placing.rest import Situated, rest_conditions, soft_clip
+from ergoqp.placing.rest import rest_conditions, soft_clip
 from ergoqp.problem_files.load import TASKS
+from ergoqp.responses.holding import Situated
 from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.starts import awkward_start
 

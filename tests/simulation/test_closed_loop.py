@@ -7,8 +7,8 @@ import pytest
 
 from ergoqp.joints import LOWER, UPPER
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import TASKS, load_problem
-from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import power_above, run_loop, settle_time
 from ergoqp.simulation.people.alike import sample_person

@@ -10,8 +10,8 @@ import pytest
 
 from ergoqp.placing.optimise import optimise
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.people.alike import Alike, sample_person
 from ergoqp.simulation.run import Run, summary_of_run
 from ergoqp.simulation.simulate import simulate

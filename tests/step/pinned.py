@@ -21,8 +21,8 @@ from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.limits import ArmLength, AxisCone, JointLimit, WorkspaceBox
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.workspace import frame_of
 from ergoqp.problem_files.load import load_problem
-from ergoqp.simulation.best_place import frame_of
 from ergoqp.simulation.robot import RobotKind, SimulatedRobot
 from ergoqp.step.stepper import Step, Stepper
 

@@ -21,7 +21,7 @@ from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.group.grid import SharedGrid
 from ergoqp.placing.group.people import Person
 from ergoqp.problem.problem import Problem
-from ergoqp.simulation.best_place import frame_of, turn_about
+from ergoqp.problem.workspace import frame_of, turn_about
 
 Objective = Literal["minimax", "mean"]
 Key = tuple[float, ...]

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+
+from ergoqp.arguments import as_tuple, read_array, shown
+from ergoqp.errors import InputError
+from ergoqp.expressions.rigid import read_pose
+from ergoqp.joints import JOINTS
 
 WINDOW: Final = 1.0
 """Seconds over which postures are averaged."""
@@ -83,3 +88,41 @@ class RestWatch:
         apart = self._windows[-1] - self._windows[-2]
         both = np.isfinite(apart)
         return bool(both.any() and np.sqrt(np.mean(apart[both] ** 2)) < STEADY)
+
+
+def rests_of(given: Any) -> list[Resting]:
+    """Return the rests in what a user gives.
+
+    Args:
+        given: `Resting`s, or pairs of a posture (32,) [rad] and a pose (4, 4) [m].
+
+    Raises:
+        InputError: if there is none, or one cannot be read.
+    """
+    found = []
+    for number, each in enumerate(as_tuple("rests", given)):
+        if isinstance(each, Resting):
+            found.append(each)
+            continue
+        where = f"rests[{number}]"
+        try:
+            posture, pose = each
+        except (TypeError, ValueError):
+            raise InputError(f"{where}: got {shown(each)}, allowed a posture and a pose") from None
+        angles = _angles(f"{where}: posture", posture)
+        found.append(Resting(0.0, read_pose(f"{where}: pose", pose), angles))
+    if not found:
+        raise InputError("rests: got none, allowed at least one")
+    return found
+
+
+def _angles(what: str, value: Any) -> np.ndarray:
+    """Return angles (32,) [rad], NaN for what was not seen."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    allowed = f"{len(JOINTS)} angles [rad], NaN for what is not seen"
+    if array.shape != (len(JOINTS),):
+        raise InputError(f"{what}: got {shown(value)}, allowed {allowed}")
+    return read_array(what, np.where(np.isnan(array), 0.0, array), array.shape, allowed) + array * 0

@@ -1,0 +1,71 @@
+"""Where the parts of a body are in each other, for a body of given or of unknown lengths.
+
+Every offset of the model is its nominal one times a length (`ergoqp.human.body`), so that it is
+linear in the lengths, and exactly what a few loaded bodies say of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.human.body import FRACTIONS, Body
+
+GROWTH: Final[tuple[str, ...]] = ("stature", *FRACTIONS)
+"""What may be larger than thought: everything at once, or one length."""
+
+_STEP: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """Offsets of bodies and sites in their parents, as expressions [m].
+
+    Attributes:
+        body_model: the body as it is loaded.
+        growth: shares (14,) in the order of `GROWTH`, or None for none.
+        slopes: how the offsets of bodies and sites (n, 3, 14) each change with it.
+    """
+
+    body_model: Body
+    growth: ca.SX | None
+    slopes: tuple[np.ndarray, np.ndarray]
+
+    @classmethod
+    def of(cls, body: Body, growth: ca.SX | None) -> Offsets:
+        """Return the offsets of a body; how they grow is read off bodies that are larger."""
+        if growth is None:
+            return cls(body, None, (np.zeros(0), np.zeros(0)))
+        here = _positions(body)
+        slopes = [here]
+        for name in FRACTIONS:
+            lengths = dict(body.lengths) | {name: (1 + _STEP) * body.lengths[name]}
+            larger = _positions(Body(body.stature, lengths, body.mass))
+            slopes.append(
+                tuple((there - own) / _STEP for there, own in zip(larger, here, strict=True))
+            )
+        bodies, sites = (np.stack(parts, axis=-1) for parts in zip(*slopes, strict=True))
+        return cls(body, growth, (bodies, sites))
+
+    def body(self, number: int) -> ca.SX:
+        """Return where a body is in its parent (3,) [m]."""
+        return self._grown(self.body_model.model.body_pos[number], 0, number)
+
+    def site(self, name: str) -> ca.SX:
+        """Return where a site is in its body (3,) [m]."""
+        model = self.body_model.model
+        number = model.site(name).id
+        return self._grown(model.site_pos[number], 1, number)
+
+    def _grown(self, nominal: np.ndarray, which: int, number: int) -> ca.SX:
+        if self.growth is None:
+            return ca.SX(ca.DM(nominal))
+        slope = self.slopes[which][number]
+        return ca.SX(ca.DM(nominal)) + ca.sparsify(ca.SX(ca.DM(slope))) @ self.growth
+
+
+def _positions(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    return body.model.body_pos.copy(), body.model.site_pos.copy()

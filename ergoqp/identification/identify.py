@@ -1,0 +1,249 @@
+"""Who stands there, from how they rest: the most likely person given their measured rests.
+
+Each measured rest is predicted as the rest of a person with unknown traits, and the traits are
+those that predict all of them best, next to what is likely of anyone (`traits`). Levenberg and
+Marquardt's steps on the prediction error; a rest that fits nobody counts less (Student's t).
+
+That the error is one of prediction matters: the conditions of rest are linear in weights and
+comfort, but noise of a tenth of a degree upsets them, and joints at their ends break them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.arguments import check_kind
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.human.growth import GROWTH
+from ergoqp.identification.rest_model import ModelRest, RestModel, Situation, situation_of
+from ergoqp.identification.resting import Resting, rests_of
+from ergoqp.joints import JOINTS, LOWER, UPPER
+from ergoqp.problem.problem import Problem
+from ergoqp.responses.ik import IkResponse
+
+NOISE: Final = float(np.radians(1.5))
+"""How far the angles of a rest are from what the best of models says of them [rad]."""
+
+_FREEDOM: Final = 4.0
+"""Of Student's t: rests that are far off count less."""
+
+_STEPS: Final = 20
+_GAIN: Final = 1e-2
+"""A step that improves the fit by a smaller share is the last one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """A person as their rests say.
+
+    Attributes:
+        problem: the task.
+        traits: the most likely ones, see `ergoqp.identification.traits`.
+        covariance: of the traits (p, p).
+        situation: how the object is held, and where the soles are.
+        residual_deg: RMS between measured and predicted joints over all rests [deg].
+        rests: how many there were.
+    """
+
+    problem: Problem
+    traits: np.ndarray
+    covariance: np.ndarray
+    situation: Situation
+    residual_deg: float
+    rests: int
+    _model: RestModel
+    _known: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    def predict(self, pose: Any, slopes: bool = True) -> ModelRest:
+        """Return how this person would rest with the object at `pose` (4, 4) [m].
+
+        It is looked for from the nearest of the rests that are known.
+        """
+        begin = min(self._known, key=lambda each: _apart(each[0], pose))[1]
+        return self._model.rest(self.traits, self.situation, pose, begin, slopes=slopes)
+
+    def posture_at(self, pose: Any) -> np.ndarray:
+        """Return the posture (32,) [rad] in which this person would rest with the object there."""
+        return self.predict(pose, slopes=False).posture
+
+    @property
+    def comfort_deg(self) -> dict[str, tuple[float, float]]:
+        """Favourite angle of each joint and its posterior deviation [deg].
+
+        Rests say where people would rather be, not how far: the deviation is to be believed.
+        """
+        layout = self._model.layout
+        part = layout.parts["comfort"]
+        comfort = self.response.comfort[layout.joints]
+        sd = np.sqrt(np.diag(self.covariance)[part])
+        return {
+            JOINTS[joint]: (float(np.degrees(angle)), float(np.degrees(width)))
+            for joint, angle, width in zip(layout.joints, comfort, sd, strict=True)
+        }
+
+    @property
+    def bias_deg(self) -> dict[str, float]:
+        """What the sensors read too much of each joint, as far as rests say [deg]."""
+        layout = self._model.layout
+        bias = np.degrees(self.traits[layout.parts["bias"]])
+        return dict(zip([JOINTS[joint] for joint in layout.joints], bias.tolist(), strict=True))
+
+    @property
+    def body(self) -> Body:
+        """The person's body, as far as rests say."""
+        layout, body = self._model.layout, self._model.response.body
+        growth = dict(
+            zip(GROWTH, layout.growth @ self.traits[layout.parts["lengths"]], strict=True)
+        )
+        whole = 1 + growth["stature"]
+        lengths = {name: length * (whole + growth[name]) for name, length in body.lengths.items()}
+        return Body(body.stature * whole, lengths, body.mass)
+
+    @property
+    def response(self) -> IkResponse:
+        """The person as a response, for `Problem.replace`: steps and optima are then theirs."""
+        layout, given = self._model.layout, self._model.response
+        weights, comfort = given.weight_vector.copy(), given.comfort.copy()
+        joints, parts = layout.joints, layout.parts
+        weights[joints] *= np.exp(self.traits[parts["weights"]])
+        comfort[joints] = np.clip(
+            comfort[joints] + self.traits[parts["comfort"]], LOWER[joints], UPPER[joints]
+        )
+        named = {"body": self.body, "weights": _by_name(weights)}
+        named["comfort_deg"] = _by_name(np.degrees(comfort))
+        fields = {name: getattr(given, name) for name in given.__dataclass_fields__}
+        return IkResponse(**{**fields, **named})
+
+
+def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identified:
+    """Return the most likely person, given how they rest.
+
+    Args:
+        problem: the task; its response is what is thought of a person of whom nothing is known.
+        rests: `Resting`s, pairs of a posture (32,) [rad] and a pose (4, 4) [m], or what has
+            postures, poses and times, such as a run; NaN stands for a joint that was not seen.
+        longest: after how long no further step is taken [s].
+
+    Raises:
+        InputError: if the problem has no `ergoqp.responses.ik.IkResponse`, or there is no rest.
+    """
+    return Identifier(problem).identify(rests, longest=longest)
+
+
+class Identifier:
+    """What identifies people of one problem, time and again.
+
+    Args:
+        problem: the task.
+
+    Raises:
+        InputError: if its response does not say where people rest.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        """Build the model once."""
+        check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
+        if not isinstance(problem.response, IkResponse):
+            raise InputError(
+                f"problem {problem.name}: got response {type(problem.response).__name__}, allowed"
+                " one that says where people rest, such as IkResponse"
+            )
+        self.problem, self._model = problem, RestModel(problem.response)
+
+    def identify(self, rests: Any, *, longest: float = np.inf) -> Identified:
+        """Return the most likely person; see `identify`."""
+        fit = _Fit(self.problem, self._model, rests_of(rests))
+        return fit.solved(time.perf_counter() + longest)
+
+
+class _Fit:
+    """Levenberg and Marquardt's steps on the traits."""
+
+    def __init__(self, problem: Problem, model: RestModel, rests: Sequence[Resting]) -> None:
+        self.problem, self.model, self.rests = problem, model, rests
+        layout = self.layout = model.layout
+        standing_in = model.response.comfort
+        seen = [np.where(np.isfinite(rest.posture), rest.posture, standing_in) for rest in rests]
+        self.situation = situation_of(model.response, seen)
+        self.begins = [model.begin(np.clip(each, LOWER, UPPER)) for each in seen]
+        self.measured = np.array([rest.posture[layout.joints] for rest in rests])
+        self.mask = np.isfinite(self.measured)
+
+    def solved(self, until: float) -> Identified:
+        """Return the person."""
+        sd = self.layout.sd
+        n = len(self.layout.joints)
+        traits, damping = np.zeros(len(sd)), 1e-2
+        predicted = self._predict(traits, self.begins)
+        value, off = self._value(traits, predicted)
+        information = np.diag(1 / sd**2)
+        for _ in range(_STEPS):
+            information, pull = np.diag(1 / sd**2), traits / sd**2
+            for rest, each, mask in zip(predicted, off, self.mask, strict=True):
+                slope = np.hstack([rest.by_traits, np.eye(n)])[mask]
+                counts = 1 / (1 + each[mask] ** 2 / (_FREEDOM * NOISE**2)) / NOISE**2
+                counts *= (_FREEDOM + 1) / _FREEDOM
+                information += slope.T @ (counts[:, None] * slope)
+                pull -= slope.T @ (counts * each[mask])
+            step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), pull)
+            begins = [rest.z for rest in predicted]
+            there = self._predict(traits + step, begins)
+            after, off_there = self._value(traits + step, there)
+            if after < value:
+                gained = value - after
+                traits, predicted, off, value = traits + step, there, off_there, after
+                damping = max(damping / 5, 1e-4)
+                if gained < _GAIN * max(1.0, value):
+                    break
+            else:
+                damping *= 6
+                if damping > 1e3:
+                    break
+            if time.perf_counter() > until:
+                break
+        error = off[self.mask]
+        return Identified(
+            problem=self.problem,
+            traits=traits,
+            covariance=np.linalg.inv(information),
+            situation=self.situation,
+            residual_deg=float(np.degrees(np.sqrt(np.mean(error**2)))) if error.size else 0.0,
+            rests=len(self.rests),
+            _model=self.model,
+            _known=tuple(
+                (rest.pose, found.z) for rest, found in zip(self.rests, predicted, strict=True)
+            ),
+        )
+
+    def _predict(self, traits: np.ndarray, begins: Sequence[np.ndarray]) -> list[ModelRest]:
+        return [
+            self.model.rest(traits, self.situation, rest.pose, begin)
+            for rest, begin in zip(self.rests, begins, strict=True)
+        ]
+
+    def _value(
+        self, traits: np.ndarray, predicted: Sequence[ModelRest]
+    ) -> tuple[float, np.ndarray]:
+        """Return how unlikely it all is, and what is measured beyond what is predicted (k, n)."""
+        n, parts, sd = len(self.layout.joints), self.layout.parts, self.layout.sd
+        model = np.array([rest.z[:n] for rest in predicted]) + traits[parts["bias"]]
+        off = np.where(self.mask, self.measured - model, 0.0)
+        far = np.log1p(off**2 / (_FREEDOM * NOISE**2))
+        return float(0.5 * (_FREEDOM + 1) * far.sum() + 0.5 * np.sum((traits / sd) ** 2)), off
+
+
+def _by_name(values: np.ndarray) -> dict[str, float]:
+    return {joint: float(value) for joint, value in zip(JOINTS, values, strict=True)}
+
+
+def _apart(pose: np.ndarray, other: np.ndarray) -> float:
+    return float(
+        np.linalg.norm(pose[:3, 3] - other[:3, 3])
+        + 0.3 * np.linalg.norm(pose[:3, 0] - other[:3, 0])
+    )

@@ -1,0 +1,85 @@
+"""Poses that a problem allows, as points of a cube; frames along a direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ergoqp.errors import InputError
+from ergoqp.limits import AXES, AxisCone, WorkspaceBox
+from ergoqp.problem.problem import Problem
+
+_PRIMES = (2, 3, 5, 7, 11)
+_TILT = 0.9
+"""Largest tilt of places, as a share of the cone's half angle."""
+
+
+class Workspace:
+    """Poses that a problem allows, as points of a cube.
+
+    Args:
+        problem: with a workspace and a tool axis.
+
+    Raises:
+        InputError: if it has not both.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        """Read the limits."""
+        box, cone = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+        if box is None or cone is None:
+            missing = "workspace" if box is None else "tool_axis"
+            raise InputError(
+                f"problem {problem.name}: got no limits.{missing}, allowed both limits.workspace"
+                " and limits.tool_axis where places are looked for"
+            )
+        self._lower, self._upper = np.asarray(box.lower), np.asarray(box.upper)
+        self._middle, self._half = (
+            frame_of(np.asarray(cone.direction)),
+            np.radians(cone.half_angle_deg) * _TILT,
+        )
+        axes = problem.twist_limit.axes
+        turns = [("rx" in axes or axis in axes) for axis in ("ry", "rz")]
+        self.moves = np.array([*(self._upper > self._lower + 1e-9), *turns])
+        self.moves[:3] &= [axis in axes for axis in AXES[:3]]
+
+    def pose(self, point: np.ndarray) -> np.ndarray:
+        """Return the pose (4, 4) of a point (5,) of the cube from -1 to 1."""
+        point = np.where(self.moves, point, 0.0)
+        tilt = point[3:] / max(1.0, float(np.linalg.norm(point[3:]))) * self._half
+        pose = np.eye(4)
+        pose[:3, 3] = (self._lower + self._upper) / 2 + point[:3] * (self._upper - self._lower) / 2
+        pose[:3, :3] = self._middle @ turn_about(1, tilt[0]) @ turn_about(2, tilt[1])
+        return pose
+
+    def spread(self, count: int) -> np.ndarray:
+        """Return points (n, 5) spread evenly over the cube: Halton's sequence."""
+        numbers = range(1, count + 1)
+        return np.array([[2 * _mirrored(n, prime) - 1 for prime in _PRIMES] for n in numbers])
+
+
+def frame_of(direction: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) with x along a direction and y level, to the left of it."""
+    x = direction / np.linalg.norm(direction)
+    up = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.99 else np.array([-1.0, 0.0, 0.0])
+    y = np.cross(up, x)
+    y /= np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def turn_about(axis: int, angle: float) -> np.ndarray:
+    """Return the rotation (3, 3) by an angle [rad] about axis 0, 1 or 2."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.eye(3)
+    rotation[i, i] = rotation[j, j] = np.cos(angle)
+    rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+    return rotation
+
+
+def _mirrored(number: int, base: int) -> float:
+    """Return a whole number's digits behind the point, in reverse."""
+    value, share = 0.0, 1.0
+    while number:
+        share /= base
+        value += share * (number % base)
+        number //= base
+    return value
