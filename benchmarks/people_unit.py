@@ -26,10 +26,10 @@ from benchmarks.people_way import (
 )
 from ergoqp.placing.population import person_of
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.way import between, straight
 from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot
-from ergoqp.simulation.people.way import between, straight
 from ergoqp.step.stepper import Stepper
 
 METHODS = (
@@ -112,7 +112,8 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
     if method:
         return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
     rule = rule_pose(problem, person_of(problem).body)
-    return Seeker(problem, [Place("model's best", model_optimum(name).pose), Place("rule", rule)])
+    places = [Place("model's best", model_optimum(name).pose), Place("rule", rule)]
+    return Seeker(problem, places, patient=True)
 
 
 def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:

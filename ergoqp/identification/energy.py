@@ -67,8 +67,8 @@ class RestEnergy:
         return {name: ca.SX.sym(name, *shape) for name, shape in shapes.items()}
 
     @cached_property
-    def _residuals(self) -> tuple[ca.SX, ca.SX]:
-        """Residuals and the whole posture (32,)."""
+    def _residuals(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Residuals, the whole posture (32,), and the largest distance of a hand [m]."""
         sx, n, response = self._symbols, len(self.joints), self.response
         angles, pelvis, pose = sx["z"][:n], sx["z"][n:], sx["pose"]
         posture = ca.SX(sx["posture"])
@@ -97,19 +97,20 @@ class RestEnergy:
             rows.append(np.sqrt(response.attention) * (seen.residual + 2 * seen.by_work @ missed))
         for beyond in (angles - ca.DM(UPPER[self.joints]), ca.DM(LOWER[self.joints]) - angles):
             rows.append(np.sqrt(_RANGE) * (beyond + ca.sqrt(beyond**2 + _ROUND**2)) / 2)
-        return ca.vertcat(*rows), posture
+        gaps = [ca.norm_2(error[:3]) for error in holding.errors]
+        return ca.vertcat(*rows), posture, ca.mmax(ca.vertcat(*gaps))
 
     @cached_property
     def slope(self) -> Evaluator:
         """``(z, ...) -> residual (m,), by_z (m, k)``."""
-        residual, _ = self._residuals
+        residual, _, _ = self._residuals
         by_z = ca.densify(ca.jacobian(residual, self._symbols["z"]))
         return self._evaluator("slope", {"residual": residual, "by_z": by_z})
 
     @cached_property
     def by_lengths(self) -> Evaluator:
         """``(z, ...) -> by_growth (m, 14), by_seat (m, 1)``."""
-        residual, _ = self._residuals
+        residual, _, _ = self._residuals
         return self._evaluator(
             "by_lengths",
             {
@@ -120,8 +121,9 @@ class RestEnergy:
 
     @cached_property
     def whole(self) -> Evaluator:
-        """``(z, ...) -> posture (32,)``: the joints that do not follow by themselves, too."""
-        return self._evaluator("whole", {"whole": self._residuals[1]})
+        """``(z, ...) -> whole (32,), gap``: the joints that do not follow by themselves, too."""
+        _, posture, gap = self._residuals
+        return self._evaluator("whole", {"whole": posture, "gap": gap})
 
     def _evaluator(self, name: str, outputs: dict[str, ca.SX]) -> Evaluator:
         sx = self._symbols

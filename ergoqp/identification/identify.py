@@ -25,6 +25,7 @@ from ergoqp.identification.rest_model import ModelRest, RestModel, Situation, si
 from ergoqp.identification.resting import Resting, rests_of
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.way import between
 from ergoqp.responses.ik import IkResponse
 
 NOISE: Final = float(np.radians(1.5))
@@ -32,6 +33,9 @@ NOISE: Final = float(np.radians(1.5))
 
 _FREEDOM: Final = 4.0
 """Of Student's t: rests that are far off count less."""
+
+_PART: Final = 0.2
+"""Of a way, in metres and 0.3 of a turn [m]."""
 
 _STEPS: Final = 20
 _GAIN: Final = 1e-2
@@ -65,8 +69,24 @@ class Identified:
 
         It is looked for from the nearest of the rests that are known.
         """
-        begin = min(self._known, key=lambda each: _apart(each[0], pose))[1]
-        return self._model.rest(self.traits, self.situation, pose, begin, slopes=slopes)
+        near, begin = min(self._known, key=lambda each: _apart(each[0], pose))
+        goal = np.asarray(pose, dtype=float)
+        # Far away there are other rests, with the elbow turned over: one gets there step by step.
+        parts = int(_apart(near, goal) / _PART)
+        for part in range(1, parts + 1):
+            way = between(near, goal, part / (parts + 1))
+            begin = self._model.rest(self.traits, self.situation, way, begin, 8, False).z
+        return self._model.rest(self.traits, self.situation, goal, begin, slopes=slopes)
+
+    @property
+    def joints(self) -> list[int]:
+        """Numbers of the joints that follow by themselves."""
+        return self._model.layout.joints
+
+    @property
+    def habits(self) -> int:
+        """How many of the traits, the first ones, decide where the person rests."""
+        return self._model.layout.parts["bias"].start
 
     def posture_at(self, pose: Any) -> np.ndarray:
         """Return the posture (32,) [rad] in which this person would rest with the object there."""
@@ -192,8 +212,7 @@ class _Fit:
                 information += slope.T @ (counts[:, None] * slope)
                 pull -= slope.T @ (counts * each[mask])
             step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), pull)
-            begins = [rest.z for rest in predicted]
-            there = self._predict(traits + step, begins)
+            there = self._predict(traits + step, self.begins)
             after, off_there = self._value(traits + step, there)
             if after < value:
                 gained = value - after

@@ -43,13 +43,13 @@ class ModelRest:
         z: joints, then the pelvis.
         posture: all joints (32,) [rad].
         by_traits: how the joints change with the traits (n, p), the bias apart.
-        energy: 1/2 |r|^2.
+        gap: largest distance of a hand from where it holds the object [m].
     """
 
     z: np.ndarray
     posture: np.ndarray
     by_traits: np.ndarray
-    energy: float
+    gap: float
 
 
 class RestModel:
@@ -111,10 +111,12 @@ class RestModel:
                 damping = 8 * max(damping, 1e-3)
                 if damping > 1e6:
                     break
-        posture = self._whole(z)
+        self._copy_to(self._energy.whole, z)
+        outputs = self._energy.whole.outputs
+        posture, gap = outputs["whole"].copy(), float(outputs["gap"][0])
         n = len(self.layout.joints)
         by_traits = self._by_traits(z, person, by_z, hessian) if slopes else np.zeros((n, 0))
-        return ModelRest(z, posture, by_traits, energy)
+        return ModelRest(z, posture, by_traits, gap)
 
     def _person(self, traits: np.ndarray) -> dict[str, Any]:
         parts = self.layout.parts
@@ -141,10 +143,6 @@ class RestModel:
         residual = slope.outputs["residual"].copy()
         by_z = slope.outputs["by_z"].reshape(len(residual), len(z), order="F").copy()
         return 0.5 * float(residual @ residual), residual, by_z
-
-    def _whole(self, z: np.ndarray) -> np.ndarray:
-        self._copy_to(self._energy.whole, z)
-        return self._energy.whole.outputs["whole"].copy()
 
     def _copy_to(self, evaluator: Evaluator, z: np.ndarray) -> None:
         for name, array in self._energy.slope.inputs.items():

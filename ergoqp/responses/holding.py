@@ -65,8 +65,10 @@ class Holding:
         self.response, self.place, self.posture, self.pelvis = response, place, posture, pelvis
         self.kinematics = kinematics or response.kinematics
         self.standing = response.stance == "standing"
-        seat = ca.SX(response.seat) if seat is None and not self.standing else seat
-        self._base = pelvis[:3] if self.standing else ca.vertcat(0, 0, seat)
+        if self.standing:
+            self._base = pelvis[:3]
+        else:
+            self._base = ca.vertcat(0, 0, ca.SX(response.seat) if seat is None else seat)
         self._turned = _about_z(pelvis[3]) if self.standing else ca.SX.eye(3)
         self._hands = [self.kinematics.at(f"{hand}_grip", posture) for hand in response.hands]
         self.work, turned = contact_frame([(p, r) for p, r, _ in self._hands], response.tool)

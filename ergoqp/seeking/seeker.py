@@ -18,6 +18,7 @@ from ergoqp.errors import InputError
 from ergoqp.identification.resting import RestWatch
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
+from ergoqp.seeking.thought import Thought, can_think
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
 from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.guide.trial import LOOK
@@ -42,6 +43,10 @@ class Seeker:
         problem: the task; it must move an object that a person holds.
         places: to be tried after descent, the most promising first: `Place`, or an `Optimum`.
         how: how many, and for how long; None: `Seeking`'s defaults.
+        thinks: whether the person is identified from the rests, and places are tried that promise
+            to be better for them (`ergoqp.identify`).
+        patient: whether the loop waits while that is thought about, as a simulation may; else it
+            is done aside, while the object rests.
         terms: keywords of the `Stepper`.
 
     Raises:
@@ -56,6 +61,9 @@ class Seeker:
         problem: Problem,
         places: Sequence[Any] = (),
         how: Seeking | None = None,
+        *,
+        thinks: bool = True,
+        patient: bool = False,
         **terms: Any,
     ) -> None:
         """Read the places; build the step."""
@@ -70,12 +78,15 @@ class Seeker:
         check_kind("how", how, (Seeking, type(None)), "Seeking or None")
         known = [_read_place(problem, place) for place in as_tuple("places", places)]
         # A stepper that is made with a place can be drawn to others.
-        first = Guide(known[0].pose, firm=True) if known else None
+        anywhere = Place("nowhere yet", np.eye(4)).pose
+        first = Guide(known[0].pose if known else anywhere, firm=True)
         self.stepper = Stepper(problem, guide=first, **terms)
-        self._guided = bool(known)
+        self._patient = patient
         self.problem = self.stepper.problem
         self._score = SmoothReba((NOISE_DEG,), (1.0,), problem.method, **problem.task)
-        self._tries = Tries(known, how or Seeking(), self.score(np.zeros(len(JOINTS))))
+        self._thought = Thought(problem, NOISE_DEG) if thinks and can_think(problem) else None
+        floor = self.score(np.zeros(len(JOINTS)))
+        self._tries = Tries(known, how or Seeking(), floor, self._thought is not None)
         self._watch = RestWatch()
         self.reset()
 
@@ -110,6 +121,7 @@ class Seeker:
         self._now, self._held = 0.0, False
         self._tries.begin(0.0)
         self._watch.begin()
+        self._rests = []
         self._lead(None)
 
     def hold(self) -> None:
@@ -171,17 +183,28 @@ class Seeker:
         if self._tries.done:
             if rest is not None and self._tries.worsened(self.score(rest.posture)):
                 self.try_again()
+        elif self._tries.thinking:
+            self._think_on()
         elif rest is not None:
+            self._rests.append(rest)
             self._lead(self._tries.measured(rest, self.score(rest.posture)))
+            if self._tries.thinking and self._thought is not None:
+                assert self._tries.best is not None
+                self._thought.begin(self._rests, self._tries.best.score, self._patient)
+                self._think_on()
         elif self._tries.overdue(self._now):
             self._watch.begin()
             self._lead(self._tries.unrested(self._now, step.pose.copy()))
 
+    def _think_on(self) -> None:
+        """Go where the thought says, once there is one."""
+        if self._thought is not None and self._thought.done:
+            self._lead(self._tries.suggested(self._now, self._thought.promises()))
+
     def _lead(self, place: Place | None) -> None:
         # At the end the object stays where it is: another descent would leave what was measured.
-        self._stays = self._tries.done
-        if self._guided:
-            self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
+        self._stays = self._tries.done or self._tries.thinking
+        self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
 
 
 def _read_place(problem: Problem, given: Any) -> Place:

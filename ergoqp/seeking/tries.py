@@ -10,7 +10,11 @@ import numpy as np
 
 from ergoqp.arguments import check_number, check_text, check_whole
 from ergoqp.expressions.rigid import read_pose
+from ergoqp.identification.promising import Promise
 from ergoqp.identification.resting import Resting
+
+THEIRS: Final = "this person's best"
+"""Name of places that the identified person promises to be better at."""
 
 DESCENT: Final = "descent"
 """Name of where descent alone comes to rest."""
@@ -31,6 +35,8 @@ class Seeking:
 
     Attributes:
         tries: how many places are tried at most, that of descent among them.
+        worth: what a place must promise beyond the best that was measured, to be tried because of
+            what is known of this person [points].
         longest: after how long no place is tried any more, and the best one has been returned to
             [s].
         patience: a try without a rest after so long is over [s].
@@ -42,6 +48,7 @@ class Seeking:
     """
 
     tries: int = 6
+    worth: float = 0.15
     longest: float = 60.0
     patience: float = 15.0
     better: float = 0.2
@@ -55,7 +62,7 @@ class Seeking:
             check_whole(f"seeking.{name}", getattr(self, name), 0, 100)
         for name in ("longest", "patience"):
             check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6, "s")
-        for name in ("better", "enough", "worse"):
+        for name in ("worth", "better", "enough", "worse"):
             check_number(f"seeking.{name}", getattr(self, name), 0.0, 1e6)
 
 
@@ -107,11 +114,23 @@ class Tries:
         places: to be tried, the most promising first.
         how: how many, for how long.
         floor: score of standing at ease, which no work is below [points].
+        thinks: whether somebody can say what the person's rests promise of other places.
+
+    Attributes:
+        account: what was tried.
+        rests: those of them where the person came to rest.
+        best: the rest that scored lowest, as measured last.
+        going: where the object goes; None: downhill.
+        returning: whether it goes back to the best.
+        thinking: whether `suggested` is waited for.
+        done: whether nothing is tried any more.
     """
 
-    def __init__(self, places: Sequence[Place], how: Seeking, floor: float) -> None:
+    def __init__(
+        self, places: Sequence[Place], how: Seeking, floor: float, thinks: bool = False
+    ) -> None:
         """Begin with descent."""
-        self.how, self.floor, self._places = how, floor, list(places)
+        self.how, self.floor, self._places, self._thinks = how, floor, list(places), thinks
         self.begin(0.0)
 
     def begin(self, now: float) -> None:
@@ -119,14 +138,16 @@ class Tries:
         self.account: list[Try] = []
         self.best: Try | None = None
         self.going: Place | None = None
-        self.returning = self.done = False
-        self._left, self._rests = list(self._places), []
+        self.returning = self.done = self.thinking = False
+        self.rests: list[Try] = []
+        self._left, self._in_vain = list(self._places), []
         self._returned, self._began, self._since = 0, now, now
-        self._last, self._windows = np.inf, 0
+        self._last, self._windows, self._promised = np.inf, 0, 0.0
 
     def overdue(self, now: float) -> bool:
         """Return whether the present try has had its time."""
-        return not self.done and now - self._since > self.how.patience
+        waits = self.done or self.thinking
+        return not waits and now - self._since > self.how.patience
 
     def unrested(self, now: float, pose: np.ndarray) -> Place | None:
         """Note that nobody came to rest; return the next place to go to, None to stay."""
@@ -149,29 +170,55 @@ class Tries:
             to_goal = _apart(rest.pose, self.going.pose)
             if _apart(rest.pose, self.account[-1].pose) < min(1.0, to_goal):
                 note = "came back: the way there cost too much"
+                self._in_vain.append(self.going.pose)
         return self._next(self._noted(rest.time, rest.pose, score, note))
+
+    def suggested(self, now: float, promises: Sequence[Promise]) -> Place | None:
+        """Return the next place to go to, of those that promise most; None to stay."""
+        self.thinking, self._since = False, now
+        for promise in promises:
+            if promise.gain < self.how.worth:
+                break
+            if self._is_new(promise.pose):
+                self._promised = promise.gain
+                self.going = Place(THEIRS, promise.pose)
+                return self.going
+        return self._home(self.account[-1])
+
+    def _is_new(self, pose: np.ndarray) -> bool:
+        known = [*(each.pose for each in self.account), *self._in_vain]
+        return all(_apart(pose, each) > 1.0 for each in known)
 
     def _noted(self, now: float, pose: np.ndarray, score: float, note: str) -> Try:
         name = DESCENT if self.going is None else self.going.name
         why = "returned to" if self.returning else "to be tried" if self.going else "downhill"
+        if name == THEIRS and not self.returning:
+            why = f"promises {self._promised:.1f} points"
         noted = Try(name, why, self._since - self._began, now - self._began, pose, score, note)
-        if self.returning and self.best in self._rests:
+        if self.returning and self.best in self.rests:
             # What the place scores now is what it scores.
-            self._rests.remove(self.best)
+            self.rests.remove(self.best)
         self.account.append(noted)
         if np.isfinite(score):
-            self._rests.append(noted)
+            self.rests.append(noted)
         self._since = now
         return noted
 
     def _next(self, last: Try) -> Place | None:
-        self.best = min(self._rests, key=lambda each: each.score, default=None)
+        self.best = min(self.rests, key=lambda each: each.score, default=None)
         if not self.returning and self._seeks(last):
             while self._left:
                 place = self._left.pop(0)
-                if all(_apart(place.pose, each.pose) > 1.0 for each in self.account):
+                if self._is_new(place.pose):
                     self.going = place
                     return place
+            if self._thinks and len(self.rests) > 1:
+                self.thinking = True
+                return None
+        return self._home(last)
+
+    def _home(self, last: Try) -> Place | None:
+        """Return to the best place, or end where the object is."""
         best = self.best
         worse = best is not None and not last.score <= best.score + self.how.better
         if best is None or not worse or self._returned >= self.how.returns:

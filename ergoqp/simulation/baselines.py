@@ -20,10 +20,10 @@ from ergoqp.human import Body
 from ergoqp.limits import AXES, AxisCone, WorkspaceBox
 from ergoqp.native.compiled import compiled as machine_code
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.way import pose_error, turn_between, turned
 from ergoqp.problem.workspace import frame_of
 from ergoqp.simulation.people.body_tasks import BodyTasks
 from ergoqp.simulation.people.grasp import Work
-from ergoqp.simulation.people.way import pose_error, turn_between, turned
 from ergoqp.step.answer.step import Step
 
 AHEAD = 0.40

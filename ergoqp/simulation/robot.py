@@ -14,7 +14,7 @@ import numpy as np
 
 from ergoqp.arguments import check_number
 from ergoqp.problem.robot import DeclaredRobot
-from ergoqp.simulation.people.way import turned
+from ergoqp.problem.way import turned
 
 _IDENTITY: Final = np.eye(3)
 _PART: Final = 0.002

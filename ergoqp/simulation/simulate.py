@@ -134,7 +134,7 @@ def simulate(
     if seek is not None and place is not None:
         raise InputError("seek: got places beside a guide, allowed one of the two")
     stepper = Stepper(problem, solver=_SOLVER, guide=place) if seek is None else None
-    seeker = None if seek is None else Seeker(problem, seek, solver=_SOLVER)
+    seeker = None if seek is None else Seeker(problem, seek, patient=True, solver=_SOLVER)
     trace = run_loop(
         problem,
         start,

@@ -7,7 +7,7 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
-from ergoqp.simulation.people.way import turn_between
+from ergoqp.problem.way import turn_between
 
 BASE = 4
 """Entries before the joints: pelvis x, y, z [m] and yaw [rad]."""

@@ -7,12 +7,12 @@ from typing import ClassVar, Final
 import numpy as np
 
 from ergoqp.joints import JOINTS
+from ergoqp.problem.way import pose_error
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_body import SoftBody
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding, Wish
 from ergoqp.simulation.people.soft_person import SoftPerson
-from ergoqp.simulation.people.way import pose_error
 
 SHIFT: Final = 0.03
 TURN: Final = float(np.radians(10.0))

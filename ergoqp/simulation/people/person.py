@@ -9,8 +9,8 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.problem.way import straight
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.way import straight
 
 LET_GO = 0.12
 """A hand this far from its grip has let go [m]: more than a delay explains at any allowed speed."""

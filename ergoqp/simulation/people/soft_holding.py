@@ -19,11 +19,11 @@ from typing import Self
 import numpy as np
 
 from ergoqp.joints import INDEX
+from ergoqp.problem.way import LONGEST_SHIFT, LONGEST_TURN, between, straight
 from ergoqp.simulation.people.body_tasks import BASE
 from ergoqp.simulation.people.person import Holding
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_body import SOLE, SOLES, SoftBody
-from ergoqp.simulation.people.way import LONGEST_SHIFT, LONGEST_TURN, between, straight
 
 PERIOD = 0.02
 """A posture lasts this long [s]: people are seen at 50 Hz."""

@@ -15,6 +15,7 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
+from ergoqp.problem.way import pose_error, straight, turned
 from ergoqp.problem_files.load import TASKS, load_problem
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.people.anatomy import STATURES
@@ -26,7 +27,6 @@ from ergoqp.simulation.people.person import LET_GO
 from ergoqp.simulation.people.senses import Senses
 from ergoqp.simulation.people.soft_holding import REACHED, SoftHolding
 from ergoqp.simulation.people.soft_person import SoftPerson
-from ergoqp.simulation.people.way import pose_error, straight, turned
 from ergoqp.simulation.simulate import simulate
 from ergoqp.simulation.yardstick import Workspace
 

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from ergoqp.joints import SIDES
+from ergoqp.problem.way import between, pose_error
 from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS, ROBOT_GROUP
 from ergoqp.simulation.people.mass.angles import reported, upright
 from ergoqp.simulation.people.mass.balance import Support
@@ -22,7 +23,6 @@ from ergoqp.simulation.people.mass.planner import Planner
 from ergoqp.simulation.people.mass.table import HABITS, SOFT_ROBOT
 from ergoqp.simulation.people.person import LET_GO, Holding, Person
 from ergoqp.simulation.people.senses import Senses
-from ergoqp.simulation.people.way import between, pose_error
 
 STILL: Final = 20.0
 """For how long everybody holds still before it counts [s]."""

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.problem.way import turn_between
 from ergoqp.simulation.people.mass.anatomy import PERSON_DOFS
 from ergoqp.simulation.people.mass.table import HABITS
 from ergoqp.simulation.people.mass.vectors import cross
-from ergoqp.simulation.people.way import turn_between
 
 _HANDS: Final = 1e4
 _SOLES: Final = 2e4

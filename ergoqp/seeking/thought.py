@@ -1,0 +1,75 @@
+"""What is thought about aside, while the loop goes on: who stands there, and what suits them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Final
+
+import numpy as np
+
+from ergoqp.identification.identify import Identifier
+from ergoqp.identification.promising import Promise, Promising
+from ergoqp.identification.resting import Resting
+from ergoqp.limits import AxisCone, WorkspaceBox
+from ergoqp.problem.problem import Problem
+from ergoqp.responses.ik import IkResponse
+
+LONGEST: Final = 2.0
+"""A thought aside takes no longer than about this [s]."""
+
+_LOG = logging.getLogger(__name__)
+
+
+def can_think(problem: Problem) -> bool:
+    """Return whether a problem says enough to identify people and to look for places."""
+    limits = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
+    return isinstance(problem.response, IkResponse) and all(each is not None for each in limits)
+
+
+class Thought:
+    """One thought at a time: the person identified, and what places promise them.
+
+    Args:
+        problem: the task.
+        noise_deg: scale at which postures are scored [deg].
+    """
+
+    def __init__(self, problem: Problem, noise_deg: float) -> None:
+        """Build the models."""
+        self._identifier, self._promising = Identifier(problem), Promising(problem, noise_deg)
+        self._aside: ThreadPoolExecutor | None = None
+        self._future: Future[list[Promise]] = Future()
+        self._future.set_result([])
+
+    def begin(self, rests: Sequence[Resting], best: float, patient: bool) -> None:
+        """Begin to think, given rests and the best score; return at once unless `patient`."""
+        given = list(rests)
+        if patient:
+            self._future = Future()
+            self._future.set_result(self._think(given, best, np.inf))
+            return
+        if self._aside is None:
+            self._aside = ThreadPoolExecutor(1, thread_name_prefix="ergoqp-thought")
+        self._future = self._aside.submit(self._think, given, best, LONGEST)
+
+    @property
+    def done(self) -> bool:
+        """Whether the thought is at its end."""
+        return self._future.done()
+
+    def promises(self) -> list[Promise]:
+        """Return what places promise, the most promising first; none where it came to nothing."""
+        return self._future.result()
+
+    def _think(self, rests: list[Resting], best: float, longest: float) -> list[Promise]:
+        # Whatever goes wrong in here, the loop goes on with what it has measured.
+        try:
+            person = self._identifier.identify(rests, longest=longest / 2)
+            return self._promising.places(
+                person, best, [rest.pose for rest in rests], longest=longest / 2
+            )
+        except Exception:
+            _LOG.exception("identifying the person came to nothing")
+            return []
