@@ -23,6 +23,7 @@ from ergoqp.joints import JOINTS as JOINTS
 if TYPE_CHECKING:
     from ergoqp.comparison.compare import compare as compare
     from ergoqp.costs.load import load_cost as load_cost
+    from ergoqp.identification.identify import identify as identify
     from ergoqp.placing.optimise import optimise as optimise
     from ergoqp.problem.control import Control as Control
     from ergoqp.problem.problem import Problem as Problem
@@ -45,6 +46,7 @@ _LATER = {
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
     "compare": "ergoqp.comparison.compare",
+    "identify": "ergoqp.identification.identify",
     "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem_files.load",
     "load_recording": "ergoqp.recordings.load",
@@ -68,6 +70,7 @@ __all__ = [
     "__version__",
     "compare",
     "errors",
+    "identify",
     "load_cost",
     "load_problem",
     "load_recording",

@@ -150,6 +150,7 @@ def test_public_names():
         "__version__",
         "compare",
         "errors",
+        "identify",
         "load_cost",
         "load_problem",
         "load_recording",

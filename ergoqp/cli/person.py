@@ -30,6 +30,7 @@ Examples:
   ergoqp run screwing --from take.bvh                at the worst-scored frame of a recording
   ergoqp run my_task.toml --from take.bvh --at 3.2   your own problem, at 3.2 s
   ergoqp run overhead --guide best                   drawn to the best place, past a worse one
+  ergoqp run screwing --seek --duration 60           tries places and keeps what measures best
   ergoqp run screwing --follower looking             who keeps the eyes on the work
   ergoqp run screwing --robot lag=0.1                with a robot that lags, undeclared
   ergoqp run screwing --bias-deg right_knee_flexion=-4   with a knee that reads wrong
@@ -84,6 +85,14 @@ def _run(
             help="A place to be drawn to: looked for, or an optimum.json [none].",
         ),
     ] = None,
+    seek: Annotated[
+        bool,
+        typer.Option(
+            "--seek",
+            help="Try places (the model's best, the rule of thumb, those that this person's rests"
+            " promise) and keep what measures best; takes up to 60 s.",
+        ),
+    ] = False,
     robot: Annotated[
         str | None,
         typer.Option(
@@ -113,7 +122,7 @@ def _run(
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.run import Simulated, run
 
-    simulated = Simulated(robot, bias_deg, follower)
+    simulated = Simulated(robot, bias_deg, follower, seek)
     run(
         problem,
         recording,

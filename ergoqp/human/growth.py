@@ -44,9 +44,7 @@ class Offsets:
         for name in FRACTIONS:
             lengths = dict(body.lengths) | {name: (1 + _STEP) * body.lengths[name]}
             larger = _positions(Body(body.stature, lengths, body.mass))
-            slopes.append(
-                tuple((there - own) / _STEP for there, own in zip(larger, here, strict=True))
-            )
+            slopes.append(((larger[0] - here[0]) / _STEP, (larger[1] - here[1]) / _STEP))
         bodies, sites = (np.stack(parts, axis=-1) for parts in zip(*slopes, strict=True))
         return cls(body, growth, (bodies, sites))
 

@@ -86,12 +86,10 @@ class Kinematics:
 
         They are those at the posture `q` (32,) [rad].
         """
-        position, rotation, jacobian = cast(
-            "tuple[Expression, Expression, Expression]",
-            self.function(frame)(q)
-            if self._growth is None
-            else self.function(frame)(q, self._growth),
-        )
+        # Of a body that may grow, growth and posture are symbols of one kind.
+        function, growth = self.function(frame), self._growth
+        frames = function(q) if growth is None else function(cast("ca.SX", q), growth)
+        position, rotation, jacobian = cast("tuple[Expression, Expression, Expression]", frames)
         return position, rotation, jacobian
 
     def _build(self, frame: str) -> ca.Function:

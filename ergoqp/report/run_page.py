@@ -85,6 +85,7 @@ def write_run_page(run: Run, path: Path) -> None:
             _over_time(run, facts, scores),
             _segments(run, facts),
             _motion(run),
+            *_tries(run),
             _limits(run),
             _steps(run, facts),
             Section(
@@ -100,6 +101,37 @@ def write_run_page(run: Run, path: Path) -> None:
         ],
     )
     write_page(page, path)
+
+
+def _tries(run: Run) -> list[Section]:
+    """What a loop that tries places tried, and what it measured there."""
+    if not run.tries:
+        return []
+    lowest = min((each.score for each in run.tries if np.isfinite(each.score)), default=np.nan)
+    rows = [
+        (
+            f"{each.name} ({each.why})",
+            f"{each.begun:.1f} to {each.ended:.1f} s",
+            f"{each.score:.1f}" if np.isfinite(each.score) else "–",
+            each.note,
+        )
+        for each in run.tries
+    ]
+    return [
+        Section(
+            "Places tried",
+            intro="Each is gone to, and the person's mean posture over a second at rest there is"
+            " scored. The object ends where the lowest score was measured.",
+            tables=[
+                PageTable(
+                    ("place", "when", "measured score", "what came of it"),
+                    rows,
+                    numeric=(2,),
+                    marked=tuple(i for i, each in enumerate(run.tries) if each.score == lowest),
+                )
+            ],
+        )
+    ]
 
 
 def _notes(run: Run, facts: RunFacts) -> list[str]:

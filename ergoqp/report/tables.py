@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -48,6 +50,12 @@ def run_table(run: Run) -> RenderableType:
         ("rest", facts.settling),
         ("step time", facts.timing),
     ]
+    if run.tries:
+        tried = [
+            f"{each.name} {each.score:.1f}" if math.isfinite(each.score) else f"{each.name} –"
+            for each in run.tries
+        ]
+        rows.append(("places tried", ", ".join(tried)))
     if run.let_go is not None:
         rows.append(("let go", f"the person could not reach any more at {run.let_go:.1f} s"))
     broken = [

@@ -21,7 +21,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.seeking.thought import Thought, can_think
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
 from ergoqp.step.guide.place import Guide, read_guide
-from ergoqp.step.guide.trial import LOOK
+from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.model import stand_in
 from ergoqp.step.stepper import Step, Stepper
 from ergoqp.step.user_values import number
@@ -192,6 +192,8 @@ class Seeker:
                 assert self._tries.best is not None
                 self._thought.begin(self._rests, self._tries.best.score, self._patient)
                 self._think_on()
+        elif step.drawn in (THERE, BACK):
+            self._tries.on_the_way(self._now)
         elif self._tries.overdue(self._now):
             self._watch.begin()
             self._lead(self._tries.unrested(self._now, step.pose.copy()))

@@ -23,7 +23,7 @@ _SAME: Final = (0.03, float(np.radians(5.0)))
 """Places this near to each other are one [m], [rad]."""
 
 _TAKES: Final = 12.0
-"""A try with the return after it takes about so long: none is begun later than that [s]."""
+"""A try with the return after it takes at least so long: none is begun later than that [s]."""
 
 _AGAIN: Final = 3
 """So many worse rests in a row are no accident: the person is another, or works otherwise."""
@@ -39,7 +39,7 @@ class Seeking:
             what is known of this person [points].
         longest: after how long no place is tried any more, and the best one has been returned to
             [s].
-        patience: a try without a rest after so long is over [s].
+        patience: a try without a rest so long after the object came there is over [s].
         better: a place must score so much lower to be returned to [points].
         enough: so little above what standing at ease scores nothing more is looked for [points].
         returns: how often the object returns to the best place, which may not be what it was.
@@ -141,13 +141,17 @@ class Tries:
         self.returning = self.done = self.thinking = False
         self.rests: list[Try] = []
         self._left, self._in_vain = list(self._places), []
-        self._returned, self._began, self._since = 0, now, now
+        self._returned, self._began, self._since, self._arrived = 0, now, now, now
         self._last, self._windows, self._promised = np.inf, 0, 0.0
 
     def overdue(self, now: float) -> bool:
         """Return whether the present try has had its time."""
         waits = self.done or self.thinking
-        return not waits and now - self._since > self.how.patience
+        return not waits and now - self._arrived > self.how.patience
+
+    def on_the_way(self, now: float) -> None:
+        """Note that the object is led there still: some robots are slow."""
+        self._arrived = now
 
     def unrested(self, now: float, pose: np.ndarray) -> Place | None:
         """Note that nobody came to rest; return the next place to go to, None to stay."""
@@ -175,7 +179,7 @@ class Tries:
 
     def suggested(self, now: float, promises: Sequence[Promise]) -> Place | None:
         """Return the next place to go to, of those that promise most; None to stay."""
-        self.thinking, self._since = False, now
+        self.thinking, self._since, self._arrived = False, now, now
         for promise in promises:
             if promise.gain < self.how.worth:
                 break
@@ -201,7 +205,7 @@ class Tries:
         self.account.append(noted)
         if np.isfinite(score):
             self.rests.append(noted)
-        self._since = now
+        self._since = self._arrived = now
         return noted
 
     def _next(self, last: Try) -> Place | None:
@@ -233,7 +237,8 @@ class Tries:
         """Return whether another place is worth a try, and there is time for it."""
         how, best = self.how, self.best
         good = best is not None and best.score <= self.floor + how.enough
-        late = last.ended + _TAKES > how.longest
+        takes = max(_TAKES, *(each.ended - each.begun for each in self.account))
+        late = last.ended + takes > how.longest
         return len(self.account) < how.tries and not late and not good
 
 

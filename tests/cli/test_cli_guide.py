@@ -59,3 +59,14 @@ def test_mistakes(ergoqp, tmp_path, optimum):
         ergoqp("run", "screwing", "--guide", folder)
     )
     assert not (tmp_path / "ergoqp-out").exists()
+
+
+def test_places_are_tried(ergoqp, tmp_path):
+    outcome = ergoqp("run", "desk", "--seek", "--duration", "12", "--out", tmp_path)
+    assert outcome.status == 0, outcome.err
+    tried = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))["tries"]
+    assert tried[0]["name"] == "descent"
+    assert "places tried" in outcome.out
+    assert "Places tried" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    told = mistake(ergoqp("run", "desk", "--seek", "--guide", "best"))
+    assert "--seek: got it beside --guide, allowed one of the two" in told

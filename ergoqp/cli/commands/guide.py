@@ -10,7 +10,17 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
+from ergoqp.seeking.tries import Place
+from ergoqp.simulation.baselines import rule_pose
 from ergoqp.step.guide.place import Guide, read_guide
+
+
+def places_to_try(problem: Problem) -> list[Place]:
+    """Return what ``--seek`` tries after descent: the model's best place, and the rule's."""
+    with working("looking for the model's best place") as done:
+        best = optimise(problem, person_of(problem).comfort, progress=done)
+    rule = rule_pose(problem, person_of(problem).body)
+    return [Place("the model's best", best.pose), Place("elbow height, 0.40 m ahead", rule)]
 
 
 def guide_named(problem: Problem, name: str) -> Guide:

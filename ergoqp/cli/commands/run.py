@@ -22,7 +22,7 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
-from ergoqp.cli.commands.guide import guide_named
+from ergoqp.cli.commands.guide import guide_named, places_to_try
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
@@ -31,6 +31,7 @@ from ergoqp.recordings import Recording
 from ergoqp.recordings.fitting.person import given_person
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
+from ergoqp.seeking.tries import Place
 from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.inputs import check_numbers
 from ergoqp.simulation.people import KINDS, person_of_kind
@@ -50,11 +51,13 @@ class Simulated:
         robot: ``NAME=VALUE,...`` of `ergoqp.simulation.robot.RobotKind`; None: as declared.
         bias_deg: ``JOINT=DEG,...``; None: as the person's sensors are.
         follower: kind of the person who follows.
+        seek: whether the loop tries places.
     """
 
     robot: str | None = None
     bias_deg: str | None = None
     follower: str = "alike"
+    seek: bool = False
 
     def check(self) -> None:
         """Check what was given, before anything is computed.
@@ -118,6 +121,9 @@ def run(
     how = simulated or Simulated()
     how.check()
     check_numbers(problem, duration, seed)
+    if how.seek and guide is not None:
+        raise InputError("--seek: got it beside --guide, allowed one of the two")
+    places = places_to_try(problem) if how.seek else None
     screen = console()
     if recording_path is None:
         options.refuse_without_recording()
@@ -125,7 +131,7 @@ def run(
             raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
-        result = _from_awkward_place(problem, screen, seed, duration, options, place, how)
+        result = _from_awkward_place(problem, screen, seed, duration, options, place, how, places)
     else:
         with working(f"reading {recording_path.name}"):
             recording = options.load(recording_path)
@@ -143,6 +149,7 @@ def run(
             duration,
             place,
             how,
+            places,
         )
     with writing(folder):
         result.save(folder)
@@ -159,6 +166,7 @@ def _from_awkward_place(
     options: RecordingOptions,
     guide: Guide | None,
     how: Simulated,
+    places: list[Place] | None,
 ) -> Run:
     body = None if options.person_value is None else given_person(options.person_value)
     with working("looking for an awkward place"):
@@ -180,6 +188,7 @@ def _from_awkward_place(
             assumptions=[note],
             progress=done,
             guide=guide,
+            seek=places,
             **terms,
         )
 
@@ -195,6 +204,7 @@ def _from_recording(
     duration: float,
     place: Guide | None,
     how: Simulated,
+    places: list[Place] | None,
 ) -> Run:
     posture, time = recording.postures[frame], float(recording.time[frame])
     person = person_of_kind(how.follower, problem, seed, recording.person)
@@ -230,6 +240,7 @@ def _from_recording(
             assumptions=notes,
             progress=done,
             guide=place,
+            seek=places,
             **how.terms(person.senses),
         )
 

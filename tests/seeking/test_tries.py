@@ -1,0 +1,154 @@
+"""Which place is next, by the score that was measured: scripts in plain numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ergoqp.errors import InputError
+from ergoqp.identification.promising import Promise
+from ergoqp.identification.resting import Resting
+from ergoqp.seeking.tries import DESCENT, THEIRS, Place, Seeking, Tries
+
+
+def at(x: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[0, 3] = x
+    return pose
+
+
+def rest(time: float, x: float) -> Resting:
+    return Resting(time, at(x), np.zeros(32))
+
+
+A, B = Place("a", at(0.2)), Place("b", at(0.4))
+
+
+def test_descent_first_then_the_places_and_back_to_the_best() -> None:
+    tries = Tries([A, B], Seeking(), 1.0)
+    assert tries.measured(rest(5, 0.0), 3.0) is A
+    assert tries.measured(rest(12, 0.2), 4.0) is B
+    home = tries.measured(rest(19, 0.4), 5.0)
+    assert home is not None
+    assert home.name == DESCENT
+    np.testing.assert_array_equal(home.pose, at(0.0))
+    assert tries.measured(rest(25, 0.0), 3.1) is None
+    assert tries.done
+    assert [each.name for each in tries.account] == [DESCENT, "a", "b", DESCENT]
+    assert tries.account[-1].why == "returned to"
+    assert tries.best is tries.account[-1]
+
+
+def test_who_is_well_is_left_alone() -> None:
+    tries = Tries([A, B], Seeking(enough=0.5), 1.0)
+    assert tries.measured(rest(5, 0.0), 1.4) is None
+    assert tries.done
+
+
+def test_where_the_last_is_about_the_best_it_stays() -> None:
+    tries = Tries([A], Seeking(better=0.2), 1.0)
+    assert tries.measured(rest(5, 0.0), 3.0) is A
+    assert tries.measured(rest(9, 0.2), 3.15) is None
+    assert tries.done
+
+
+def test_a_best_place_that_is_worse_the_second_time_gives_way_to_the_next() -> None:
+    tries = Tries([A, B], Seeking(), 1.0)
+    tries.measured(rest(5, 0.0), 5.0)
+    tries.measured(rest(9, 0.2), 2.0)
+    home = tries.measured(rest(13, 0.4), 3.0)
+    assert home is not None
+    assert home.name == "a"
+    again = tries.measured(rest(17, 0.2), 4.5)
+    assert again is not None
+    assert again.name == "b"
+    assert tries.measured(rest(21, 0.4), 6.0) is None
+    assert tries.done
+
+
+def test_places_that_were_met_are_not_tried() -> None:
+    tries = Tries([Place("same", at(0.01)), B], Seeking(), 1.0)
+    assert tries.measured(rest(5, 0.0), 3.0) is B
+
+
+def test_tries_and_time_are_bounded() -> None:
+    many = [Place(str(i), at(0.2 * i)) for i in range(1, 20)]
+    tries = Tries(many, Seeking(tries=3), 1.0)
+    for i in range(3):
+        assert not tries.done
+        tries.measured(rest(5.0 * i, -1.0 - 0.2 * i), 5.0 - i)
+    assert tries.done
+    tries = Tries(many, Seeking(longest=20.0), 1.0)
+    assert tries.measured(rest(9, 0.0), 5.0) is None
+    assert tries.done
+
+
+def test_who_does_not_come_to_rest_is_waited_for_no_longer_than_that() -> None:
+    tries = Tries([A], Seeking(patience=15.0), 1.0)
+    assert not tries.overdue(14.9)
+    assert tries.overdue(15.1)
+    assert tries.unrested(15.1, at(0.0)) is A
+    assert np.isnan(tries.account[0].score)
+    assert tries.best is None
+    assert tries.unrested(30.2, at(0.1)) is None
+    assert tries.done
+
+
+def test_a_place_whose_way_cost_too_much_is_left_out_from_then_on() -> None:
+    tries = Tries([A], Seeking(), 1.0, thinks=True)
+    assert tries.measured(rest(5, 0.0), 3.0) is A
+    assert tries.measured(rest(12, 0.0), 3.0) is None
+    assert "cost too much" in tries.account[-1].note
+    assert tries.thinking
+    promises = [Promise(at(0.21), 1.5, 1.0), Promise(at(0.7), 0.5, 2.0)]
+    going = tries.suggested(12.5, promises)
+    assert going is not None
+    np.testing.assert_array_equal(going.pose, at(0.7))
+    assert going.name == THEIRS
+
+
+def test_what_promises_too_little_is_not_tried() -> None:
+    tries = Tries([A], Seeking(worth=0.15), 1.0, thinks=True)
+    tries.measured(rest(5, 0.0), 3.0)
+    assert tries.measured(rest(12, 0.2), 4.0) is None
+    assert tries.thinking
+    assert not tries.overdue(99.0)
+    home = tries.suggested(13.0, [Promise(at(0.7), 0.1, 2.9)])
+    assert home is not None
+    assert home.name == DESCENT
+
+
+def test_the_account_says_what_was_promised() -> None:
+    tries = Tries([], Seeking(), 1.0, thinks=True)
+    tries.measured(rest(5, 0.0), 5.0)
+    assert tries.done
+    tries = Tries([A], Seeking(), 1.0, thinks=True)
+    tries.measured(rest(5, 0.0), 5.0)
+    tries.measured(rest(9, 0.2), 4.0)
+    tries.suggested(9.5, [Promise(at(0.7), 1.23, 2.0)])
+    tries.measured(rest(15, 0.7), 2.0)
+    assert tries.account[-1].why == "promises 1.2 points"
+    assert tries.account[-1].begun == pytest.approx(9.5)
+
+
+def test_all_is_tried_anew_only_after_three_worse_rests() -> None:
+    tries = Tries([], Seeking(worse=1.0), 1.0)
+    tries.measured(rest(5, 0.0), 2.0)
+    said = [tries.worsened(score) for score in (3.5, 3.5, 2.5, 3.5, 3.5, 3.5)]
+    assert said == [False] * 5 + [True]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (dict(tries=-1), "seeking.tries"),
+        (dict(longest=float("nan")), "seeking.longest"),
+        (dict(better="much"), "seeking.better"),
+        (dict(returns=1.5), "seeking.returns"),
+    ],
+)
+def test_mistakes_are_named(wrong: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Seeking(**wrong)
+    with pytest.raises(InputError, match=r"place\.pose"):
+        Place("a", np.zeros((4, 4)))
