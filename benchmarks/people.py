@@ -19,7 +19,8 @@ mass, who take long, 20 and no search). What 24 places from ease find is looked 
 start is taken that is not bad beside them. People with mass hold still for 20 s at the start. From
 there the same person with the same noise is led by
 
-- (no suffix): ergoqp as ``ergoqp run --guide best``, guided by the optimum of its own model;
+- (no suffix): ergoqp as ``ergoqp run --seek``, which tries places and keeps what measures best;
+- ``.guided``: ergoqp as ``ergoqp run --guide best``, guided by the optimum of its own model;
 - ``.descent``: the same without a guide, as ergoqp comes;
 - ``.still``: nobody; ``.rule``: the rule of thumb, elbow height of the controller's own person,
   0.40 m ahead, level; ``.own_rule``: the same with the elbow of the very person;
