@@ -181,6 +181,10 @@ class Identifier:
         fit = _Fit(self.problem, self._model, rests_of(rests))
         return fit.solved(time.perf_counter() + longest)
 
+    def nobody(self, rests: Any) -> Identified:
+        """Return the problem's own person, who holds the object as in the rests: the control."""
+        return _Fit(self.problem, self._model, rests_of(rests)).solved(np.inf, steps=0)
+
 
 class _Fit:
     """Levenberg and Marquardt's steps on the traits."""
@@ -195,7 +199,7 @@ class _Fit:
         self.measured = np.array([rest.posture[layout.joints] for rest in rests])
         self.mask = np.isfinite(self.measured)
 
-    def solved(self, until: float) -> Identified:
+    def solved(self, until: float, steps: int = _STEPS) -> Identified:
         """Return the person."""
         sd = self.layout.sd
         n = len(self.layout.joints)
@@ -203,7 +207,7 @@ class _Fit:
         predicted = self._predict(traits, self.begins)
         value, off = self._value(traits, predicted)
         information = np.diag(1 / sd**2)
-        for _ in range(_STEPS):
+        for _ in range(steps):
             information, pull = np.diag(1 / sd**2), traits / sd**2
             for rest, each, mask in zip(predicted, off, self.mask, strict=True):
                 slope = np.hstack([rest.by_traits, np.eye(n)])[mask]

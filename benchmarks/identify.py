@@ -1,0 +1,156 @@
+"""Who stands there, from ten of their rests: how well rests elsewhere are predicted, and places.
+
+Run ``python -m benchmarks.identify [--quick | --full] [--json FILE]``. People of a kind, each with
+a body, habits and seed of their own (seeds for judging), are led to places drawn at random. Ten of
+their rests, every angle with 2 deg of noise, are given to `ergoqp.identify` with the problem's own
+person as all that is known; eight others are to be predicted. ``--quick``: one person each of three
+kinds on three problems; ``--full``: six of five kinds on all five, of which `KEPT` were never
+looked at while this was built.
+
+``KIND.posture_deg``: RMS over the joints that follow, median over places and people; ``.p90``: nine
+in ten people are better. ``KIND.score_error``: mean difference of the exact scores.
+``KIND.one_of_three``: share of people for whom one of the three places that promise most is as good
+as the best of 48 places searched around with the very person. ``KIND.seconds``: longest
+identification on one core.
+
+Beside each: ``.nominal``: the problem's own person, of whom nothing was identified; ``.nearest``:
+the posture of the nearest of the ten rests; ``one_of_three.rests``: the three best of the ten
+places, by their measured scores.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from benchmarks.people import JUDGING, KEPT, prepared
+from benchmarks.people_draw import judged
+from benchmarks.report import Report, run
+from ergoqp.identification.identify import Identified, Identifier
+from ergoqp.identification.promising import Promising
+from ergoqp.problem_files.load import TASKS
+from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.people.person import Holding
+
+GIVEN, UNSEEN = 10, 8
+NOISE = float(np.radians(2.0))
+SCORED_AT_DEG = 2.0
+_APART = (0.06, 0.97)
+"""Places are apart that differ by so much [m], or whose axes' cosine is below that."""
+
+Rest = tuple[np.ndarray, np.ndarray]
+
+
+@cache
+def tools_of(name: str) -> tuple[Identifier, Promising]:
+    """Return what identifies people of a problem: once per process."""
+    problem, _ = judged(name)
+    return Identifier(problem), Promising(problem, SCORED_AT_DEG)
+
+
+def rests_of_person(home: Holding, name: str, rng: np.random.Generator, count: int) -> list[Rest]:
+    """Return a person's rests at places drawn at random, as far as they come along."""
+    workspace, found = judged(name)[1].workspace, []
+    for _ in range(6 * count):
+        there, pose = home.copy(), workspace.pose(rng.uniform(-1.0, 1.0, 5))
+        if there.carry(pose):
+            found.append((there.posture.copy(), pose))
+        if len(found) == count:
+            break
+    return found
+
+
+def of_person(kind: str, name: str, seed: int) -> dict[str, list[float]] | None:
+    """Return the figures of one person, [identified, nominal, nearest] each; None without rests."""
+    problem, judge = judged(name)
+    person, rng = person_of_kind(kind, problem, seed), np.random.default_rng([seed, 77])
+    home = person.hold(person.comfort, seed=seed)
+    rests = rests_of_person(home, name, rng, GIVEN + UNSEEN)
+    if len(rests) < GIVEN + UNSEEN:
+        return None
+    given = [(posture + NOISE * rng.standard_normal(32), pose) for posture, pose in rests[:GIVEN]]
+    identifier, promising = tools_of(name)
+    begin = time.perf_counter()
+    found = identifier.identify(given)
+    seconds = time.perf_counter() - begin
+    nobody = identifier.nobody(given)
+    predictions = [[each.posture_at(pose) for _, pose in rests[GIVEN:]] for each in (found, nobody)]
+    predictions.append([_nearest(given, pose) for _, pose in rests[GIVEN:]])
+    truth = [posture for posture, _ in rests[GIVEN:]]
+    scores = [judge.score(posture) for posture in truth]
+    places = [_three(promising, each) for each in (found, nobody)]
+    measured = sorted(given, key=lambda each: judge.score(each[0]))
+    places.append([pose for _, pose in measured[:3]])
+    best = judge.best(home, [pose for three in places for pose in three])[0].score
+    return {
+        "posture_deg": [_off(found.joints, told, truth) for told in predictions],
+        "score_error": [
+            float(np.mean([abs(judge.score(one) - s) for one, s in zip(told, scores, strict=True)]))
+            for told in predictions
+        ],
+        "one_of_three": [
+            float(any(judge.carried(home, pose).score == best for pose in three))
+            for three in places
+        ],
+        "seconds": [seconds],
+    }
+
+
+def _off(joints: list[int], told: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> float:
+    apart = (np.array(told) - np.array(truth))[:, joints]
+    return float(np.median(np.degrees(np.sqrt(np.mean(apart**2, axis=1)))))
+
+
+def _nearest(given: Sequence[Rest], pose: np.ndarray) -> np.ndarray:
+    return min(given, key=lambda each: float(np.linalg.norm(each[1][:3, 3] - pose[:3, 3])))[0]
+
+
+def _three(promising: Promising, person: Identified) -> list[np.ndarray]:
+    """Return the three places, apart from each other, where the person would score lowest."""
+    chosen: list[np.ndarray] = []
+    for place in promising.places(person, 15.0):
+        pose = place.pose
+        near = [
+            np.linalg.norm(pose[:3, 3] - each[:3, 3]) < _APART[0]
+            and pose[:3, 0] @ each[:3, 0] > _APART[1]
+            for each in chosen
+        ]
+        if not any(near):
+            chosen.append(pose)
+        if len(chosen) == 3:
+            break
+    return chosen
+
+
+def measure(report: Report) -> None:
+    """Print the figures of every kind."""
+    kinds = ("alike", "follower", "stubborn", *report.pick((), KEPT))
+    names = report.pick(("dentist", "desk", "screwing"), TASKS)
+    seeds = range(JUDGING, JUDGING + report.pick(1, 6))
+    jobs = [(kind, name, seed) for kind in kinds for name in names for seed in seeds]
+    people: dict[str, list[dict[str, list[float]]]] = defaultdict(list)
+    with prepared(names) as pool:
+        for (kind, _, _), found in zip(
+            jobs, pool.map(of_person, *zip(*jobs, strict=True)), strict=True
+        ):
+            if found is not None:
+                people[kind].append(found)
+    for kind, found in people.items():
+        report.figure(f"{kind}.people", len(found), "with 18 rests")
+        for name in ("posture_deg", "score_error", "one_of_three"):
+            by_way = np.array([each[name] for each in found])
+            middle = np.median if name == "posture_deg" else np.mean
+            third = "rests" if name == "one_of_three" else "nearest"
+            for way, values in zip(("", ".nominal", f".{third}"), by_way.T, strict=True):
+                report.figure(f"{kind}.{name}{way}", float(middle(values)))
+        worst = np.percentile([each["posture_deg"][0] for each in found], 90)
+        report.figure(f"{kind}.posture_deg.p90", float(worst))
+        report.figure(f"{kind}.seconds", max(each["seconds"][0] for each in found))
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")
