@@ -53,16 +53,13 @@ class RunFacts:
 
     @property
     def change(self) -> str:
-        """Say the score before and after, and where the person alone would have come to rest.
-
-        The latter is not the robot's merit.
-        """
-        alone = (
-            f"; {self.standing_still} had the object stayed where it was"
-            if self.standing_still
-            else ""
+        """Say what the robot's motion gained: from what the person alone would have come to."""
+        if not self.standing_still:
+            return f"{self.before} to {self.after}."
+        return (
+            f"{self.standing_still} to {self.after} by moving the object: {self.before} at the"
+            f" start, {self.standing_still} had the object stayed where it was."
         )
-        return f"{self.before} to {self.after}{alone}."
 
     @property
     def costs(self) -> str:

@@ -82,7 +82,7 @@ class TestRun:
         assert (summary["problem"], summary["seed"], summary["steps"]) == ("screwing", 1, 300)
         assert "starts at the worst of 40 random places: REBA" in outcome.out
         assert (
-            f"; {summary['reba_standing_still']} had the object stayed where it was."
+            f", {summary['reba_standing_still']} had the object stayed where it was."
             in " ".join(outcome.out.split())
         )
         assert f"report.html  {Path('ergoqp-out') / 'screwing' / 'report.html'}" in outcome.out

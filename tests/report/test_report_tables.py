@@ -58,7 +58,10 @@ def test_facts_follow_from_the_arrays(run):
     assert facts.settled_after == pytest.approx(0.8 * 6, abs=0.05)
     assert facts.change == f"{facts.before} to {facts.after}."
     alone = facts_of(replace(run, reba_standing_still=4))
-    assert alone.change == f"{facts.before} to {facts.after}; 4 had the object stayed where it was."
+    assert alone.change == (
+        f"4 to {facts.after} by moving the object: {facts.before} at the start, 4 had the object"
+        " stayed where it was."
+    )
     assert facts.costs == "nothing"
     worse = facts_of(replace(run, assessment=reba.assess(run.postures[:1]), reba=run.reba[:1]))
     assert worse.after == facts.before
