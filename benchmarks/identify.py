@@ -31,7 +31,7 @@ from benchmarks.people import JUDGING, KEPT, prepared
 from benchmarks.people_draw import judged
 from benchmarks.report import Report, run
 from ergoqp.identification.identify import Identified, Identifier
-from ergoqp.identification.promising import Promising
+from ergoqp.identification.promising import Promising, chosen
 from ergoqp.problem_files.load import TASKS
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding
@@ -39,9 +39,6 @@ from ergoqp.simulation.people.person import Holding
 GIVEN, UNSEEN = 10, 8
 NOISE = float(np.radians(2.0))
 SCORED_AT_DEG = 2.0
-_APART = (0.06, 0.97)
-"""Places are apart that differ by so much [m], or whose axes' cosine is below that."""
-
 Rest = tuple[np.ndarray, np.ndarray]
 
 
@@ -110,20 +107,8 @@ def _nearest(given: Sequence[Rest], pose: np.ndarray) -> np.ndarray:
 
 
 def _three(promising: Promising, person: Identified) -> list[np.ndarray]:
-    """Return the three places, apart from each other, where the person would score lowest."""
-    chosen: list[np.ndarray] = []
-    for place in promising.places(person, 15.0):
-        pose = place.pose
-        near = [
-            np.linalg.norm(pose[:3, 3] - each[:3, 3]) < _APART[0]
-            and pose[:3, 0] @ each[:3, 0] > _APART[1]
-            for each in chosen
-        ]
-        if not any(near):
-            chosen.append(pose)
-        if len(chosen) == 3:
-            break
-    return chosen
+    """Return the three places that together promise this person most."""
+    return [place.pose for place in chosen(promising.places(person, 15.0), 3)]
 
 
 def measure(report: Report) -> None:

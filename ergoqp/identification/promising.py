@@ -42,11 +42,13 @@ class Promise:
         pose: of the object (4, 4) [m].
         gain: expected beyond the best that was measured [points].
         score: of the identified person's rest there [points].
+        likely: of people who are as likely, in the same order at every place (`LIKELY`,) [points].
     """
 
     pose: np.ndarray
     gain: float
     score: float
+    likely: np.ndarray
 
 
 class Promising:
@@ -98,7 +100,7 @@ class Promising:
             postures[1:, person.joints] += people @ rest.by_traits.T + beside
             scores = np.array(self._scores(ca.DM(np.clip(postures, -np.pi, np.pi).T))).ravel()
             gain = float(np.maximum(0.0, best - scores[1:]).mean())
-            return Promise(pose, gain, float(scores[0]))
+            return Promise(pose, gain, float(scores[0]), scores[1:])
 
         points = self.workspace.spread(_SPREAD)
         found = [(point, promise(self.workspace.pose(point))) for point in points]
@@ -115,3 +117,18 @@ class Promising:
                     found.append((near, promise(self.workspace.pose(near))))
         reached = [each for _, each in found if each is not None]
         return sorted(reached, key=lambda each: -each.gain)
+
+
+def chosen(places: Sequence[Promise], count: int) -> list[Promise]:
+    """Return places to be tried together: one after the other, what it adds to those before it.
+
+    What a place adds is the mean gain over people who are as likely, each of whom keeps the best of
+    the places so far: not twice what promises the same for the same reason.
+    """
+    left, found = list(places), []
+    lowest = np.full(LIKELY, np.inf)
+    for _ in range(min(count, len(left))):
+        reached = [np.minimum(lowest, each.likely).mean() for each in left]
+        found.append(left.pop(int(np.argmin(reached))))
+        lowest = np.minimum(lowest, found[-1].likely)
+    return found

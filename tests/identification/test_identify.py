@@ -11,7 +11,7 @@ import pytest
 import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identified, Identifier
-from ergoqp.identification.promising import Promising
+from ergoqp.identification.promising import LIKELY, Promise, Promising, chosen
 from ergoqp.problem.workspace import Workspace
 from ergoqp.simulation.people import person_of_kind
 
@@ -119,6 +119,16 @@ def test_places_are_promised_by_what_is_gained() -> None:
     start = int(problem.assess(holding.posture).final[0])
     assert holding.carry(places[0].pose)
     assert int(problem.assess(holding.posture).final[0]) <= min(start, 3)
+
+
+def test_places_are_chosen_for_what_they_add_to_each_other() -> None:
+    likely = np.ones(LIKELY)
+    half = np.arange(LIKELY) % 2
+    first = Promise(np.eye(4), 1.0, 1.0, 2 * likely + half)
+    same = Promise(np.eye(4), 1.0, 1.0, 2 * likely + half + 0.01)
+    other = Promise(np.eye(4), 0.5, 1.0, 3.05 * likely - half)
+    assert chosen([same, other, first], 2) == [first, other]
+    assert len(chosen([same], 3)) == 1
 
 
 @pytest.mark.parametrize(

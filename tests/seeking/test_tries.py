@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import InputError
-from ergoqp.identification.promising import Promise
+from ergoqp.identification.promising import LIKELY, Promise
 from ergoqp.identification.resting import Resting
 from ergoqp.seeking.tries import DESCENT, THEIRS, Place, Seeking, Tries
 
@@ -19,6 +19,10 @@ def at(x: float) -> np.ndarray:
 
 def rest(time: float, x: float) -> Resting:
     return Resting(time, at(x), np.zeros(32))
+
+
+def promise(pose: np.ndarray, gain: float) -> Promise:
+    return Promise(pose, gain, 1.0, np.ones(LIKELY))
 
 
 A, B = Place("a", at(0.2)), Place("b", at(0.4))
@@ -100,7 +104,7 @@ def test_a_place_whose_way_cost_too_much_is_left_out_from_then_on() -> None:
     assert tries.measured(rest(12, 0.0), 3.0) is None
     assert "cost too much" in tries.account[-1].note
     assert tries.thinking
-    promises = [Promise(at(0.21), 1.5, 1.0), Promise(at(0.7), 0.5, 2.0)]
+    promises = [promise(at(0.21), 1.5), promise(at(0.7), 0.5)]
     going = tries.suggested(12.5, promises)
     assert going is not None
     np.testing.assert_array_equal(going.pose, at(0.7))
@@ -113,7 +117,7 @@ def test_what_promises_too_little_is_not_tried() -> None:
     assert tries.measured(rest(12, 0.2), 4.0) is None
     assert tries.thinking
     assert not tries.overdue(99.0)
-    home = tries.suggested(13.0, [Promise(at(0.7), 0.1, 2.9)])
+    home = tries.suggested(13.0, [promise(at(0.7), 0.1)])
     assert home is not None
     assert home.name == DESCENT
 
@@ -125,7 +129,7 @@ def test_the_account_says_what_was_promised() -> None:
     tries = Tries([A], Seeking(), 1.0, thinks=True)
     tries.measured(rest(5, 0.0), 5.0)
     tries.measured(rest(9, 0.2), 4.0)
-    tries.suggested(9.5, [Promise(at(0.7), 1.23, 2.0)])
+    tries.suggested(9.5, [promise(at(0.7), 1.23)])
     tries.measured(rest(15, 0.7), 2.0)
     assert tries.account[-1].why == "promises 1.2 points"
     assert tries.account[-1].begun == pytest.approx(9.5)
