@@ -146,8 +146,8 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
 
     Args:
         problem: the task; its response is what is thought of a person of whom nothing is known.
-        rests: `Resting`s, pairs of a posture (32,) [rad] and a pose (4, 4) [m], or what has
-            postures, poses and times, such as a run; NaN stands for a joint that was not seen.
+        rests: `Resting`s, or pairs of a posture (32,) [rad] and a pose (4, 4) [m]; NaN stands for a
+            joint that was not seen.
         longest: after how long no further step is taken [s].
 
     Raises:
