@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import casadi as ca
 import numpy as np
 
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.identification.energy import RestEnergy
 from ergoqp.identification.traits import Layout
+from ergoqp.responses.holding import soles_of
 from ergoqp.responses.ik import IkResponse
 
 _LONGEST: Final = 0.3
@@ -171,25 +171,15 @@ class RestModel:
 
 def situation_of(response: IkResponse, postures: Sequence[np.ndarray]) -> Situation:
     """Return how the object is held, and where the soles are, on average over postures (32,)."""
-    grasps, soles = [], []
+    stood, grasps, soles = soles_of(response), [], []
     for posture in postures:
-        contact, pelvis = (np.array(part) for part in response.contact()(posture))
+        contact = np.array(response.contact()(posture)[0])
         grips = np.array(response.grips()(posture))
         grasps.append(np.linalg.solve(contact, grips))
-        soles.append(_soles(response, posture, pelvis))
+        soles.append(np.array(stood(posture)))
     rigid = [_rigid(part) for part in np.split(np.mean(grasps, axis=0), len(response.hands), 1)]
     feet = [_rigid(part) for part in np.split(np.mean(soles, axis=0), 2, axis=1)]
     return Situation(np.mean(postures, axis=0), np.hstack(rigid), np.hstack(feet))
-
-
-def _soles(response: IkResponse, posture: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    parts = []
-    for side in ("right", "left"):
-        position, rotation, _ = response.kinematics.at(f"{side}_sole", ca.DM(posture))
-        local = np.eye(4)
-        local[:3, :3], local[:3, 3] = np.array(rotation), np.array(position).ravel()
-        parts.append(pelvis @ local)
-    return np.hstack(parts)
 
 
 def _rigid(mean: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from functools import cached_property
 import casadi as ca
 
 from ergoqp.human.kinematics import Kinematics, base_jacobian
-from ergoqp.joints import INDEX, SIDES
+from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.responses.contact import contact_frame
 from ergoqp.responses.free_arm import TRUNK, arm_of, hanging, swinging
 from ergoqp.responses.gaze import gaze
@@ -39,6 +39,18 @@ class Situated:
     position: ca.SX
     rotation: ca.SX
     relaxation: ca.SX
+
+
+def soles_of(response: IkResponse) -> ca.Function:
+    """Return the function posture (32,) -> right and left sole in the world (4, 8)."""
+    q = ca.SX.sym("q", len(JOINTS))
+    pelvis = response.contact()(q)[1]
+    poses = []
+    for side in SIDES:
+        position, rotation, _ = response.kinematics.at(f"{side}_sole", q)
+        local = ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
+        poses.append(pelvis @ local)
+    return ca.Function("soles", [q], [ca.densify(ca.horzcat(*poses))])
 
 
 class Holding:

@@ -15,22 +15,28 @@ import numpy as np
 from ergoqp.arguments import as_tuple, check_kind
 from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import InputError
-from ergoqp.identification.resting import RestWatch
+from ergoqp.identification.resting import Resting, RestWatch
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
-from ergoqp.seeking.thought import Thought, can_think
+from ergoqp.seeking.thought import Thought, a_place, can_think
 from ergoqp.seeking.tries import Place, Seeking, Tries, Try
 from ergoqp.step.guide.place import Guide, read_guide
 from ergoqp.step.guide.trial import BACK, LOOK, THERE
 from ergoqp.step.model import stand_in
 from ergoqp.step.stepper import Step, Stepper
-from ergoqp.step.user_values import number
+from ergoqp.step.user_values import number, truth
 
 NOISE_DEG: Final = 2.0
 """Scale at which a measured posture is scored [deg]: what is left of noise and habit at rest."""
 
 _NOT_ENABLED: Final = "not enabled"
 _KEPT: Final = "at rest: at the best of the places tried"
+_NOWHERE: Final = "at rest: the person came to rest nowhere"
+_LOOKS: Final = "at rest: looking for places that suit this person"
+_THERE: Final = "at rest: back where it was best, to be measured again"
+
+_REMEMBERED: Final = 10
+"""So many of the last rests say who the person is: more cost time and add little."""
 
 
 class Seeker:
@@ -77,17 +83,19 @@ class Seeker:
             raise InputError("guide: got one, allowed only as one of the places to be tried")
         check_kind("how", how, (Seeking, type(None)), "Seeking or None")
         known = [_read_place(problem, place) for place in as_tuple("places", places)]
+        thinks = thinks and can_think(problem)
         # A stepper that is made with a place can be drawn to others.
-        anywhere = Place("nowhere yet", np.eye(4)).pose
-        first = Guide(known[0].pose if known else anywhere, firm=True)
-        self.stepper = Stepper(problem, guide=first, **terms)
-        self._patient = patient
+        first = [place.pose for place in known] or ([a_place(problem)] if thinks else [])
+        guide = Guide(first[0], firm=True) if first else None
+        self.stepper = Stepper(problem, guide=guide, **terms)
+        self._guided, self._patient = bool(first), patient
         self.problem = self.stepper.problem
         self._score = SmoothReba((NOISE_DEG,), (1.0,), problem.method, **problem.task)
-        self._thought = Thought(problem, NOISE_DEG) if thinks and can_think(problem) else None
+        self._thought = Thought(problem, NOISE_DEG) if thinks else None
         floor = self.score(np.zeros(len(JOINTS)))
         self._tries = Tries(known, how or Seeking(), floor, self._thought is not None)
         self._watch = RestWatch()
+        self._rests: list[Resting] = []
         self.reset()
 
     @property
@@ -121,7 +129,7 @@ class Seeker:
         self._now, self._held = 0.0, False
         self._tries.begin(0.0)
         self._watch.begin()
-        self._rests = []
+        self._rests.clear()
         self._lead(None)
 
     def hold(self) -> None:
@@ -159,16 +167,28 @@ class Seeker:
             twist,
             dt=dt,
             age=age,
-            enable=enable and not self._stays,
+            # What is neither True nor False is the stepper's to refuse.
+            enable=False if self._stays else enable,
             observed=observed,
         )
-        if self._stays and enable is True and not step.twist.any() and step.reason == _NOT_ENABLED:
-            step.status, step.reason = "settled", _KEPT
+        if self._held or not truth(enable, "enable", {}):
+            # Nobody's time runs out while the object may not move.
+            return step
+        if self._stays and not step.twist.any() and step.reason == _NOT_ENABLED:
+            step.status, step.reason = "settled", self._why()
         period = self.dt if dt is None else number(dt)
-        if np.isfinite(period) and not self._held:
+        if 0.0 < period <= self.problem.longest_period:
             self._now += period
-            self._look(step, period, fresh=posture is not None and age == 0.0)
+            self._look(step, period, fresh=posture is not None)
         return step
+
+    def _why(self) -> str:
+        """Return why the object stays."""
+        if self._tries.thinking:
+            return _LOOKS
+        if not self._tries.done:
+            return _THERE
+        return _NOWHERE if self._tries.best is None else _KEPT
 
     def _look(self, step: Step, period: float, fresh: bool) -> None:
         """Go on with the tries after a step."""
@@ -181,17 +201,15 @@ class Seeker:
         if self._tries.returning and step.drawn == LOOK:
             self._stays = True
         if self._tries.done:
-            if rest is not None and self._tries.worsened(self.score(rest.posture)):
+            if rest is not None and self._tries.worsened(rest.pose, self.score(rest.posture)):
+                # Who they were says little of who they are now.
+                self._rests.clear()
                 self.try_again()
         elif self._tries.thinking:
             self._think_on()
         elif rest is not None:
-            self._rests.append(rest)
+            self._rests = [*self._rests[1 - _REMEMBERED :], rest]
             self._lead(self._tries.measured(rest, self.score(rest.posture)))
-            if self._tries.thinking and self._thought is not None:
-                assert self._tries.best is not None
-                self._thought.begin(self._rests, self._tries.best.score, self._patient)
-                self._think_on()
         elif step.drawn in (THERE, BACK):
             self._tries.on_the_way(self._now)
         elif self._tries.overdue(self._now):
@@ -206,7 +224,12 @@ class Seeker:
     def _lead(self, place: Place | None) -> None:
         # At the end the object stays where it is: another descent would leave what was measured.
         self._stays = self._tries.done or self._tries.thinking
-        self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
+        if self._guided:
+            self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
+        best = self._tries.best
+        if self._tries.thinking and self._thought is not None and best is not None:
+            self._thought.begin(self._rests, best.score, self._patient)
+            self._think_on()
 
 
 def _read_place(problem: Problem, given: Any) -> Place:

@@ -14,6 +14,7 @@ from ergoqp.identification.promising import Promise, Promising
 from ergoqp.identification.resting import Resting
 from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.problem.problem import Problem
+from ergoqp.problem.workspace import Workspace
 from ergoqp.responses.ik import IkResponse
 
 LONGEST: Final = 2.0
@@ -26,6 +27,11 @@ def can_think(problem: Problem) -> bool:
     """Return whether a problem says enough to identify people and to look for places."""
     limits = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     return isinstance(problem.response, IkResponse) and all(each is not None for each in limits)
+
+
+def a_place(problem: Problem) -> np.ndarray:
+    """Return a place (4, 4) [m] that a problem allows, whatever it is worth."""
+    return Workspace(problem).pose(np.zeros(5))
 
 
 class Thought:

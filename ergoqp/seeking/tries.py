@@ -44,7 +44,7 @@ class Seeking:
         enough: so little above what standing at ease scores nothing more is looked for [points].
         returns: how often the object returns to the best place, which may not be what it was.
         worse: at the end the object stays; once the person there scores this much worse than
-            measured, all is tried anew [points].
+            measured, or somebody has moved the object elsewhere, all is tried anew [points].
     """
 
     tries: int = 6
@@ -157,9 +157,14 @@ class Tries:
         """Note that nobody came to rest; return the next place to go to, None to stay."""
         return self._next(self._noted(now, pose, np.nan, "no rest"))
 
-    def worsened(self, score: float) -> bool:
-        """Return whether, at the end, a rest scores so much worse that all is to be tried anew."""
-        self._windows = self._windows + 1 if score > self._last + self.how.worse else 0
+    def worsened(self, pose: np.ndarray, score: float) -> bool:
+        """Return whether, at the end, all is to be tried anew.
+
+        That is after rests that score so much worse, or elsewhere: somebody moved the object.
+        """
+        moved = bool(self.account) and _apart(pose, self.account[-1].pose) > 1.0
+        another = moved or score > self._last + self.how.worse
+        self._windows = self._windows + 1 if another else 0
         return self._windows >= _AGAIN
 
     def measured(self, rest: Resting, score: float) -> Place | None:

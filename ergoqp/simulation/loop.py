@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -125,9 +124,8 @@ def run_loop(
         age = 0.0 if arrives or number == 0 else age + dt
         if age == 0.0:
             measured = person.posture + error
-        begin = time.perf_counter()
         step = controller.step(measured, arm.measured_pose(), age=age, observed=observed)
-        trace.step_time.append(time.perf_counter() - begin)
+        trace.step_time.append(step.solve_time)
         trace.add(number * dt, person, step)
         before = arm.pose
         for _ in arm.execute(step.twist, dt):

@@ -41,7 +41,7 @@ class Run:
         statuses: status of each step.
         reasons: its sentence, empty when there is nothing to say.
         active: names of the limits that held the object back at each step.
-        step_time: duration of each step call [s], shape (n,).
+        step_time: duration of each step's own call [s], see `Step.solve_time`, shape (n,).
         assessment: exact assessment of the first and the last posture (two rows).
         violations: number of steps that broke a limit, per limit, by the independent checker.
         max_violation: the worst of each, in the limit's unit.

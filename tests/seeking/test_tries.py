@@ -138,8 +138,15 @@ def test_the_account_says_what_was_promised() -> None:
 def test_all_is_tried_anew_only_after_three_worse_rests() -> None:
     tries = Tries([], Seeking(worse=1.0), 1.0)
     tries.measured(rest(5, 0.0), 2.0)
-    said = [tries.worsened(score) for score in (3.5, 3.5, 2.5, 3.5, 3.5, 3.5)]
+    said = [tries.worsened(at(0.0), score) for score in (3.5, 3.5, 2.5, 3.5, 3.5, 3.5)]
     assert said == [False] * 5 + [True]
+
+
+def test_all_is_tried_anew_where_somebody_moved_the_object() -> None:
+    tries = Tries([], Seeking(worse=1.0), 1.0)
+    tries.measured(rest(5, 0.0), 2.0)
+    said = [tries.worsened(at(x), 2.0) for x in (0.01, 0.2, 0.2, 0.01, 0.2, 0.2, 0.2)]
+    assert said == [False] * 6 + [True]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import numpy as np
 from ergoqp.expressions.evaluator import Evaluator
 from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.responses.contact import TOOL_AXES
+from ergoqp.responses.holding import soles_of
 from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, move_sole, with_bent_knees
 
@@ -112,14 +113,7 @@ class ReachAndRelax:
 
     @cached_property
     def _sole_poses(self) -> ca.Function:
-        q = ca.SX.sym("q", N)
-        pelvis = self.response.contact()(q)[1]
-        poses = []
-        for side in SIDES:
-            position, rotation, _ = self.response.kinematics.at(f"{side}_sole", q)
-            local = ca.vertcat(ca.horzcat(rotation, position), ca.SX([[0, 0, 0, 1]]))
-            poses.append(pelvis @ local)
-        return ca.Function("soles", [q], [ca.densify(ca.horzcat(*poses))])
+        return soles_of(self.response)
 
     def stand(self, posture: np.ndarray) -> np.ndarray:
         """Return where the soles are in the world at a posture (4, 8); they stay there."""
