@@ -26,7 +26,8 @@ there the same person with the same noise is led by
   0.40 m ahead, level; ``.own_rule``: the same with the elbow of the very person;
 - ``.open_loop``: straight to the optimum of ergoqp's model, without looking at the person;
 - ``.gradient``, ``.gradient_smooth``: the EPFL report's equation 3.2 on its SVR, and on the smooth
-  score.
+  score;
+- ``.without_gaze``: ergoqp with a model that does not look at the work (people who look alone).
 
 The figures are described in `benchmarks.people_figures`, those of the people themselves in
 `benchmarks.people_print`: over all kinds, ``KIND.figure``, ``PROBLEM.figure``, ``kept.figure`` for

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -22,6 +22,7 @@ from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
+from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
@@ -44,6 +45,14 @@ def judged(name: str) -> tuple[Problem, Judge]:
     """Return a problem and who scores its places: once per process."""
     problem = load_problem(name)
     return problem, Judge(problem)
+
+
+@cache
+def unseeing(name: str) -> Problem:
+    """Return a problem whose model of the person does not look at the work: the gaze taken away."""
+    problem, _ = judged(name)
+    assert isinstance(problem.response, IkResponse)
+    return problem.replace(response=replace(problem.response, looks=False))
 
 
 @dataclass(frozen=True)
@@ -141,6 +150,13 @@ def hold_still(person: Holding, seconds: float) -> float:
 def model_optimum(name: str) -> Optimum:
     """Return the best place for the controller's own model of the person."""
     return _made(name)
+
+
+@cache
+def unseeing_optimum(name: str) -> Optimum:
+    """Return the best place for the same model when it does not look at the work."""
+    problem = unseeing(name)
+    return optimise(problem, person_of(problem).comfort)
 
 
 def svr() -> Cost:

@@ -18,7 +18,14 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from benchmarks.people_figures import SHORT, Numbers, best_of, figures_of
+from benchmarks.people_figures import (
+    CONTACT_N,
+    SHORT,
+    SUSTAINED_N,
+    Numbers,
+    best_of,
+    figures_of,
+)
 from benchmarks.people_unit import APART_DEG, METHODS
 from benchmarks.report import Report
 
@@ -46,6 +53,10 @@ def print_figures(report: Report, found: Sequence[Numbers], kept: Collection[str
     report.figure("mean_best_anywhere", anywhere, "whatever the way, from ease")
     cells = Counter((unit["kind"], unit["problem"]) for unit in drawn)
     report.figure("starts_least", min(cells.values()), "of a kind and problem")
+    if any(unit["ways"]["still"]["force"] is not None for unit in drawn):
+        report.figure("limit.sustained_n", SUSTAINED_N, "EN 1005-3, half of one arm upwards")
+        for figure, limit in zip(("clamped_n", "struck_n"), CONTACT_N, strict=True):
+            report.figure(f"limit.{figure}", limit, "ISO/TS 15066, hands and fingers")
     print_ways(report, "", drawn)
     groups = {name: (name,) for unit in drawn for name in (unit["kind"], unit["problem"])}
     for name, members in (groups | {"kept": tuple(kept)}).items():
@@ -63,7 +74,8 @@ def print_ways(
     report: Report, name: str, units: Sequence[Numbers], shown: Sequence[str] = SHORT
 ) -> None:
     """Print the figures of every way over some units; those not `shown` go to the file alone."""
-    columns = {way: figures_of(units, way) for way in WAYS}
+    ways = [way for way in units[0]["ways"] if all(way in unit["ways"] for unit in units)]
+    columns = {way: figures_of(units, way) for way in ways}
     for figure in dict.fromkeys(figure for values in columns.values() for figure in values):
         for way, values in columns.items():
             if figure in values:

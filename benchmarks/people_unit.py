@@ -12,7 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.people_draw import Unit, compiles, draw_unit, judged, model_optimum, svr
+from benchmarks.people_draw import (
+    Unit,
+    compiles,
+    draw_unit,
+    judged,
+    model_optimum,
+    svr,
+    unseeing,
+    unseeing_optimum,
+)
 from benchmarks.people_way import (
     BY_CHANCE,
     DONE,
@@ -29,6 +38,7 @@ from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.way import between, straight
 from ergoqp.seeking import Place, Seeker
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
+from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot
 from ergoqp.step.stepper import Stepper
 
@@ -50,6 +60,9 @@ rule's place after its own descent, and keeps what measures best. The second is 
 optimum alone (``ergoqp run --guide best``), the third has no guide.
 """
 
+TAKEN = {"looking": ("without_gaze",)}
+"""And with parts of ergoqp taken away, for the kinds that they are there for."""
+
 DURATION = 60.0
 """Longest time of a loop [s]; it ends earlier once the object goes nowhere for `STILL` seconds."""
 
@@ -63,6 +76,8 @@ _HELD = 0.01
 """A hand that is no further off holds the object [m]."""
 APART_DEG = 2.0
 """Whose angles are this near to those of their rest, RMS, rests [deg]."""
+OBJECT_SIDE = ("speed", "acceleration", "axes", "workspace", "tool axis")
+"""Limits of the object's own motion, whoever holds it."""
 _ROUTES = {"mass": 1}
 """Fewer places for people who take long to simulate."""
 
@@ -109,15 +124,19 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
     if method.startswith("gradient"):
         cost = svr() if method == "gradient" else problem.cost
         return Gradient(problem, cost, compiled=compiles())
-    if method:
-        return Stepper(problem, guide=None if method == "descent" else model_optimum(name))
+    best = model_optimum(name)
+    if method == "without_gaze":
+        best = unseeing_optimum(name)
+        problem = problem.replace(response=unseeing(name).response)
+    elif method:
+        return Stepper(problem, guide=None if method == "descent" else best)
     rule = rule_pose(problem, person_of(problem).body)
-    places = [Place("model's best", model_optimum(name).pose), Place("rule", rule)]
+    places = [Place("model's best", best.pose), Place("rule", rule)]
     return Seeker(problem, places, patient=True)
 
 
 def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
-    """Return the numbers of a unit: of its start, and of every method from there."""
+    """Return the numbers of a unit: of its start, and of every method from there, `TAKEN` too."""
     begin = time.process_time()
     drawn = draw_unit(kind, name, seed)
     unit = drawn.unit
@@ -138,7 +157,8 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
         "anywhere": unit.anywhere,
     }
     found |= {"routes": routes_of(unit), "follows": follows_of(unit)}
-    found["ways"] = {method or "ergoqp": way_of(unit, method) for method in methods}
+    every = (*methods, *TAKEN.get(kind, ()))
+    found["ways"] = {method or "ergoqp": way_of(unit, method) for method in every}
     return found | {"cpu_s": time.process_time() - begin}
 
 
@@ -167,6 +187,7 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
     person.count_from_here()
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
     controller = controller_of(unit, method)
+    checker = Checker(problem)
     watch = Watch(unit.start.pose, still_of(controller, unit.person.kind))
     trace = run_loop(
         problem,
@@ -174,6 +195,7 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
         duration=DURATION,
         seed=unit.seed,
         controller=controller,
+        checker=checker,
         beside=watch,
         robot=robot,
     )
@@ -186,6 +208,10 @@ def way_of(unit: Unit, method: str) -> dict[str, Any]:
         "early": early.score,
         "early_holds": early.holds,
         "holds": end.holds,
+        "tries": len(controller.account) if isinstance(controller, Seeker) else None,
+        "broken": None
+        if checker is None
+        else sum(checker.violations.get(name, 0) for name in OBJECT_SIDE),
         **of_trace(problem, trace, controller.dt),
         **at_rest(trace, person, end.person, controller.dt),
     }

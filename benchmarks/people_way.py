@@ -111,6 +111,20 @@ def at_rest(trace: Trace, person: Holding, rest: Holding, dt: float) -> dict[str
     }
 
 
+def departures(rests: np.ndarray, second: int) -> int:
+    """Return how often an object sets off that was at rest for a second, or at the beginning.
+
+    Args:
+        rests: whether it is at rest, period by period (n,).
+        second: how many periods that is.
+    """
+    count, stood = 0, second
+    for still in rests:
+        count += not still and stood >= second
+        stood = stood + 1 if still else 0
+    return int(count)
+
+
 def of_trace(problem: Problem, trace: Trace, dt: float) -> dict[str, Any]:
     """Return the numbers of a trace of periods `dt` [s]: times, peak, way, forces.
 
@@ -131,6 +145,7 @@ def of_trace(problem: Problem, trace: Trace, dt: float) -> dict[str, Any]:
     forces = forces[np.isfinite(forces)]
     return {
         "first_rest": float(np.argmax(windows)) * dt if windows.any() else None,
+        "moves": departures(rests, second),
         "rests": bool(rests[-3 * second :].all()),
         "peak": float(np.median(views, axis=1).max()),
         "path": float(linear.sum() * dt),

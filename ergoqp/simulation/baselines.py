@@ -48,7 +48,7 @@ class Sent(Step):
 
     def __init__(self, twist: np.ndarray, status: str) -> None:
         """Keep both."""
-        self.twist, self.status = twist, status
+        self.twist, self.status, self.solve_time = twist, status, 0.0
 
     @property
     def posture_rate(self) -> np.ndarray:

@@ -14,6 +14,7 @@ from benchmarks.people_figures import best_of, figures_of, table_of
 from benchmarks.people_page import markdown_of, means_chart
 from benchmarks.report import Report
 from ergoqp.problem.robot import DeclaredRobot
+from ergoqp.seeking.thought import a_place
 from ergoqp.simulation.baselines import Still
 from ergoqp.simulation.loop import Trace
 
@@ -36,6 +37,10 @@ def way(end: int, **other: object) -> dict:
         "force": None,
         "slips": 0,
         "fell": False,
+        "moves": 1,
+        "seconds": 30.0,
+        "tries": None,
+        "broken": 0,
     }
     return usual | other
 
@@ -51,8 +56,8 @@ def unit(start: int, best: int, **ways: dict) -> dict:
 def test_figures_are_what_their_names_say() -> None:
     felt = {"force": [1.0, 5.0, 9.0], "slips": 2, "fell": True}
     units = [
-        unit(5, 2, ergoqp=way(2, early=4, peak=6.5)),
-        unit(5, 2, ergoqp=way(1), rule=way(2)),
+        unit(5, 2, ergoqp=way(2, early=4, peak=6.5, tries=2, broken=3, moves=4)),
+        unit(5, 2, ergoqp=way(1, tries=5, first_rest=21.0), rule=way(2)),
         unit(6, 3, ergoqp=way(6, rests=False, first_rest=None, peak=7.0), still=way(5)),
         unit(6, 2, ergoqp=way(7, hand_mm=30.0, holds=False, peak=7.5, **felt)),
     ]
@@ -69,11 +74,18 @@ def test_figures_are_what_their_names_say() -> None:
     assert found["worse_than_rule"] == 0.5
     assert found["gain_over_rule"] == pytest.approx((1 + 1 - 3 - 4) / 4)
     assert found["never_rests"] == 0.25
-    assert found["first_rest_s"] == 2.0
+    assert found["first_rest_s"] == 11.5
+    assert found["first_rest_in_20s"] == 0.5
+    assert (found["tries"], found["limits_broken"]) == (3.5, 3.0)
+    assert found["moves_per_minute"] == pytest.approx(7 / 2)
+    assert "tries" not in figures_of(units, "rule")
     assert found["peak_above_start"] == 0.5  # 6.5 over 5, 7.5 over 6; 7 is not more than 6 + 1
     assert found["no_rest"] == found["lets_go"] == 0.25
     assert found["falls_over"] == 0.0
     assert (found["force_median_n"], found["force_peak_n"]) == (1.0, 9.0)
+    assert found["force_tires"] == 0.0
+    tired = [unit(5, 2, ergoqp=way(2, force=[n, 90.0, 90.0])) for n in (24.0, 26.0)]
+    assert figures_of(tired, "ergoqp")["force_tires"] == 0.5
     assert (found["slips"], found["falls"]) == (2.0, 1.0), "of people with mass alone"
     assert figures_of(units, "rule")["gain_over_rule"] == 0.0
     assert "force_peak_n" not in figures_of(units, "rule")
@@ -97,6 +109,7 @@ def test_a_trace_is_measured_as_is_said() -> None:
     found = people_way.of_trace(problem, trace, 0.01)  # type: ignore[arg-type]
     assert found["first_rest"] == pytest.approx(2.0)
     assert not found["rests"]
+    assert found["moves"] == 2, "at the beginning and after the rest"
     assert found["peak"] == 5.0
     assert found["path"] == pytest.approx(0.5)
     assert found["force"] is None
@@ -107,6 +120,35 @@ def test_a_trace_is_measured_as_is_said() -> None:
     trace.fell, trace.let_go = 3.0, 1.0
     found = people_way.of_trace(problem, trace, 0.01)  # type: ignore[arg-type]
     assert found["force"][2] == pytest.approx(100.0, abs=1.0), "until the hand lets go"
+
+
+def test_only_who_was_at_rest_sets_off() -> None:
+    still = [True] * 10
+    assert people_way.departures(np.array(still), 5) == 0
+    assert people_way.departures(np.array([False, True, False, True]), 5) == 1
+    assert people_way.departures(np.array([*still, False, *still[:4], False]), 5) == 1
+    assert people_way.departures(np.array([*still, False, *still[:5], False]), 5) == 2
+
+
+def test_a_part_is_taken_away_where_it_is_there_for_somebody(monkeypatch, capsys) -> None:
+    problem, blind = people_draw.judged("desk")[0], people_draw.unseeing("desk")
+    assert problem.response.looks  # type: ignore[attr-defined]
+    assert not blind.response.looks  # type: ignore[attr-defined]
+    assert people_unit.TAKEN.keys() == {"looking"}
+    for name in ("unseeing_optimum", "model_optimum"):
+        monkeypatch.setattr(people_unit, name, lambda _: SimpleNamespace(pose=a_place(problem)))
+    for method, looks in (("", True), ("without_gaze", False)):
+        seeker = people_unit._built.__wrapped__("desk", method, None)
+        assert seeker.problem.response.looks is looks  # type: ignore[attr-defined]
+    found = [
+        unit(5, 2, **{name: way(4) for name in people_print.WAYS}, without_gaze=way(3)),
+        unit(5, 2, **{name: way(4) for name in people_print.WAYS}),
+    ]
+    report = Report(full=False)
+    people_print.print_ways(report, "looking", found[:1])
+    people_print.print_ways(report, "", found)
+    assert report.figures["looking.mean_end.without_gaze"] == 3.0
+    assert "mean_end.without_gaze" not in report.figures
 
 
 def test_the_kept_kinds_are_not_for_building() -> None:
