@@ -11,7 +11,9 @@ looked at while this was built.
 in ten people are better. ``KIND.score_error``: mean difference of the exact scores.
 ``KIND.one_of_three``: share of people for whom one of the three places that promise most is as good
 as the best of 48 places searched around with the very person. ``KIND.seconds``: longest
-identification on one core.
+identification on one core. ``KIND.delay_error_ms``: of how late the person follows, by the log of
+30 s of a loop that tries two places, on average over those of whom it shows
+(``KIND.delay_known``, their share); ``.usual``: had it been taken to be what is usual, `USUAL`.
 
 Beside each: ``.nominal``: the problem's own person, of whom nothing was identified; ``.nearest``:
 the posture of the nearest of the ten rests; ``one_of_three.rests``: the three best of the ten
@@ -24,21 +26,30 @@ import time
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from benchmarks.people import JUDGING, KEPT, prepared
-from benchmarks.people_draw import judged
+from benchmarks.people_draw import judged, model_optimum
 from benchmarks.report import Report, run
+from ergoqp.identification.delay import delay_of
 from ergoqp.identification.identify import Identified, Identifier
 from ergoqp.identification.promising import Promising, chosen
+from ergoqp.identification.watched import watched
 from ergoqp.problem_files.load import TASKS
+from ergoqp.seeking import Place, Seeker
+from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding
 
 GIVEN, UNSEEN = 10, 8
 NOISE = float(np.radians(2.0))
 SCORED_AT_DEG = 2.0
+USUAL = 0.23
+"""Half of the longest delay, and the mean lag of the hand, that people are drawn with [s]."""
+LED = 30.0
+"""For how long somebody is led whose delay is to be found [s]."""
 Rest = tuple[np.ndarray, np.ndarray]
 
 
@@ -93,8 +104,31 @@ def of_person(kind: str, name: str, seed: int) -> dict[str, list[float]] | None:
             float(any(judge.carried(home, pose).score == best for pose in three))
             for three in places
         ],
+        "delay": delay_errors(home, name, rng, seed),
         "seconds": [seconds],
     }
+
+
+@cache
+def _logging(name: str) -> tuple[Seeker, list[dict[str, Any]]]:
+    """Return what leads people of a problem, and its log: once per process."""
+    log: list[dict[str, Any]] = []
+    problem, best = judged(name)[0], Place("model's best", model_optimum(name).pose)
+    return Seeker(problem, [best], thinks=False, log=log.append), log
+
+
+def delay_errors(home: Holding, name: str, rng: np.random.Generator, seed: int) -> list[float]:
+    """Return the errors of the delay that is found and of the usual one [ms]; NaN: not known."""
+    problem, judge = judged(name)
+    there, (seeker, log) = home.copy(), _logging(name)
+    while not there.carry(judge.workspace.pose(rng.uniform(-1.0, 1.0, 5))):
+        there = home.copy()
+    log.clear()
+    run_loop(problem, there, duration=LED, seed=seed, controller=seeker)
+    loop = watched(log)
+    assert loop is not None
+    found, late = delay_of(loop), home.senses.delay + home.senses.hand_time
+    return [1e3 * abs((np.nan if each is None else each) - late) for each in (found, USUAL)]
 
 
 def _off(joints: list[int], told: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> float:
@@ -132,6 +166,12 @@ def measure(report: Report) -> None:
             third = "rests" if name == "one_of_three" else "nearest"
             for way, values in zip(("", ".nominal", f".{third}"), by_way.T, strict=True):
                 report.figure(f"{kind}.{name}{way}", float(middle(values)))
+        errors = np.array([each["delay"] for each in found])
+        known = np.isfinite(errors[:, 0])
+        report.figure(f"{kind}.delay_known", float(known.mean()))
+        for way, column in zip(("", ".usual"), errors.T, strict=True):
+            if known.any():
+                report.figure(f"{kind}.delay_error_ms{way}", float(column[known].mean()))
         worst = np.percentile([each["posture_deg"][0] for each in found], 90)
         report.figure(f"{kind}.posture_deg.p90", float(worst))
         report.figure(f"{kind}.seconds", max(each["seconds"][0] for each in found))

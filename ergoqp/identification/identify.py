@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -21,8 +21,10 @@ from ergoqp.arguments import check_kind
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.growth import GROWTH
+from ergoqp.identification.delay import delay_of
 from ergoqp.identification.rest_model import ModelRest, RestModel, Situation, situation_of
 from ergoqp.identification.resting import Resting, rests_of
+from ergoqp.identification.watched import rests_in, watched
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
 from ergoqp.problem.way import between
@@ -53,6 +55,7 @@ class Identified:
         situation: how the object is held, and where the soles are.
         residual_deg: RMS between measured and predicted joints over all rests [deg].
         rests: how many there were.
+        delay: how late the person follows the object [s]; None where nothing says so.
     """
 
     problem: Problem
@@ -63,6 +66,7 @@ class Identified:
     rests: int
     _model: RestModel
     _known: tuple[tuple[np.ndarray, np.ndarray], ...]
+    delay: float | None = None
 
     def predict(self, pose: Any, slopes: bool = True) -> ModelRest:
         """Return how this person would rest with the object at `pose` (4, 4) [m].
@@ -147,13 +151,18 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
     Args:
         problem: the task; its response is what is thought of a person of whom nothing is known.
         rests: `Resting`s, or pairs of a posture (32,) [rad] and a pose (4, 4) [m]; NaN stands for a
-            joint that was not seen.
+            joint that was not seen. Or a loop, in which rests are looked for, and how late the
+            person follows: an `ergoqp.Run`, the folder of one, or what a stepper's log got.
         longest: after how long no further step is taken [s].
 
     Raises:
         InputError: if the problem has no `ergoqp.responses.ik.IkResponse`, or there is no rest.
     """
-    return Identifier(problem).identify(rests, longest=longest)
+    identifier, loop = Identifier(problem), watched(rests)
+    if loop is None:
+        return identifier.identify(rests, longest=longest)
+    found = identifier.identify(rests_in(loop), longest=longest)
+    return replace(found, delay=delay_of(loop))
 
 
 class Identifier:
