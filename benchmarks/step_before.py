@@ -1,21 +1,20 @@
 """The step against that of an earlier commit, in the same run.
 
-Run ``python -m benchmarks.step_before [--quick | --full] [--json FILE]``.
+Run ``python -m benchmarks.step_before [--quick | --full] [--before COMMIT] [--json FILE]``.
 
-The earlier one is the last in which the limits were anchored on the measured twist and nothing was
-known of the robot. It is taken out of the repository's own history, so this needs a clone with that
-history. Both versions record their own closed loop of ``screwing``, with the same people and
-starts, and take turns in timing passes over it; a figure is the ratio of the medians over the
-passes.
+The earlier one is the last in which the person had no eyes (`BEFORE`), or COMMIT. It is taken out
+of the repository's own history, so this needs a clone with that history. Both versions record their
+own closed loop of ``screwing``, with the same people and starts, and take turns in timing passes
+over it; a figure is the ratio of the medians over the passes.
 
 - ``interpreted``, ``compiled``, ``c``: with no robot declared, the whole call, now over before.
-- ``FORM.declared``: with everything declared that can be, over the earlier step, which knew of no
-  robot.
+- ``FORM.declared``: with everything of a robot declared that can be, over the earlier step without.
 - ``FORM.now_us``, ``FORM.before_us``, ``FORM.declared_us``: the medians themselves.
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tarfile
@@ -27,7 +26,7 @@ import numpy as np
 
 from benchmarks.report import Report, run
 
-BEFORE = "7143db6"
+BEFORE = "c2e04a1"
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -62,11 +61,11 @@ class Version:
         self._process.wait()
 
 
-def measure(report: Report) -> None:
+def measure(report: Report, before: str = BEFORE) -> None:
     """Time all three versions of each form in turns."""
-    archive = subprocess.run(["git", "archive", BEFORE], cwd=ROOT, capture_output=True, check=False)
+    archive = subprocess.run(["git", "archive", before], cwd=ROOT, capture_output=True, check=False)
     if archive.returncode:
-        report.say(f"the commit {BEFORE} is not in this clone: nothing to compare with")
+        report.say(f"the commit {before} is not in this clone: nothing to compare with")
         return
     with tempfile.TemporaryDirectory() as scratch:
         with tarfile.open(fileobj=BytesIO(archive.stdout)) as packed:
@@ -102,4 +101,7 @@ def _compare(report: Report, form: str, before: Path) -> None:
 
 
 if __name__ == "__main__":
-    run(measure, __doc__ or "")
+    own = argparse.ArgumentParser(add_help=False)
+    own.add_argument("--before", default=BEFORE, metavar="COMMIT")
+    options, others = own.parse_known_args()
+    run(lambda report: measure(report, options.before), __doc__ or "", others)

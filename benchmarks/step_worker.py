@@ -16,8 +16,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from ergoqp.step.stepper import Stepper
-
 ALL = {
     "delay": 0.03,
     "lag": 0.05,
@@ -38,18 +36,22 @@ def main(folder: str, form: str, declared: str, seconds: str) -> None:
     import ergoqp
     from benchmarks import step as of_version
 
+    # An import before the path is set would time the version of this very file twice.
+    if not Path(ergoqp.__file__).is_relative_to(folder):
+        raise RuntimeError(f"ergoqp is that of {ergoqp.__file__}, not of {folder}")
+
     problem: Any = ergoqp.load_problem("screwing")
     if declared == "1":
         from ergoqp.problem.robot import DeclaredRobot
 
         problem = problem.replace(robot=DeclaredRobot(**ALL))
-    calls = of_version.trajectory(problem, Stepper(problem), float(seconds)).calls
+    calls = of_version.trajectory(problem, ergoqp.Stepper(problem), float(seconds)).calls
     if form == "c":
         with tempfile.TemporaryDirectory() as scratch:
             ready = _exported(problem, calls, Path(scratch) / "step")
             answer(ready)
         return
-    stepper = Stepper(problem, compiled=form == "compiled")
+    stepper = ergoqp.Stepper(problem, compiled=form == "compiled")
     answer(lambda: float(np.median(of_version.time_calls(stepper, calls)[0])))
 
 
