@@ -48,6 +48,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 MUTATED: Final = (
     "ergoqp/step/**/*.py",
     "ergoqp/limits/*.py",
+    "ergoqp/export/fields.py",
     "ergoqp/export/layout.py",
     "ergoqp/simulation/check.py",
     "ergoqp/sheets/*.py",

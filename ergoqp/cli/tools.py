@@ -144,7 +144,15 @@ def _export(
     dt: Annotated[
         float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")
     ] = None,
+    guide: Annotated[
+        str | None,
+        typer.Option(
+            "--guide",
+            metavar="best|FILE",
+            help="A place to be drawn to: looked for, or an optimum.json [none].",
+        ),
+    ] = None,
 ) -> None:
     from ergoqp.cli.commands.export import export
 
-    export(problem, out, dt)
+    export(problem, out, dt, guide)

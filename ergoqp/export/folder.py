@@ -6,21 +6,15 @@ import platform
 import shutil
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ergoqp._version import __version__
 from ergoqp.arguments import path_of
 from ergoqp.errors import InputError
-from ergoqp.export.layout import (
-    header,
-    input_fields,
-    memory_header,
-    names_source,
-    output_fields,
-    python_fields,
-)
+from ergoqp.export.fields import input_fields, output_fields, python_fields
+from ergoqp.export.layout import header, memory_header, names_source
 from ergoqp.files.whole import whole_folder
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.native.compiled import generated
@@ -35,16 +29,27 @@ from ergoqp.native.daqp import (
 )
 from ergoqp.problem.problem import Problem
 from ergoqp.step.function import build_step
+from ergoqp.step.guide.place import read_guide
+from ergoqp.step.guide.trial import UNKNOWN
 from ergoqp.step.model import stand_in
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""
 
 
+_DRAWN: Final = (
+    "The step is drawn to the place that it was exported with where descent alone comes to rest at"
+    " a worse one;\n  `ergoqp_guide` names another place, or none. What a place promises is a cost,"
+    " or one of `ERGOQP_PROMISE_...`."
+)
+_DESCENT: Final = (
+    "The step goes by descent; one that can be drawn toward a place is exported with a guide"
+    " (`--guide`, `guide=`)."
+)
 _RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
 
 
-def export_step(problem: Problem, folder: Path) -> list[Path]:
+def export_step(problem: Problem, folder: Path, guide: Any = None) -> list[Path]:
     """Write the step of a problem as C99 with a header.
 
     A CMake file, the solver's library and licence, and examples are written too.
@@ -52,12 +57,14 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
     Args:
         problem: the task; its control period becomes the default one.
         folder: where to; it must not exist or be empty, or hold an earlier export.
+        guide: a place to be drawn to, as for `ergoqp.Stepper`; the caller in C can change it. None:
+            the exported step knows descent alone, and is smaller.
 
     Returns:
         The files.
 
     Raises:
-        InputError: if the folder holds something else.
+        InputError: if the folder holds something else, or the guide cannot be used.
         CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP
             library.
     """
@@ -71,11 +78,12 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
             f"--out: {str(folder)!r} holds something else, allowed a new folder or an earlier"
             " export"
         )
-    solver = NativeDaqp()
-    core = generated(build_step(problem, solver, name=CORE, unrolled=True), CORE)
-    memory = memory_header(problem, core[f"{CORE}.h"])
+    place = None if guide is None else read_guide(problem, guide)
+    guided, solver = place is not None, NativeDaqp()
+    core = generated(build_step(problem, solver, name=CORE, guided=guided, unrolled=True), CORE)
+    memory = memory_header(problem, core[f"{CORE}.h"], place)
     texts = {
-        "include/ergoqp_step.h": header(problem),
+        "include/ergoqp_step.h": header(problem, guided),
         "include/ergoqp_memory.h": memory,
         f"src/{CORE}.c": '#include "inline.h"\n' + core[f"{CORE}.c"],
         f"src/{CORE}.h": core[f"{CORE}.h"],
@@ -86,9 +94,9 @@ def export_step(problem: Problem, folder: Path) -> list[Path]:
         "src/qp_daqp.h": c_text("qp_daqp.h"),
         "example/main.c": c_text("main.c"),
         "example/replay.c": c_text("replay.c"),
-        "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory),
-        "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory),
-        "README.md": _filled("README.md", problem, memory),
+        "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory, guided),
+        "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory, guided),
+        "README.md": _filled("README.md", problem, memory, guided),
         "daqp/LICENSE": daqp_licence(),
     }
     if licence := _own_licence():
@@ -112,7 +120,7 @@ def _daqp_files(folder: Path) -> list[str]:
     return list(sources)
 
 
-def _filled(name: str, problem: Problem, memory: str) -> str:
+def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
     """Return a text that comes with the package, its @WORDS@ replaced."""
     size = stepper_bytes(problem, memory)
     words = {
@@ -124,7 +132,10 @@ def _filled(name: str, problem: Problem, memory: str) -> str:
         "MACHINE": f"{platform.system()} {platform.machine()}",
         "EXAMPLE": _awkward(problem),
         "INPUT_FIELDS": python_fields(input_fields(problem)),
-        "OUTPUT_FIELDS": python_fields(output_fields(problem)),
+        "OUTPUT_FIELDS": python_fields(output_fields(problem, guided)),
+        "GUIDED": str(guided),
+        "UNKNOWN": repr(UNKNOWN),
+        "GUIDE": _DRAWN if guided else _DESCENT,
         "STEPPER_BYTES": str(size),
     }
     text = c_text(name)
@@ -141,7 +152,7 @@ def stepper_bytes(problem: Problem, memory: str) -> int:
         if len(words) == 3 and words[2].isdigit()
     }
     kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
-    return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2)
+    return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2 + 18 * ("ERGOQP_TRIAL" in found))
 
 
 def _awkward(problem: Problem) -> str:

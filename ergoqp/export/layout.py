@@ -1,126 +1,42 @@
-"""What the exported step takes and gives, said once.
-
-The header, the wrapper for Python and their documentation follow from it.
-"""
+"""The headers and tables of the exported step, written for a problem."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from ergoqp._version import __version__
-from ergoqp.joints import JOINTS
+from ergoqp.export.fields import input_fields, members, output_fields
 from ergoqp.problem.problem import Problem
 from ergoqp.step.answer.causes import Cause, Status
+from ergoqp.step.guide.place import Guide
+from ergoqp.step.guide.pull import GUIDE_INPUTS, GUIDE_OUTPUTS
+from ergoqp.step.guide.trial import FIRM, TRIAL, UNKNOWN
 from ergoqp.step.inputs import INPUTS, OUTPUTS
 from ergoqp.step.model import StepModel
 from ergoqp.step.robot_watch.faults import Fault
 from ergoqp.step.state import initial_state
 from ergoqp.step.under_way.history import SHORTEST_DT
 
+_GUIDE_VALUES = f"""
+/* For ergoqp_guide: nobody knows what a place promises; somebody else judges it. */
+#define ERGOQP_PROMISE_UNKNOWN {UNKNOWN!r}
+#define ERGOQP_PROMISE_FIRM {FIRM!r}
+"""
+_GUIDE_CALLS = """\
+/* Be drawn to a place from now on, a contact frame in the world, row-major 4 x 4 [m], where descent
+ * alone comes to rest at a worse one; a null pointer: descent alone. promise: the cost that is
+ * expected there [points]. What was learned of the last place is forgotten. Returns 0, and leaves
+ * the stepper as it is, if the place is not a finite rigid pose or the promise not a number. Begun
+ * with is the place that the step was exported with, which ergoqp_init comes back to. */
+int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise);
 
-@dataclass(frozen=True)
-class Field:
-    """One member of a C struct: doubles or one int.
+/* Try the place anew: what was learned about it is forgotten. */
+void ergoqp_try_again(ergoqp_stepper* stepper);
 
-    Attributes:
-        name: of the member.
-        count: number of doubles; 0 for an int.
-        meaning: what it is, with its unit.
-        array: whether it is an array even with one entry.
-    """
-
-    name: str
-    count: int
-    meaning: str
-    array: bool = False
-
-    @property
-    def length(self) -> int:
-        """Length of the array in C, 0 where it is none.
-
-        C has no empty arrays: one without entries has room for one.
-        """
-        return max(self.count, 1) if self.array else self.count if self.count > 1 else 0
-
-    @property
-    def whole(self) -> bool:
-        """Whether it is an int."""
-        return self.count == 0 and not self.array
+"""
 
 
-def input_fields(problem: Problem) -> list[Field]:
-    """Return what the caller gives at every step."""
-    n, unit = len(problem.coordinates), _unit(problem)
-    return [
-        Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
-        Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
-        Field(
-            "pose", 16, "measured contact frame in the world, row-major 4 x 4 [m]; read if has_pose"
-        ),
-        Field(
-            "twist",
-            6,
-            "what the robot really did in the last period [m/s, rad/s]; read if has_twist",
-        ),
-        Field(
-            "dt",
-            1,
-            "for how long this twist will be executed [s]; not the time since the last call",
-        ),
-        Field("age", 1, "how old the posture is [s]"),
-        Field("frame", 0, "1 if a posture arrived, 0 if not"),
-        Field(
-            "has_pose",
-            0,
-            "0: the pose is integrated from the last one, the first time from the posture",
-        ),
-        Field("has_twist", 0, "0: the robot did what it was sent, as late as declared"),
-        Field("enable", 0, "0 decelerates to rest"),
-    ]
-
-
-def output_fields(problem: Problem) -> list[Field]:
-    """Return what a step gives."""
-    n, rows, unit = (
-        len(problem.coordinates),
-        len(problem.row_names),
-        _unit(problem).replace("]", "/s]"),
-    )
-    return [
-        Field(
-            "twist",
-            6,
-            "send this: object velocity at the contact frame, world axes, linear first [m/s,"
-            " rad/s]",
-        ),
-        Field("pose", 16, "contact frame that the step reckoned with, row-major 4 x 4 [m]"),
-        Field("posture_rate", n, f"how the model person follows {unit}"),
-        Field("cost", 1, "V of the posture [points]"),
-        Field("gain", 1, "predicted improvement within one second at full speed [points]"),
-        Field(
-            "margins",
-            rows,
-            "distance of every row to its nearer end, negative outside, in the row's unit",
-            array=True,
-        ),
-        Field("slack", rows, "by how much each row was missed [its unit/s]", array=True),
-        Field("multipliers", rows, "multiplier of each row in the QP", array=True),
-        Field("outside", rows, "1 for rows that are outside and on their way back", array=True),
-        Field("locked", n, "1 for joints at their end that do not follow"),
-        Field("qp_residual", 1, "largest KKT residual of the QP; accepted up to 1e-6"),
-        Field("contact", 1, "contact motion that the posture cannot follow [m/s, rad/s]"),
-        Field("accepted", 1, "share of the way from braking to the QP's answer that was certified"),
-        Field("status", 0, "an ergoqp_status"),
-        Field("causes", 0, "bits by ergoqp_cause: why inputs or the answer were not used"),
-        Field("fault", 0, "an ergoqp_fault: what the robot does other than declared"),
-        Field(
-            "fault_amount", 1, "how much: a factor, seconds, metres, radians or metres per second"
-        ),
-    ]
-
-
-def header(problem: Problem) -> str:
+def header(problem: Problem, guided: bool = False) -> str:
     """Return the public header ``ergoqp_step.h``."""
     statuses = ",\n    ".join(f"ERGOQP_{status.name.upper()} = {int(status)}" for status in Status)
     causes = ",\n    ".join(f"ERGOQP_CAUSE_{cause.name.upper()} = {int(cause)}" for cause in Cause)
@@ -145,7 +61,7 @@ extern "C" {{
 #define ERGOQP_COORDINATES {len(problem.coordinates)}
 #define ERGOQP_ROWS {len(problem.row_names)}
 #define ERGOQP_DT {problem.dt!r} /* the problem's control period [s] */
-
+{_GUIDE_VALUES if guided else ""}
 typedef enum {{
     {statuses}
 }} ergoqp_status;
@@ -159,17 +75,17 @@ typedef enum {{
 }} ergoqp_fault;
 
 typedef struct {{
-{_members(input_fields(problem))}
+{members(input_fields(problem))}
 }} ergoqp_input;
 
 typedef struct {{
-{_members(output_fields(problem))}
+{members(output_fields(problem, guided))}
 }} ergoqp_output;
 
 /* One control loop. Its members are nobody's business. */
 typedef struct {{
     double input[ERGOQP_INPUT_DOUBLES], output[ERGOQP_OUTPUT_DOUBLES];
-    double state[ERGOQP_STATE];
+    double state[ERGOQP_STATE];{" double guide[18];" if guided else ""}
     double w[ERGOQP_SZ_W + 1];
     ERGOQP_INT iw[ERGOQP_SZ_IW + 1];
     const double* arg[ERGOQP_SZ_ARG];
@@ -199,7 +115,7 @@ ergoqp_status ergoqp_step(ergoqp_stepper* stepper, const ergoqp_input* input,
 ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed,
                            ergoqp_output* output);
 
-/* Names, for logs. */
+{_GUIDE_CALLS if guided else ""}/* Names, for logs. */
 extern const char* const ergoqp_coordinate_names[ERGOQP_COORDINATES];
 extern const char* const ergoqp_row_names[ERGOQP_ROWS + 1];
 extern const char* const ergoqp_row_units[ERGOQP_ROWS + 1];
@@ -214,15 +130,18 @@ extern const char* const ergoqp_cause_names[{len(Cause)}];
 """
 
 
-def memory_header(problem: Problem, core: str) -> str:
+def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> str:
     """Return ``ergoqp_memory.h``: sizes and places of what the generated function takes and gives.
 
     Args:
         problem: the task.
+        guide: place that the step begins to be drawn to; None: it cannot be drawn anywhere.
         core: the header that CasADi wrote for the generated function, which says how much memory it
             works in.
     """
-    sizes = {name: math.prod(StepModel(problem).size(name)) for name in INPUTS}
+    model = StepModel(problem, guided := guide is not None)
+    inputs = (*INPUTS, *(GUIDE_INPUTS if guided else ()))
+    sizes = {name: math.prod(model.size(name)) for name in INPUTS} | {"guide": 16}
     n, rows = len(problem.coordinates), len(problem.row_names)
     outputs = {
         "twist": 6,
@@ -242,7 +161,6 @@ def memory_header(problem: Problem, core: str) -> str:
     lines += [
         f"#define ERGOQP_SZ_{kind} {_macro(core, kind)}" for kind in ("ARG", "RES", "IW", "W")
     ]
-    model = StepModel(problem)
     history, initial = model.history, ", ".join(map(repr, initial_state(model).tolist()))
     lines += ["#define ERGOQP_INT long long int", f"#define ERGOQP_STATE {sizes['state']}", ""]
     lines += [f"#define ERGOQP_PLANNED {history.planned}", f"#define ERGOQP_SENT {history.sent}"]
@@ -253,7 +171,11 @@ def memory_header(problem: Problem, core: str) -> str:
         f"#define ERGOQP_LONGEST_STOP {problem.stop.duration!r}",
     ]
     lines += [f"#define ERGOQP_INITIAL_STATE {initial}", ""]
-    for word, names, count in (("INPUT", INPUTS, sizes), ("OUTPUT", OUTPUTS, outputs)):
+    if guide is not None:
+        first = ", ".join(map(repr, [*guide.pose.T.ravel().tolist(), 1.0, float(guide.expected)]))
+        lines += [f"#define ERGOQP_GUIDE {first}", f"#define ERGOQP_TRIAL {TRIAL}", ""]
+    found = (*OUTPUTS, *(GUIDE_OUTPUTS if guided else ()))
+    for word, names, count in (("INPUT", inputs, sizes), ("OUTPUT", found, outputs)):
         starts = [
             sum(count.get(before, 1) for before in names[:number])
             for number in range(len(names) + 1)
@@ -294,32 +216,9 @@ def c_string(text: str) -> str:
     return '"' + "".join(plain.get(byte, f"\\{byte:03o}") for byte in text.encode()) + '"'
 
 
-def python_fields(fields: list[Field]) -> str:
-    """Return the members of a struct as ``ctypes`` names them, one per line."""
-    return "\n".join(f'        ("{field.name}", {_python_type(field)}),' for field in fields)
-
-
-def _python_type(field: Field) -> str:
-    if field.whole:
-        return "c_int"
-    return f"c_double * {field.length}" if field.length else "c_double"
-
-
-def _members(fields: list[Field]) -> str:
-    lines = []
-    for field in fields:
-        name = f"{field.name}[{field.length}]" if field.length else field.name
-        lines.append(f"    {'int' if field.whole else 'double'} {name}; /* {field.meaning} */")
-    return "\n".join(lines)
-
-
 def _macro(core: str, kind: str) -> int:
     return next(
         int(line.split()[-1])
         for line in core.splitlines()
         if line.startswith("#define") and f"_SZ_{kind} " in line
     )
-
-
-def _unit(problem: Problem) -> str:
-    return "[rad]" if problem.coordinates == JOINTS else "[m]"

@@ -2,7 +2,6 @@
 Python."""
 
 import ctypes
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -10,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exported_step import SOURCES, build, load_wrapper
 from step_calls import start_of, wandering_steps
 
 import ergoqp
@@ -22,7 +22,6 @@ from ergoqp.step.stepper import Stepper
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
 
-SOURCES = ("src/ergoqp_core.c", "src/ergoqp_step.c", "src/ergoqp_names.c", "src/qp.c")
 COUNTED = """
 #include <stdlib.h>
 static long taken;
@@ -62,32 +61,13 @@ def exported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export") / "step"
     problem = ergoqp.load_problem(request.param)
     export_step(problem, folder)
-    library = folder / "libergoqp_step.so"
-    flags = [
-        "-std=c99",
-        "-O1",
-        "-shared",
-        "-fPIC",
-        "-ffp-contract=off",
-        "-Iinclude",
-        "-Isrc",
-        "-Idaqp/include",
-    ]
-    command = ["gcc", *flags, *SOURCES, "daqp/lib/libdaqpstat.a", "-lm", "-o", str(library)]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    library = build(folder)
     return problem, folder, library
 
 
 def away_from_rest(problem):
     """A state from which the object moves at once."""
     return start_of(problem) + 0.03 * np.random.default_rng(1).normal(size=len(problem.coordinates))
-
-
-def load_wrapper(folder):
-    spec = importlib.util.spec_from_file_location("exported_step", folder / "python/ergoqp_step.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def c_call(call):

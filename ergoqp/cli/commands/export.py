@@ -7,12 +7,13 @@ from pathlib import Path
 from rich.text import Text
 
 from ergoqp.cli.commands.common import console, working, writing
+from ergoqp.cli.commands.guide import guide_named
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.problem_files.load import load_problem
 
 
-def export(problem_name: str, out: Path, dt: float | None) -> None:
+def export(problem_name: str, out: Path, dt: float | None, guide: str | None = None) -> None:
     """Write the folder and say what to do with it.
 
     Raises:
@@ -23,8 +24,9 @@ def export(problem_name: str, out: Path, dt: float | None) -> None:
         if not 1e-4 <= dt <= 0.1:
             raise InputError(f"--dt: got {dt:g} s, allowed 0.0001 to 0.1 s")
         problem = problem.replace(dt=dt)
+    place = None if guide is None else guide_named(problem, guide)
     with working(f"exporting {problem.name}"), writing(out):
-        files = export_step(problem, out)
+        files = export_step(problem, out, place)
     screen = console()
     size = sum(file.stat().st_size for file in files)
     screen.print(Text(f"{len(files)} files, {size / 1e6:.1f} MB, in {out}"), soft_wrap=True)

@@ -16,9 +16,20 @@ static void transposed(double* to, const double* from) {
 static const double initial[ERGOQP_STATE] = {ERGOQP_INITIAL_STATE};
 static const double speed[6] = {ERGOQP_SPEED};
 
-void ergoqp_init(ergoqp_stepper* stepper) {
-    memset(stepper, 0, sizeof *stepper);
+static void begin(ergoqp_stepper* stepper) {
     memcpy(stepper->state, initial, sizeof initial);
+    memset(stepper->input, 0, sizeof stepper->input);
+}
+
+void ergoqp_init(ergoqp_stepper* stepper) {
+#ifdef ERGOQP_GUIDE
+    static const double place[18] = {ERGOQP_GUIDE};
+#endif
+    memset(stepper, 0, sizeof *stepper);
+    begin(stepper);
+#ifdef ERGOQP_GUIDE
+    memcpy(stepper->guide, place, sizeof place);
+#endif
 }
 
 int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
@@ -28,7 +39,7 @@ int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
         if (!isfinite(twist[axis])) return 0;
         moving[axis] = fmin(fmax(twist[axis], -speed[axis]), speed[axis]);
     }
-    ergoqp_init(stepper);
+    begin(stepper);
     /* As if it had always moved like that. */
     for (i = 0; i < ERGOQP_PLANNED; ++i) memcpy(stepper->state + 6 * i, moving, sizeof moving);
     for (i = 0; i < ERGOQP_SENT; ++i) memcpy(stepper->state + 6 * (ERGOQP_PLANNED + i), moving, sizeof moving);
@@ -64,6 +75,11 @@ static void give(ergoqp_stepper* stepper, const ergoqp_input* input, double ask)
     *GIVEN(frame) = input->frame != 0;
     *GIVEN(enable) = input->enable != 0;
     *GIVEN(ask) = ask;
+#ifdef ERGOQP_GUIDE
+    memcpy(GIVEN(guide), stepper->guide, 16 * sizeof(double));
+    *GIVEN(guided) = stepper->guide[16];
+    *GIVEN(promise) = stepper->guide[17];
+#endif
 }
 
 static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, double ask, ergoqp_output* output) {
@@ -93,6 +109,9 @@ static ergoqp_status answer(ergoqp_stepper* stepper, const ergoqp_input* input, 
     output->causes = (int)*FOUND(causes);
     output->fault = (int)FOUND(fault)[0];
     output->fault_amount = FOUND(fault)[1];
+#ifdef ERGOQP_GUIDE
+    output->drawn = (int)*FOUND(drawn);
+#endif
     memcpy(stepper->state, FOUND(next_state), sizeof stepper->state);
     return (ergoqp_status)output->status;
 }
@@ -119,3 +138,41 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, e
     nothing.enable = 1;
     return answer(stepper, &nothing, 1.0, output);
 }
+
+#ifdef ERGOQP_GUIDE
+void ergoqp_try_again(ergoqp_stepper* stepper) {
+    memset(stepper->state + ERGOQP_STATE - ERGOQP_TRIAL, 0, ERGOQP_TRIAL * sizeof(double));
+}
+
+/* A rotation to this, and a position within 100 m. */
+#define STRAIGHT 1e-3
+
+static int rigid(const double* pose) {
+    static const double last[4] = {0.0, 0.0, 0.0, 1.0};
+    int i, j, k;
+    double dot, turns;
+    for (i = 0; i < 16; ++i)
+        if (!isfinite(pose[i])) return 0;
+    for (i = 0; i < 4; ++i)
+        if (fabs(pose[12 + i] - last[i]) > STRAIGHT) return 0;
+    for (i = 0; i < 3; ++i)
+        if (fabs(pose[4 * i + 3]) > 100.0) return 0;
+    for (i = 0; i < 3; ++i)
+        for (j = 0; j < 3; ++j) {
+            for (dot = 0.0, k = 0; k < 3; ++k) dot += pose[4 * k + i] * pose[4 * k + j];
+            if (fabs(dot - (i == j)) > STRAIGHT) return 0;
+        }
+    turns = pose[0] * (pose[5] * pose[10] - pose[6] * pose[9]) - pose[1] * (pose[4] * pose[10] - pose[6] * pose[8]) +
+            pose[2] * (pose[4] * pose[9] - pose[5] * pose[8]);
+    return turns > 0.0;
+}
+
+int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise) {
+    if (place && (!rigid(place) || isnan(promise))) return 0;
+    ergoqp_try_again(stepper);
+    if (place) transposed(stepper->guide, place);
+    stepper->guide[16] = place != 0;
+    stepper->guide[17] = place ? promise : 0.0;
+    return 1;
+}
+#endif

@@ -1,0 +1,135 @@
+"""The members of the structs that the exported step takes and gives, with their meaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ergoqp.joints import JOINTS
+from ergoqp.problem.problem import Problem
+
+
+@dataclass(frozen=True)
+class Field:
+    """One member of a C struct: doubles or one int.
+
+    Attributes:
+        name: of the member.
+        count: number of doubles; 0 for an int.
+        meaning: what it is, with its unit.
+        array: whether it is an array even with one entry.
+    """
+
+    name: str
+    count: int
+    meaning: str
+    array: bool = False
+
+    @property
+    def length(self) -> int:
+        """Length of the array in C, 0 where it is none.
+
+        C has no empty arrays: one without entries has room for one.
+        """
+        return max(self.count, 1) if self.array else self.count if self.count > 1 else 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is an int."""
+        return self.count == 0 and not self.array
+
+
+def input_fields(problem: Problem) -> list[Field]:
+    """Return what the caller gives at every step."""
+    n, unit = len(problem.coordinates), _unit(problem)
+    return [
+        Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
+        Field("observed", n, "1 for entries of the posture that the sensors see, 0 for others"),
+        Field(
+            "pose", 16, "measured contact frame in the world, row-major 4 x 4 [m]; read if has_pose"
+        ),
+        Field(
+            "twist",
+            6,
+            "what the robot really did in the last period [m/s, rad/s]; read if has_twist",
+        ),
+        Field(
+            "dt",
+            1,
+            "for how long this twist will be executed [s]; not the time since the last call",
+        ),
+        Field("age", 1, "how old the posture is [s]"),
+        Field("frame", 0, "1 if a posture arrived, 0 if not"),
+        Field(
+            "has_pose",
+            0,
+            "0: the pose is integrated from the last one, the first time from the posture",
+        ),
+        Field("has_twist", 0, "0: the robot did what it was sent, as late as declared"),
+        Field("enable", 0, "0 decelerates to rest"),
+    ]
+
+
+def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
+    """Return what a step gives."""
+    n, rows, unit = (
+        len(problem.coordinates),
+        len(problem.row_names),
+        _unit(problem).replace("]", "/s]"),
+    )
+    fields = [
+        Field(
+            "twist",
+            6,
+            "send this: object velocity at the contact frame, world axes, linear first [m/s,"
+            " rad/s]",
+        ),
+        Field("pose", 16, "contact frame that the step reckoned with, row-major 4 x 4 [m]"),
+        Field("posture_rate", n, f"how the model person follows {unit}"),
+        Field("cost", 1, "V of the posture [points]"),
+        Field("gain", 1, "predicted improvement within one second at full speed [points]"),
+        Field(
+            "margins",
+            rows,
+            "distance of every row to its nearer end, negative outside, in the row's unit",
+            array=True,
+        ),
+        Field("slack", rows, "by how much each row was missed [its unit/s]", array=True),
+        Field("multipliers", rows, "multiplier of each row in the QP", array=True),
+        Field("outside", rows, "1 for rows that are outside and on their way back", array=True),
+        Field("locked", n, "1 for joints at their end that do not follow"),
+        Field("qp_residual", 1, "largest KKT residual of the QP; accepted up to 1e-6"),
+        Field("contact", 1, "contact motion that the posture cannot follow [m/s, rad/s]"),
+        Field("accepted", 1, "share of the way from braking to the QP's answer that was certified"),
+        Field("status", 0, "an ergoqp_status"),
+        Field("causes", 0, "bits by ergoqp_cause: why inputs or the answer were not used"),
+        Field("fault", 0, "an ergoqp_fault: what the robot does other than declared"),
+        Field(
+            "fault_amount", 1, "how much: a factor, seconds, metres, radians or metres per second"
+        ),
+    ]
+    drawn = Field("drawn", 0, "1 there, 2 looks, 3 after it, 4 back; 0: descent alone")
+    return [*fields, *([drawn] if guided else [])]
+
+
+def python_fields(fields: list[Field]) -> str:
+    """Return the members of a struct as ``ctypes`` names them, one per line."""
+    return "\n".join(f'        ("{field.name}", {_python_type(field)}),' for field in fields)
+
+
+def _python_type(field: Field) -> str:
+    if field.whole:
+        return "c_int"
+    return f"c_double * {field.length}" if field.length else "c_double"
+
+
+def members(fields: list[Field]) -> str:
+    """Return the members of a struct as C names them, one per line, with their meaning."""
+    lines = []
+    for field in fields:
+        name = f"{field.name}[{field.length}]" if field.length else field.name
+        lines.append(f"    {'int' if field.whole else 'double'} {name}; /* {field.meaning} */")
+    return "\n".join(lines)
+
+
+def _unit(problem: Problem) -> str:
+    return "[rad]" if problem.coordinates == JOINTS else "[m]"
