@@ -35,6 +35,9 @@ _NOWHERE: Final = "at rest: the person came to rest nowhere"
 _LOOKS: Final = "at rest: looking for places that suit this person"
 _THERE: Final = "at rest: back where it was best, to be measured again"
 
+_GONE: Final = 1.0
+"""Who was not seen for so long is gone [s]."""
+
 _REMEMBERED: Final = 10
 """So many of the last rests say who the person is: more cost time and add little."""
 
@@ -130,6 +133,7 @@ class Seeker:
         self._tries.begin(0.0)
         self._watch.begin()
         self._rests.clear()
+        self._still, self._unseen = False, 0.0
         self._lead(None)
 
     def hold(self) -> None:
@@ -171,15 +175,21 @@ class Seeker:
             enable=False if self._stays else enable,
             observed=observed,
         )
-        if self._held or not truth(enable, "enable", {}):
-            # Nobody's time runs out while the object may not move.
-            return step
         if self._stays and not step.twist.any() and step.reason == _NOT_ENABLED:
             step.status, step.reason = "settled", self._why()
         period = self.dt if dt is None else number(dt)
-        if 0.0 < period <= self.problem.longest_period:
-            self._now += period
-            self._look(step, period, fresh=posture is not None)
+        if not 0.0 < period <= self.problem.longest_period:
+            return step
+        seen = posture is not None and step.status not in ("braking", "invalid")
+        self._unseen = 0.0 if seen else self._unseen + period
+        if self._held or not truth(enable, "enable", {}) or self._unseen > _GONE:
+            # Nobody's time runs out while the object may not move, or nobody is there; and whoever
+            # stands there then is measured anew.
+            self._watch.begin()
+            self._still = False
+            return step
+        self._now += period
+        self._look(step, period, seen)
         return step
 
     def _why(self) -> str:
@@ -188,16 +198,22 @@ class Seeker:
             return _LOOKS
         if not self._tries.done:
             return _THERE
-        return _NOWHERE if self._tries.best is None else _KEPT
+        if self._tries.best is None:
+            return _NOWHERE
+        note = "" if self._thought is None else self._thought.note
+        return f"{_KEPT}; {note}" if note else _KEPT
 
-    def _look(self, step: Step, period: float, fresh: bool) -> None:
+    def _look(self, step: Step, period: float, seen: bool) -> None:
         """Go on with the tries after a step."""
-        still = step.status == "settled" and not step.twist.any()
-        seen = np.full(len(JOINTS), np.nan)
-        if still and fresh:
+        # A frame that is lost ends no rest.
+        self._still = not step.twist.any() and (
+            step.status == "settled" or (self._still and not seen)
+        )
+        posture = np.full(len(JOINTS), np.nan)
+        if self._still and seen:
             angles, mask = self.stepper.frame
-            seen = np.where(mask > 0.5, angles, np.nan)
-        rest = self._watch.add(self._now, period, still, seen, step.pose)
+            posture = np.where(mask > 0.5, angles, np.nan)
+        rest = self._watch.add(self._now, period, self._still, posture, step.pose)
         if self._tries.returning and step.drawn == LOOK:
             self._stays = True
         if self._tries.done:

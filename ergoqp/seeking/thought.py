@@ -20,6 +20,13 @@ from ergoqp.responses.ik import IkResponse
 LONGEST: Final = 2.0
 """A thought aside takes no longer than about this [s]."""
 
+FITS_DEG: Final = 15.0
+"""Rests that the likeliest person misses by more are nobody's [deg].
+
+People's were mostly within 4 and 10 at most; of the other hand, or with angles in another order,
+they are 19 and more.
+"""
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -40,6 +47,9 @@ class Thought:
     Args:
         problem: the task.
         noise_deg: scale at which postures are scored [deg].
+
+    Attributes:
+        note: why the last thought came to nothing, empty where it came to something.
     """
 
     def __init__(self, problem: Problem, noise_deg: float) -> None:
@@ -48,6 +58,7 @@ class Thought:
         self._aside: ThreadPoolExecutor | None = None
         self._future: Future[list[Promise]] = Future()
         self._future.set_result([])
+        self.note = ""
 
     def begin(self, rests: Sequence[Resting], best: float, patient: bool) -> None:
         """Begin to think, given rests and the best score; return at once unless `patient`."""
@@ -72,10 +83,18 @@ class Thought:
     def _think(self, rests: list[Resting], best: float, longest: float) -> list[Promise]:
         # Whatever goes wrong in here, the loop goes on with what it has measured.
         try:
+            self.note = ""
             person = self._identifier.identify(rests, longest=longest / 2)
+            if not person.residual_deg <= FITS_DEG:
+                self.note = (
+                    f"nobody rests as was measured, {person.residual_deg:.0f} deg off the likeliest"
+                    " person: another hand, or other angles?"
+                )
+                return []
             return self._promising.places(
                 person, best, [rest.pose for rest in rests], longest=longest / 2
             )
         except Exception:
             _LOG.exception("identifying the person came to nothing")
+            self.note = "identifying the person came to nothing, see the log"
             return []

@@ -14,8 +14,10 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identifier
 from ergoqp.identification.resting import Resting
+from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.seeking import Place, Seeker, Seeking
+from ergoqp.seeking.tries import THEIRS
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.robot import moved
 from ergoqp.simulation.run import Run
@@ -275,3 +277,100 @@ def test_an_object_that_somebody_moved_away_is_led_anew() -> None:
         person.follow(pose, seeker.dt)
         sought.append(seeker.seeks)
     assert any(sought)
+
+
+def led(
+    seeker: Seeker,
+    holding: Any,
+    seconds: float,
+    told: Any = lambda now, person, pose: (person, pose),
+) -> tuple[list[Any], np.ndarray]:
+    """Steps of a loop in which what is measured is what `told` makes of it."""
+    person, pose, steps = holding.copy(), holding.pose.copy(), []
+    for number in range(round(seconds / seeker.dt)):
+        posture, at = told(number * seeker.dt, person.posture, pose)
+        steps.append(seeker.step(posture, at))
+        pose = moved(at if at is not None else pose, steps[-1].twist * seeker.dt)
+        person.follow(pose, seeker.dt)
+    return steps, pose
+
+
+def within_limits(problem: Problem, steps: list[Any]) -> bool:
+    speed = problem.twist_limit.speed
+    return all((np.abs(step.twist) <= speed + 1e-9).all() for step in steps)
+
+
+@pytest.mark.parametrize("gone", [None, np.full(32, np.nan)], ids=["no frame", "nan"])
+def test_who_leaves_and_comes_back_loses_no_time(gone: Any) -> None:
+    problem, holding, _ = start("follower", "desk", 2)
+    seeker = Seeker(problem, [best_of_model("desk")], thinks=False)
+
+    def leaves(now: float, posture: np.ndarray, pose: np.ndarray) -> Any:
+        return (gone if 4.0 < now < 64.0 else posture), pose
+
+    steps, _ = led(seeker, holding, 100.0, leaves)
+    assert within_limits(problem, steps)
+    assert not any(step.twist.any() for step in steps[600:6300]), "nobody is led who is not there"
+    assert any(step.twist.any() for step in steps[6450:])
+    assert not seeker.seeks
+    assert seeker.best is not None
+    assert all(np.isfinite(each.score) for each in seeker.account)
+
+
+def test_who_leaves_the_object_at_rest_is_not_taken_for_the_model() -> None:
+    """Angles that nobody sees are the model's, whose score is low."""
+    problem, _, posture = start("alike", "desk", 0)
+    seeker = Seeker(problem, [best_of_model("desk")], thinks=False)
+    steps_of(seeker, problem.response.comfort, 150)  # type: ignore[attr-defined]
+    for _ in range(3000):
+        assert not seeker.step(None).twist.any()
+    assert not seeker.account
+    seeker.step(posture)
+    assert seeker.seeks
+
+
+def test_lost_frames_end_no_rest() -> None:
+    problem, holding, _ = start("follower", "desk", 2)
+    seeker, rng = Seeker(problem, thinks=False), np.random.default_rng(0)
+
+    def loses(now: float, posture: np.ndarray, pose: np.ndarray) -> Any:
+        return (None if rng.random() < 0.05 else posture), pose
+
+    led(seeker, holding, 25.0, loses)
+    assert seeker.best is not None
+    assert not seeker.seeks
+
+
+def test_who_fights_is_bounded_named_and_at_rest() -> None:
+    """Somebody pushes the object about, at the speed of a hand."""
+    problem, holding, _ = start("follower", "desk", 2)
+    seeker = Seeker(problem, [best_of_model("desk")], thinks=False)
+
+    def pushes(now: float, posture: np.ndarray, pose: np.ndarray) -> Any:
+        pushed = pose.copy()
+        pushed[1, 3] += 0.06 * seeker.dt * np.sign(np.sin(2.0 * now)) * (now < 40.0)
+        return posture, pushed
+
+    steps, _ = led(seeker, holding, 60.0, pushes)
+    assert within_limits(problem, steps)
+    assert "robot: moves although nothing was sent" in {step.reason for step in steps[:4000]}
+    assert not any(step.twist.any() for step in steps[-300:])
+
+
+def test_another_hand_than_the_one_that_is_expected_is_named() -> None:
+    problem, holding, _ = start("stubborn", "screwing", 2)
+    seeker = Seeker(problem, [best_of_model("screwing")], patient=True)
+    right = [number for number, name in enumerate(JOINTS) if name.startswith("right_")]
+    left = [JOINTS.index("left_" + JOINTS[number][6:]) for number in right]
+
+    def other(now: float, posture: np.ndarray, pose: np.ndarray) -> Any:
+        swapped = posture.copy()
+        swapped[right], swapped[left] = posture[left], posture[right]
+        return swapped, pose
+
+    steps, _ = led(seeker, holding, 90.0, other)
+    assert within_limits(problem, steps)
+    assert not seeker.seeks
+    assert not any(step.twist.any() for step in steps[-300:])
+    assert "nobody rests as was measured" in steps[-1].reason
+    assert not any(each.name == THEIRS for each in seeker.account)
