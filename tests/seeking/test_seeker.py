@@ -329,6 +329,21 @@ def test_who_leaves_the_object_at_rest_is_not_taken_for_the_model() -> None:
     assert seeker.seeks
 
 
+def test_a_rest_is_measured_anew_after_a_pause() -> None:
+    problem = start("alike", "desk", 0)[0]
+    comfort = problem.response.comfort  # type: ignore[attr-defined]
+    measured = []
+    for pauses in (False, True):
+        seeker = Seeker(problem, [best_of_model("desk")], thinks=False)
+        for number in range(1000):
+            seeker.step(comfort, enable=not (pauses and number == 220))
+            if seeker.account:
+                break
+        measured.append(number)
+    assert 230 < measured[0] < 420
+    assert measured[1] - 220 >= 200, "two seconds from the pause on"
+
+
 def test_lost_frames_end_no_rest() -> None:
     problem, holding, _ = start("follower", "desk", 2)
     seeker, rng = Seeker(problem, thinks=False), np.random.default_rng(0)
