@@ -158,7 +158,9 @@ def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS
     }
     found |= {"routes": routes_of(unit), "follows": follows_of(unit)}
     every = (*methods, *TAKEN.get(kind, ()))
-    found["ways"] = {method or "ergoqp": way_of(unit, method) for method in every}
+    found["ways"] = {
+        method or "ergoqp": way_of(unit, controller_of(unit, method)) for method in every
+    }
     return found | {"cpu_s": time.process_time() - begin}
 
 
@@ -181,12 +183,11 @@ def routes_of(unit: Unit) -> list[int]:
     return [differ, count]
 
 
-def way_of(unit: Unit, method: str) -> dict[str, Any]:
-    """Return the numbers of one method."""
+def way_of(unit: Unit, controller: Controller) -> dict[str, Any]:
+    """Return the numbers of one way of moving the object."""
     person = unit.start.copy()
     person.count_from_here()
     problem, robot = with_own_robot(unit.problem, unit.person, None, unit.seed)
-    controller = controller_of(unit, method)
     checker = Checker(problem)
     watch = Watch(unit.start.pose, still_of(controller, unit.person.kind))
     trace = run_loop(

@@ -395,7 +395,7 @@ def test_a_unit_is_drawn_again_alike_and_its_start_is_as_bad_as_it_must_be() -> 
     np.testing.assert_array_equal(one.start.posture, same.start.posture)
     assert one.still >= one.best + people_draw.ABOVE
     assert one.still == one.problem.assess(one.start.posture).final[0]
-    still = people_unit.way_of(one, "still")
+    still = people_unit.way_of(one, Still(one.problem))
     assert still["end"] == one.still
     assert still["path"] == 0.0
     assert still["from_rest_deg"] < 2.0

@@ -1,0 +1,88 @@
+"""What a corrected response would be worth: the loop with the very person's own, as identified.
+
+Run ``python -m benchmarks.correction [--quick | --full] [--json FILE]``. The response says which
+way a posture goes when the object moves. It is the model's, not the person's, and could be
+corrected while the loop runs. At best that gives the person's own response. So here the person is
+identified from ten scattered rests (2 deg of noise), more than a loop ever meets, and the same
+loops are run with that response from the start as with the problem's. What they do not gain, no
+correction can.
+
+Starts, people and judging are those of `benchmarks.people`, seeds for judging. ``--quick``: one
+start of three kinds on one problem each; ``--full``: four of six kinds on all five problems.
+
+``share_at_best``, ``mean_end``: without a suffix by descent, ``.own`` with the person's own
+response, ``.seek`` and ``.seek_own`` by places tried; ``.still``: had the object been left alone.
+The best is the lowest score of the yardstick and of all these. ``differ``: share of starts in which
+the two descents end at different scores, ``better.own`` and ``worse.own``: which.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.identify import GIVEN, NOISE, rests_of_person, tools_of
+from benchmarks.people import JUDGING, KEPT, prepared
+from benchmarks.people_draw import draw_unit, model_optimum
+from benchmarks.people_figures import best_of, end_of
+from benchmarks.people_unit import controller_of, way_of
+from benchmarks.report import Report, run
+from ergoqp.placing.population import person_of
+from ergoqp.problem_files.load import TASKS
+from ergoqp.seeking import Place, Seeker
+from ergoqp.simulation.baselines import rule_pose
+from ergoqp.step.stepper import Stepper
+
+WAYS = ("descent", "own", "seek", "seek_own", "still")
+
+
+def of_start(kind: str, name: str, seed: int) -> dict[str, Any] | None:
+    """Return the ends of one start, None where there is none that is bad enough."""
+    unit = draw_unit(kind, name, seed).unit
+    if unit is None:
+        return None
+    rng = np.random.default_rng([seed, 78])
+    rests = rests_of_person(unit.home, name, rng, GIVEN)
+    noisy = [(posture + NOISE * rng.standard_normal(32), pose) for posture, pose in rests]
+    own = unit.problem.replace(response=tools_of(name)[0].identify(noisy).response)
+    rule = rule_pose(unit.problem, person_of(unit.problem).body)
+    places = [Place("model's best", model_optimum(name).pose), Place("rule", rule)]
+    controllers = {
+        "descent": controller_of(unit, "descent"),
+        "own": Stepper(own),
+        "seek": controller_of(unit, ""),
+        "seek_own": Seeker(own, places, patient=True),
+        "still": controller_of(unit, "still"),
+    }
+    ways = {way: way_of(unit, controllers[way]) for way in WAYS}
+    return {"still": unit.still, "best": unit.best, "ways": ways}
+
+
+def measure(report: Report) -> None:
+    """Print the figures over all starts."""
+    kinds = ("follower", "stubborn", "looking", *report.pick((), (*KEPT, "trembling")))
+    names = report.pick(("desk",), TASKS)
+    seeds = range(JUDGING, JUDGING + report.pick(1, 4))
+    jobs = [(kind, name, seed) for seed in seeds for name in names for kind in kinds]
+    with prepared(names, quick=not report.full) as pool:
+        found = [each for each in pool.map(of_start, *zip(*jobs, strict=True)) if each is not None]
+    report.figure("starts", len(found))
+    if not found:
+        return
+    for way in WAYS:
+        suffix = "" if way == "descent" else f".{way}"
+        ends = np.array([end_of(each, each["ways"][way]) for each in found])
+        best = np.array([best_of(each) for each in found])
+        report.figure(f"share_at_best{suffix}", float(np.mean(ends <= best)))
+        report.figure(f"mean_end{suffix}", float(ends.mean()))
+    apart = [
+        end_of(each, each["ways"]["own"]) - end_of(each, each["ways"]["descent"]) for each in found
+    ]
+    report.figure("differ", float(np.mean(np.array(apart) != 0)))
+    report.figure("better.own", float(np.mean(np.array(apart) < 0)))
+    report.figure("worse.own", float(np.mean(np.array(apart) > 0)))
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")
