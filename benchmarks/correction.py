@@ -24,14 +24,12 @@ import numpy as np
 
 from benchmarks.identify import GIVEN, NOISE, rests_of_person, tools_of
 from benchmarks.people import JUDGING, KEPT, prepared
-from benchmarks.people_draw import draw_unit, model_optimum
+from benchmarks.people_draw import draw_unit, model_optimum, places_to_try
 from benchmarks.people_figures import best_of, end_of
 from benchmarks.people_unit import controller_of, way_of
 from benchmarks.report import Report, run
-from ergoqp.placing.population import person_of
 from ergoqp.problem_files.load import TASKS
-from ergoqp.seeking import Place, Seeker
-from ergoqp.simulation.baselines import rule_pose
+from ergoqp.seeking import Seeker
 from ergoqp.step.stepper import Stepper
 
 WAYS = ("descent", "own", "seek", "seek_own", "still")
@@ -46,8 +44,7 @@ def of_start(kind: str, name: str, seed: int) -> dict[str, Any] | None:
     rests = rests_of_person(unit.home, name, rng, GIVEN)
     noisy = [(posture + NOISE * rng.standard_normal(32), pose) for posture, pose in rests]
     own = unit.problem.replace(response=tools_of(name)[0].identify(noisy).response)
-    rule = rule_pose(unit.problem, person_of(unit.problem).body)
-    places = [Place("model's best", model_optimum(name).pose), Place("rule", rule)]
+    places = places_to_try(unit.problem, model_optimum(name))
     controllers = {
         "descent": controller_of(unit, "descent"),
         "own": Stepper(own),

@@ -23,6 +23,7 @@ from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
 from ergoqp.responses.ik import IkResponse
+from ergoqp.seeking import Place
 from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding, Person
@@ -150,6 +151,12 @@ def hold_still(person: Holding, seconds: float) -> float:
 def model_optimum(name: str) -> Optimum:
     """Return the best place for the controller's own model of the person."""
     return _made(name)
+
+
+def places_to_try(problem: Problem, best: Optimum) -> list[Place]:
+    """Return the places that ``ergoqp run --seek`` tries: the model's best one, and the rule's."""
+    rule = rule_pose(problem, person_of(problem).body)
+    return [Place("model's best", best.pose), Place("rule", rule)]
 
 
 @cache

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.people_draw import draw_unit, model_optimum
+from benchmarks.people_draw import draw_unit, model_optimum, places_to_try
 from benchmarks.people_figures import Numbers, best_of, end_of, figures_of, table_of
 from ergoqp.files.whole import write_whole
 from ergoqp.report.charts import svg
@@ -45,8 +45,8 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
     means = [
         ("left alone", of["still"]["mean_end"]),
         ("rule of thumb", of["rule"]["mean_end"]),
-        ("ergoqp, unguided", of["descent"]["mean_end"]),
-        ("ergoqp, guided", of["ergoqp"]["mean_end"]),
+        ("ergoqp, by descent", of["descent"]["mean_end"]),
+        ("ergoqp, trying places", of["ergoqp"]["mean_end"]),
         ("best", best),
     ]
     page = Page(
@@ -61,8 +61,9 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
         sections=[
             Section(
                 "Every way of moving the object",
-                "ergoqp is guided by the optimum of its own model of the person (--guide best);"
-                " descent is the same without, as it comes. The rules put the object at elbow"
+                "ergoqp tries places and keeps what measures best (--seek); guided is drawn to the"
+                " optimum of its own model of the person (--guide best); descent goes as it comes."
+                " The rules put the object at elbow"
                 " height, 0.40 m ahead, level. End:"
                 " mean REBA at rest; at best: share that ends there, and had it been left after"
                 " 20 s; above: points above best; > still, > rule: shares that end higher, so"
@@ -77,8 +78,9 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
             ),
             Section(
                 "Per kind of person and per problem",
-                "Mean REBA at rest: left alone, by the rule, by ergoqp without a guide and with"
-                " one, and the best that is known for these people from their starts.",
+                "Mean REBA at rest: left alone, by the rule, by ergoqp's descent and by the"
+                " places that it tries, and the best that is known for these people from their"
+                " starts.",
                 pictures=[Picture(means_chart(drawn))],
                 tables=[_matrix(drawn, kinds, problems)],
             ),
@@ -182,8 +184,8 @@ def _write_replay(numbers: dict[str, Any], path: Path) -> None:
     if unit is None:
         raise RuntimeError(f"{path.name}: the start that was drawn before is not drawn again")
     seconds = numbers["ways"]["ergoqp"]["seconds"]
-    guide = model_optimum(numbers["problem"])
-    run = simulate(unit.problem, unit.start, seconds, unit.seed, guide=guide)
+    places = places_to_try(unit.problem, model_optimum(numbers["problem"]))
+    run = simulate(unit.problem, unit.start, seconds, unit.seed, seek=places)
     write_run_page(run, path)
 
 

@@ -18,6 +18,7 @@ from benchmarks.people_draw import (
     draw_unit,
     judged,
     model_optimum,
+    places_to_try,
     svr,
     unseeing,
     unseeing_optimum,
@@ -36,7 +37,7 @@ from benchmarks.people_way import (
 from ergoqp.placing.population import person_of
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.problem.way import between, straight
-from ergoqp.seeking import Place, Seeker
+from ergoqp.seeking import Seeker
 from ergoqp.simulation.baselines import Drive, Gradient, Still, rule_pose
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Controller, run_loop, with_own_robot
@@ -130,9 +131,7 @@ def _built(name: str, method: str, robot: DeclaredRobot | None) -> Controller:
         problem = problem.replace(response=unseeing(name).response)
     elif method:
         return Stepper(problem, guide=None if method == "descent" else best)
-    rule = rule_pose(problem, person_of(problem).body)
-    places = [Place("model's best", best.pose), Place("rule", rule)]
-    return Seeker(problem, places, patient=True)
+    return Seeker(problem, places_to_try(problem, best), patient=True)
 
 
 def run_unit(kind: str, name: str, seed: int, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
