@@ -26,8 +26,10 @@ _GUIDE_CALLS = """\
 /* Be drawn to a place from now on, a contact frame in the world, row-major 4 x 4 [m], where descent
  * alone comes to rest at a worse one; a null pointer: descent alone. promise: the cost that is
  * expected there [points]. What was learned of the last place is forgotten. Returns 0, and leaves
- * the stepper as it is, if the place is not a finite rigid pose or the promise not a number. Begun
- * with is the place that the step was exported with, which ergoqp_init comes back to. */
+ * the stepper as it is, if the place is not a finite rigid pose or the promise not finite. Whether
+ * the place is within the workspace is not looked at: the object goes as far as its limits let it.
+ * Begun with is the place that the step was exported with, which ergoqp_init and ergoqp_take_over
+ * come back to: name yours again after them. */
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise);
 
 /* Try the place anew: what was learned about it is forgotten. */

@@ -9,7 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
+from ergoqp.expressions.rigid import read_pose
 from ergoqp.identification.resting import Resting, RestWatch
 from ergoqp.joints import JOINTS
 from ergoqp.problem.way import pose_error
@@ -18,6 +20,10 @@ _BACK: Final = 0.5
 """An object is at rest that is where it was so long ago [s],"""
 _STAYS: Final = (2e-3, float(np.radians(0.5)))
 """to this [m], [rad]: more than a pose's noise, less than any motion that somebody follows."""
+_LONGEST: Final = 10.0
+"""No period is longer [s]."""
+_DAY: Final = 86400.0
+"""Nor a loop [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +53,7 @@ def watched(given: Any) -> Watched | None:
     if isinstance(given, (str, Path)):
         return _of_folder(Path(given))
     if all(hasattr(given, name) for name in ("time", "postures", "poses")):
-        return Watched(given.time, given.postures, given.poses)
+        return _checked("the run", given.time, given.postures, given.poses)
     if isinstance(given, Sequence) and given and isinstance(given[0], Mapping):
         return _of_log(given)
     return None
@@ -85,36 +91,87 @@ def rests_in(loop: Watched) -> list[Resting]:
 
 
 def _of_folder(folder: Path) -> Watched:
-    path = folder / "run.npz"
     try:
-        with np.load(path, allow_pickle=False) as held:
-            return Watched(held["time"], held["postures"], held["poses"])
-    except (OSError, KeyError, ValueError) as error:
+        with (folder / "run.npz").open("rb") as file, np.load(file, allow_pickle=False) as held:
+            arrays = [held[name] for name in ("time", "postures", "poses")]
+    # A file that was cut off or forged raises whatever it likes.
+    except Exception as error:
         raise InputError(
-            f"rests: got the folder {folder}, allowed one that a run was saved in ({error})"
+            f"rests: got the folder {folder}, allowed one that a run was saved in"
+            f" ({type(error).__name__}: {error})"
         ) from None
+    return _checked(f"the folder {folder}", *arrays)
 
 
 def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:
     times, postures, poses, now = [], [], [], 0.0
     for number, entry in enumerate(log):
-        where = f"rests: entry {number} of the log"
+        where = f"entry {number} of the log"
         try:
-            told, fresh = bool(entry["has_pose"][0]), bool(entry["frame"][0])
-            seen = np.asarray(entry["observed"], dtype=bool)
-            posture = np.asarray(entry["posture"], dtype=float)
-            pose, period = np.reshape(entry["pose"], (4, 4), order="F"), float(entry["dt"][0])
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InputError(
-                f"{where} is not one of a stepper's ({error}), allowed the dicts that its log got"
-            ) from None
-        if not told:
-            raise InputError(
-                f"{where} has no pose, allowed the log of a loop that was given the object's pose"
+            told, new, asked, period = (
+                float(np.ravel(entry[name])[0]) for name in ("has_pose", "frame", "ask", "dt")
             )
-        new = fresh and float(entry["age"][0]) == 0.0
-        postures.append(np.where(seen & new, posture, np.full(len(JOINTS), np.nan)))
-        poses.append(pose)
-        times.append(now)
+            new = new > 0 and float(np.ravel(entry["age"])[0]) == 0.0
+            seen = np.asarray(entry["observed"], dtype=float) > 0.5
+            posture = np.where(seen & new, np.asarray(entry["posture"], dtype=float), np.nan)
+            pose = np.reshape(entry["pose"], (4, 4), order="F")
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise InputError(
+                f"rests: {where} is not one of a stepper's ({type(error).__name__}: {error}),"
+                " allowed the dicts that its log got"
+            ) from None
+        if posture.shape != (len(JOINTS),):
+            raise InputError(f"rests: {where} has no {len(JOINTS)} angles, allowed a person's log")
+        if not 0.0 < period <= _LONGEST:
+            # The step refused it, too: nobody knows how long it was.
+            continue
+        if not asked:
+            if not told:
+                raise InputError(
+                    f"rests: {where} has no pose, allowed the log of a loop that was given the"
+                    " object's pose"
+                )
+            postures.append(posture)
+            poses.append(pose)
+            times.append(now)
         now += period
-    return Watched(np.array(times), np.array(postures), np.array(poses))
+    return _checked("the log", np.array(times), np.array(postures), np.array(poses))
+
+
+def _checked(what: str, time: Any, postures: Any, poses: Any) -> Watched:
+    """Return a loop whose arrays are what they should be."""
+    found = []
+    shapes = ("time", time, ()), ("postures", postures, (len(JOINTS),)), ("poses", poses, (4, 4))
+    for name, value, shape in shapes:
+        try:
+            array = np.asarray(value)
+            array = array.astype(float) if array.dtype.kind in "fiu" else np.zeros(0)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if array.ndim != 1 + len(shape) or array.shape[1:] != shape or not len(array):
+            allowed = f"numbers of shape ({', '.join(map(str, ('n', *shape)))})"
+            raise InputError(f"rests: {what} has {shown(value)} as {name}, allowed {allowed}")
+        found.append(array)
+    time, postures, poses = found
+    if not len(time) == len(postures) == len(poses):
+        raise InputError(f"rests: {what} has arrays of different lengths, allowed the same one")
+    whole = np.isfinite(time).all() and np.diff(time, prepend=-np.inf).min() > 0
+    if not whole or time[-1] - time[0] > _DAY:
+        raise InputError(f"rests: {what} has times that do not grow, allowed at most a day of them")
+    if np.nanmax(np.abs(postures), initial=0.0) > 2 * np.pi:
+        raise InputError(f"rests: {what} has angles beyond a turn, allowed radians, NaN if unseen")
+    for number in range(len(poses)):
+        if not _is_rigid(poses[number]):
+            read_pose(f"rests: {what}, pose {number}", poses[number])
+    return Watched(time, postures, poses)
+
+
+def _is_rigid(pose: np.ndarray) -> bool:
+    """Return whether a pose is one at the first glance: to read every one would take long."""
+    turn = pose[:3, :3]
+    return bool(
+        np.abs(turn.T @ turn - np.eye(3)).max() < 1e-6
+        and np.abs(pose[3] - (0, 0, 0, 1)).max() < 1e-6
+        and np.abs(pose[:3, 3]).max() < 50
+        and np.linalg.det(turn) > 0
+    )

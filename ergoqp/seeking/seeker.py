@@ -32,11 +32,15 @@ NOISE_DEG: Final = 2.0
 _NOT_ENABLED: Final = "not enabled"
 _KEPT: Final = "at rest: at the best of the places tried"
 _NOWHERE: Final = "at rest: the person came to rest nowhere"
+_LOST: Final = "at rest: back at the best place the person was worse than before, or did not rest"
 _LOOKS: Final = "at rest: looking for places that suit this person"
 _THERE: Final = "at rest: back where it was best, to be measured again"
 
 _GONE: Final = 1.0
 """Who was not seen for so long is gone [s]."""
+
+_SEEN: Final = 0.25
+"""Of whom a smaller share of the joints is seen nobody is seen: the model would be scored."""
 
 _REMEMBERED: Final = 10
 """So many of the last rests say who the person is: more cost time and add little."""
@@ -181,6 +185,7 @@ class Seeker:
         if not 0.0 < period <= self.problem.longest_period:
             return step
         seen = posture is not None and step.status not in ("braking", "invalid")
+        seen = seen and float(np.mean(self.stepper.frame[1] > 0.5)) >= _SEEN
         self._unseen = 0.0 if seen else self._unseen + period
         if self._held or not truth(enable, "enable", {}) or self._unseen > _GONE:
             # Nobody's time runs out while the object may not move, or nobody is there; and whoever
@@ -198,8 +203,8 @@ class Seeker:
             return _LOOKS
         if not self._tries.done:
             return _THERE
-        if self._tries.best is None:
-            return _NOWHERE
+        if not self._tries.kept:
+            return _NOWHERE if self._tries.best is None else _LOST
         note = "" if self._thought is None else self._thought.note
         return f"{_KEPT}; {note}" if note else _KEPT
 

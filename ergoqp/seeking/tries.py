@@ -157,13 +157,21 @@ class Tries:
         """Note that nobody came to rest; return the next place to go to, None to stay."""
         return self._next(self._noted(now, pose, np.nan, "no rest"))
 
+    @property
+    def kept(self) -> bool:
+        """Whether the object is, at the end, where it measured best."""
+        best = self.best
+        return self.done and best is not None and self._last <= best.score + self.how.better
+
     def worsened(self, pose: np.ndarray, score: float) -> bool:
         """Return whether, at the end, all is to be tried anew.
 
         That is after rests that score so much worse, or elsewhere: somebody moved the object.
         """
         moved = bool(self.account) and _apart(pose, self.account[-1].pose) > 1.0
-        another = moved or score > self._last + self.how.worse
+        # Where nobody came to rest, whoever rests now and is not well is somebody to begin with.
+        worse = not score <= self._last + self.how.worse
+        another = moved or (worse and not self._well(score))
         self._windows = self._windows + 1 if another else 0
         return self._windows >= _AGAIN
 
@@ -204,7 +212,7 @@ class Tries:
         if name == THEIRS and not self.returning:
             why = f"promises {self._promised:.1f} points"
         noted = Try(name, why, self._since - self._began, now - self._began, pose, score, note)
-        if self.returning and self.best in self.rests:
+        if self.returning and np.isfinite(score) and self.best in self.rests:
             # What the place scores now is what it scores.
             self.rests.remove(self.best)
         self.account.append(noted)
@@ -241,10 +249,13 @@ class Tries:
     def _seeks(self, last: Try) -> bool:
         """Return whether another place is worth a try, and there is time for it."""
         how, best = self.how, self.best
-        good = best is not None and best.score <= self.floor + how.enough
+        good = best is not None and self._well(best.score)
         takes = max(_TAKES, *(each.ended - each.begun for each in self.account))
         late = last.ended + takes > how.longest
         return len(self.account) < how.tries and not late and not good
+
+    def _well(self, score: float) -> bool:
+        return score <= self.floor + self.how.enough
 
 
 def _apart(pose: np.ndarray, other: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -136,3 +137,66 @@ def test_mistakes_are_one_sentence(tmp_path: Path) -> None:
     blind = dict(log[0]) | {"has_pose": np.array([0.0])}
     with pytest.raises(InputError, match="rests: entry 0 of the log has no pose"):
         ergoqp.identify(problem, [blind])
+
+
+def test_what_a_stepper_refused_and_its_braking_are_no_samples() -> None:
+    problem, log, _, _ = logged()
+    kept = watched(log)
+    assert kept is not None
+    entries = [dict(entry) for entry in log]
+    for number, wrong in ((100, np.nan), (200, np.inf), (300, 1e12), (400, -1.0)):
+        entries[number]["dt"] = np.array([wrong])
+    entries[500] |= {"ask": np.array([1.0]), "has_pose": np.array([0.0])}
+    loop = watched(entries)
+    assert loop is not None
+    assert len(loop.time) == len(kept.time) - 5
+    assert loop.time[-1] == pytest.approx(kept.time[-1] - 4 * problem.dt)
+    assert ergoqp.identify(problem, entries).rests >= 1
+
+
+@pytest.mark.parametrize("name", ["age", "ask", "frame", "observed", "posture", "pose", "dt"])
+@pytest.mark.parametrize("wrong", [None, "text", [1.0, 2.0, 3.0], np.zeros((2, 2, 2))])
+def test_entries_that_are_nearly_right_are_one_sentence(name: str, wrong: Any) -> None:
+    problem, log, _, _ = logged()
+    entries = [dict(entry) for entry in log[:40]]
+    del entries[7][name]
+    with pytest.raises(InputError, match=r"^rests: entry 7 of the log is not one of a stepper's"):
+        ergoqp.identify(problem, entries)
+    entries[7][name] = wrong
+    with suppress(InputError):  # a pose that is not read may be anything
+        ergoqp.identify(problem, entries)
+
+
+def test_folders_of_anything_are_one_sentence(tmp_path: Path) -> None:
+    problem, _, run, _ = logged()
+    run.save(tmp_path)
+    whole, path = (tmp_path / "run.npz").read_bytes(), tmp_path / "run.npz"
+    for wrong in (b"", b"PK", whole[:1000], whole[:-40], b"junk" * 100):
+        path.write_bytes(wrong)
+        with pytest.raises(InputError, match=r"^rests: got the folder"):
+            ergoqp.identify(problem, tmp_path)
+    right = {"time": run.time, "postures": run.postures, "poses": run.poses}
+    mirror = run.poses.copy()
+    mirror[5, :3, 0] *= -1
+    for name, wrong in (
+        ("postures", run.postures[:30]),
+        ("time", run.time[:30]),
+        ("postures", run.postures[:, :5]),
+        ("poses", run.poses[:, :3, :3]),
+        ("time", np.array(3.0)),
+        ("time", run.time[:, None]),
+        ("time", run.time.astype(str)),
+        ("postures", run.postures * 1j),
+        ("postures", run.postures * 1e200),
+        ("poses", run.poses * 2),
+        ("poses", mirror),
+        ("time", run.time[::-1]),
+        ("time", run.time * 0),
+        ("time", run.time * 1e6),
+        ("time", run.time * np.nan),
+    ):
+        np.savez(path, **(right | {name: wrong}))
+        with pytest.raises(InputError, match=r"^rests: the folder"):
+            ergoqp.identify(problem, tmp_path)
+    np.savez(path, **right)
+    assert ergoqp.identify(problem, tmp_path).rests >= 1

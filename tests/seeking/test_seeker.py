@@ -329,6 +329,17 @@ def test_who_leaves_the_object_at_rest_is_not_taken_for_the_model() -> None:
     assert seeker.seeks
 
 
+@pytest.mark.parametrize("seen", [(), (31,)])
+def test_of_whom_hardly_a_joint_is_seen_nothing_is_measured(seen: tuple[int, ...]) -> None:
+    problem, _, posture = start("alike", "desk", 0)
+    seeker, observed = Seeker(problem, [best_of_model("desk")], thinks=False), np.zeros(32)
+    observed[list(seen)] = 1.0
+    for _ in range(2000):
+        seeker.step(posture, observed=observed)
+    assert not seeker.account
+    assert seeker.seeks
+
+
 def test_a_rest_is_measured_anew_after_a_pause() -> None:
     problem = start("alike", "desk", 0)[0]
     comfort = problem.response.comfort  # type: ignore[attr-defined]

@@ -142,6 +142,39 @@ def test_all_is_tried_anew_only_after_three_worse_rests() -> None:
     assert said == [False] * 5 + [True]
 
 
+def test_a_return_without_a_rest_forgets_no_rest() -> None:
+    tries = Tries([B], Seeking(tries=2), 1.0)
+    tries.measured(rest(3, 0.0), 2.0)
+    tries.measured(rest(6, 0.4), 3.0)
+    tries.unrested(21, at(0.4))
+    tries.unrested(36, at(0.4))
+    assert tries.done
+    assert not tries.kept
+    assert tries.best is not None
+    assert tries.best.score == 2.0
+
+
+def test_it_knows_whether_it_is_where_it_measured_best() -> None:
+    tries = Tries([B], Seeking(tries=2), 1.0)
+    for now, x, score in ((3, 0.0, 2.0), (6, 0.4, 3.0), (9, 0.0, 5.0), (12, 0.4, 6.0)):
+        assert not tries.kept
+        tries.measured(rest(now, x), score)
+    assert tries.done
+    assert not tries.kept, "6 where it is, 5 elsewhere"
+    good = Tries([], Seeking(), 1.0)
+    good.measured(rest(3, 0.0), 2.0)
+    assert good.kept
+
+
+def test_who_rests_at_last_and_badly_is_begun_with() -> None:
+    for score, again in ((5.0, True), (1.2, False)):
+        tries = Tries([], Seeking(), 1.0)
+        tries.unrested(15, at(0.0))
+        assert tries.done
+        said = [tries.worsened(at(0.0), score) for _ in range(3)]
+        assert said == [False, False, again]
+
+
 def test_all_is_tried_anew_where_somebody_moved_the_object() -> None:
     tries = Tries([], Seeking(worse=1.0), 1.0)
     tries.measured(rest(5, 0.0), 2.0)

@@ -16,17 +16,12 @@ static void transposed(double* to, const double* from) {
 static const double initial[ERGOQP_STATE] = {ERGOQP_INITIAL_STATE};
 static const double speed[6] = {ERGOQP_SPEED};
 
-static void begin(ergoqp_stepper* stepper) {
-    memcpy(stepper->state, initial, sizeof initial);
-    memset(stepper->input, 0, sizeof stepper->input);
-}
-
 void ergoqp_init(ergoqp_stepper* stepper) {
 #ifdef ERGOQP_GUIDE
     static const double place[18] = {ERGOQP_GUIDE};
 #endif
     memset(stepper, 0, sizeof *stepper);
-    begin(stepper);
+    memcpy(stepper->state, initial, sizeof initial);
 #ifdef ERGOQP_GUIDE
     memcpy(stepper->guide, place, sizeof place);
 #endif
@@ -39,7 +34,7 @@ int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
         if (!isfinite(twist[axis])) return 0;
         moving[axis] = fmin(fmax(twist[axis], -speed[axis]), speed[axis]);
     }
-    begin(stepper);
+    ergoqp_init(stepper);
     /* As if it had always moved like that. */
     for (i = 0; i < ERGOQP_PLANNED; ++i) memcpy(stepper->state + 6 * i, moving, sizeof moving);
     for (i = 0; i < ERGOQP_SENT; ++i) memcpy(stepper->state + 6 * (ERGOQP_PLANNED + i), moving, sizeof moving);
@@ -168,7 +163,7 @@ static int rigid(const double* pose) {
 }
 
 int ergoqp_guide(ergoqp_stepper* stepper, const double* place, double promise) {
-    if (place && (!rigid(place) || isnan(promise))) return 0;
+    if (place && (!rigid(place) || !isfinite(promise))) return 0;
     ergoqp_try_again(stepper);
     if (place) transposed(stepper->guide, place);
     stepper->guide[16] = place != 0;
