@@ -82,6 +82,15 @@ Mapping = Annotated[
     ),
 ]
 
+Guide = Annotated[
+    str | None,
+    typer.Option(
+        "--guide",
+        metavar="best|FILE",
+        help="A place to be drawn to: looked for, or an optimum.json [none].",
+    ),
+]
+
 
 def out_option(*folders: str) -> Any:
     """Return the option ``--out`` of a command.

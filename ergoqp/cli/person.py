@@ -9,6 +9,7 @@ import typer
 
 from ergoqp.cli.app import (
     At,
+    Guide,
     Mapping,
     Person,
     ProblemName,
@@ -77,14 +78,7 @@ def _run(
     unit_to_m: Unit = None,
     up: UpAxis = None,
     mapping: Mapping = None,
-    guide: Annotated[
-        str | None,
-        typer.Option(
-            "--guide",
-            metavar="best|FILE",
-            help="A place to be drawn to: looked for, or an optimum.json [none].",
-        ),
-    ] = None,
+    guide: Guide = None,
     seek: Annotated[
         bool,
         typer.Option(

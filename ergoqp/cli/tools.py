@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli.app import AnyProblem, app, folder_of, out_option
+from ergoqp.cli.app import AnyProblem, Guide, app, folder_of, out_option
 
 _ABOUT_FIT = """Learn a cost from labelled postures, test it on unseen ones, and keep it.
 
@@ -144,14 +144,7 @@ def _export(
     dt: Annotated[
         float | None, typer.Option("--dt", metavar="S", help="Control period [the problem's].")
     ] = None,
-    guide: Annotated[
-        str | None,
-        typer.Option(
-            "--guide",
-            metavar="best|FILE",
-            help="A place to be drawn to: looked for, or an optimum.json [none].",
-        ),
-    ] = None,
+    guide: Guide = None,
 ) -> None:
     from ergoqp.cli.commands.export import export
 

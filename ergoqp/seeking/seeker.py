@@ -185,7 +185,8 @@ class Seeker:
         if not 0.0 < period <= self.problem.longest_period:
             return step
         seen = posture is not None and step.status not in ("braking", "invalid")
-        seen = seen and float(np.mean(self.stepper.frame[1] > 0.5)) >= _SEEN
+        known = int(np.count_nonzero(self.stepper.frame[1] > 0.5))
+        seen = seen and known >= _SEEN * len(JOINTS)
         self._unseen = 0.0 if seen else self._unseen + period
         if self._held or not truth(enable, "enable", {}) or self._unseen > _GONE:
             # Nobody's time runs out while the object may not move, or nobody is there; and whoever
