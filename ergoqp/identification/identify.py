@@ -24,6 +24,7 @@ from ergoqp.human.growth import GROWTH
 from ergoqp.identification.delay import delay_of
 from ergoqp.identification.rest_model import ModelRest, RestModel, Situation, situation_of
 from ergoqp.identification.resting import Resting, rests_of
+from ergoqp.identification.unexplained import WIDTHS, Unexplained
 from ergoqp.identification.watched import rests_in, watched
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.problem.problem import Problem
@@ -35,6 +36,9 @@ NOISE: Final = float(np.radians(1.5))
 
 _FREEDOM: Final = 4.0
 """Of Student's t: rests that are far off count less."""
+
+HABIT: Final = 0.5
+"""Share of what is read too much everywhere that is taken for a habit: rests do not tell."""
 
 _PART: Final = 0.2
 """Of a way, in metres and 0.3 of a turn [m]."""
@@ -66,6 +70,7 @@ class Identified:
     rests: int
     _model: RestModel
     _known: tuple[tuple[np.ndarray, np.ndarray], ...]
+    _beyond: Unexplained
     delay: float | None = None
 
     def predict(self, pose: Any, slopes: bool = True) -> ModelRest:
@@ -80,7 +85,14 @@ class Identified:
         for part in range(1, parts + 1):
             way = between(near, goal, part / (parts + 1))
             begin = self._model.rest(self.traits, self.situation, way, begin, 8, False).z
-        return self._model.rest(self.traits, self.situation, goal, begin, slopes=slopes)
+        rest = self._model.rest(self.traits, self.situation, goal, begin, slopes=slopes)
+        posture, (mean, _) = rest.posture.copy(), self._beyond.at(goal)
+        posture[self.joints] += mean
+        return replace(rest, posture=posture)
+
+    def unsure(self, pose: np.ndarray) -> np.ndarray:
+        """Return how far the joints (n,) at `pose` may be from what any traits say [rad]."""
+        return self._beyond.at(pose)[1]
 
     @property
     def joints(self) -> list[int]:
@@ -209,7 +221,7 @@ class _Fit:
         self.mask = np.isfinite(self.measured)
 
     def solved(self, until: float, steps: int = _STEPS) -> Identified:
-        """Return the person."""
+        """Return the person; without steps the one of whom nothing is known."""
         sd = self.layout.sd
         n = len(self.layout.joints)
         traits, damping = np.zeros(len(sd)), 1e-2
@@ -240,6 +252,9 @@ class _Fit:
             if time.perf_counter() > until:
                 break
         error = off[self.mask]
+        bias = traits[self.layout.parts["bias"]]
+        beyond = np.where(self.mask, off + HABIT * bias, np.nan)
+        widths = WIDTHS if steps else (0.0,)
         return Identified(
             problem=self.problem,
             traits=traits,
@@ -251,6 +266,7 @@ class _Fit:
             _known=tuple(
                 (rest.pose, found.z) for rest, found in zip(self.rests, predicted, strict=True)
             ),
+            _beyond=Unexplained([rest.pose for rest in self.rests], beyond, widths),
         )
 
     def _predict(self, traits: np.ndarray, begins: Sequence[np.ndarray]) -> list[ModelRest]:

@@ -88,7 +88,7 @@ class Promising:
         people = rng.multivariate_normal(
             np.zeros(person.habits), person.covariance[: person.habits, : person.habits], LIKELY
         )
-        beside = MODEL_SD * rng.standard_normal((LIKELY, n))
+        beside = rng.standard_normal((LIKELY, n))
 
         def promise(pose: np.ndarray) -> Promise | None:
             if time.perf_counter() > until:
@@ -97,7 +97,8 @@ class Promising:
             if rest.gap > _REACHED:
                 return None
             postures = np.tile(rest.posture, (LIKELY + 1, 1))
-            postures[1:, person.joints] += people @ rest.by_traits.T + beside
+            unsure = np.hypot(MODEL_SD, person.unsure(pose))
+            postures[1:, person.joints] += people @ rest.by_traits.T + unsure * beside
             scores = np.array(self._scores(ca.DM(np.clip(postures, -np.pi, np.pi).T))).ravel()
             gain = float(np.maximum(0.0, best - scores[1:]).mean())
             return Promise(pose, gain, float(scores[0]), scores[1:])

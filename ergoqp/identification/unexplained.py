@@ -1,0 +1,85 @@
+"""What no traits explain of a person's rests, and how much of it is to be expected elsewhere.
+
+People are not the model with other numbers: where they rest differs from what the likeliest traits
+say by some degrees, and alike at places that are near to each other. So what was measured beyond
+the model is a Gaussian process over places, with one width for all joints, the likeliest of
+`WIDTHS`. With none of them better than noise it is zero.
+
+C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, section 2.7
+(explicit basis, here the model) and 5.4 (marginal likelihood).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+WIDTHS: Final = tuple(np.radians([0.0, 1.5, 3.0, 5.0]))
+"""How far people may be from the model, standard deviation [rad]."""
+
+NOISE: Final = float(np.radians(2.0))
+"""Of a rest's angles: what is not there again the next time [rad]."""
+
+REACH: Final = 0.3
+"""Places so far apart have little to do with each other [m]."""
+
+_TURN: Final = 0.3
+"""A tool's axis that is turned by a radian is so far apart [m]."""
+
+_FLUKE: Final = 3 * WIDTHS[-1]
+"""Who is further off than that did something else [rad]: it counts as not seen."""
+
+_UNSEEN: Final = 1e6
+"""Variance of a joint that was not seen, times that of noise."""
+
+
+class Unexplained:
+    """What is expected beyond the model.
+
+    Args:
+        poses: where the rests were (k, 4, 4).
+        beyond: what was measured beyond the model (k, n) [rad]; NaN where a joint was not seen.
+        widths: that are compared, `WIDTHS` but for controls [rad].
+
+    Attributes:
+        width: the likeliest [rad].
+    """
+
+    def __init__(self, poses: Any, beyond: np.ndarray, widths: tuple[float, ...] = WIDTHS) -> None:
+        """Find the width."""
+        self._places = np.array([_place(pose) for pose in poses])
+        seen = (np.abs(beyond) <= _FLUKE).T
+        self._beyond = np.where(seen, beyond.T, 0.0)
+        noise = NOISE**2 * np.where(seen, 1.0, _UNSEEN)
+        self._noise = noise[:, :, None] * np.eye(len(self._places))
+        alike = np.array([self._alike(pose) for pose in poses])
+        found = [self._fitted(width, alike) for width in widths]
+        _, self.width, self._inverse = max(found, key=lambda each: each[0])
+
+    def at(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is expected of every joint at a place (4, 4): mean and deviation (n,) [rad].
+
+        The deviation is that of what nobody can know yet, noise apart.
+        """
+        alike = self.width**2 * self._alike(pose)
+        weights = alike @ self._inverse
+        mean = np.einsum("jk,jk->j", weights, self._beyond)
+        return mean, np.sqrt(np.maximum(0.0, self.width**2 - weights @ alike))
+
+    def _alike(self, pose: Any) -> np.ndarray:
+        away = np.linalg.norm(self._places - _place(pose), axis=1)
+        return np.exp(-0.5 * (away / REACH) ** 2)
+
+    def _fitted(self, width: float, alike: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Return the log likelihood of a width, the width, and the inverses (n, k, k)."""
+        inverse = np.linalg.inv(width**2 * alike + self._noise)
+        fits = np.einsum("jk,jkl,jl->", self._beyond, inverse, self._beyond)
+        volume = np.linalg.slogdet(inverse)[1].sum()
+        return 0.5 * float(volume - fits), width, inverse
+
+
+def _place(pose: Any) -> np.ndarray:
+    """Return position and tool axis of a pose (4, 4), the latter as a way (6,) [m]."""
+    given = np.asarray(pose, dtype=float)
+    return np.concatenate([given[:3, 3], _TURN * given[:3, 0]])
