@@ -17,7 +17,8 @@ identification on one core. ``KIND.delay_error_ms``: of how late the person foll
 
 Beside each: ``.nominal``: the problem's own person, of whom nothing was identified; ``.nearest``:
 the posture of the nearest of the ten rests; ``one_of_three.rests``: the three best of the ten
-places, by their measured scores.
+places, by their measured scores; ``.plain``: what no traits explain left out of the predictions;
+``one_of_three.thirty``: by thirty rests instead of ten.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -43,7 +45,7 @@ from ergoqp.simulation.loop import run_loop
 from ergoqp.simulation.people import person_of_kind
 from ergoqp.simulation.people.person import Holding
 
-GIVEN, UNSEEN = 10, 8
+GIVEN, UNSEEN, MORE = 10, 8, 20
 NOISE = float(np.radians(2.0))
 SCORED_AT_DEG = 2.0
 USUAL = 0.23
@@ -73,24 +75,27 @@ def rests_of_person(home: Holding, name: str, rng: np.random.Generator, count: i
 
 
 def of_person(kind: str, name: str, seed: int) -> dict[str, list[float]] | None:
-    """Return the figures of one person, [identified, nominal, nearest] each; None without rests."""
+    """Return the figures of one person, one per way of predicting; None without rests."""
     problem, judge = judged(name)
     person, rng = person_of_kind(kind, problem, seed), np.random.default_rng([seed, 77])
     home = person.hold(person.comfort, seed=seed)
-    rests = rests_of_person(home, name, rng, GIVEN + UNSEEN)
+    rests = rests_of_person(home, name, rng, GIVEN + UNSEEN + MORE)
     if len(rests) < GIVEN + UNSEEN:
         return None
-    given = [(posture + NOISE * rng.standard_normal(32), pose) for posture, pose in rests[:GIVEN]]
+    noisy = [(posture + NOISE * rng.standard_normal(32), pose) for posture, pose in rests]
+    given, unseen = noisy[:GIVEN], rests[GIVEN : GIVEN + UNSEEN]
     identifier, promising = tools_of(name)
     begin = time.perf_counter()
     found = identifier.identify(given)
     seconds = time.perf_counter() - begin
     nobody = identifier.nobody(given)
-    predictions = [[each.posture_at(pose) for _, pose in rests[GIVEN:]] for each in (found, nobody)]
-    predictions.append([_nearest(given, pose) for _, pose in rests[GIVEN:]])
-    truth = [posture for posture, _ in rests[GIVEN:]]
+    plain = replace(found, beyond=nobody.beyond)
+    predictions = [[each.posture_at(pose) for _, pose in unseen] for each in (found, nobody, plain)]
+    predictions.append([_nearest(given, pose) for _, pose in unseen])
+    truth = [posture for posture, _ in unseen]
     scores = [judge.score(posture) for posture in truth]
-    places = [_three(promising, each) for each in (found, nobody)]
+    many = identifier.identify([*given, *noisy[GIVEN + UNSEEN :]])
+    places = [_three(promising, each) for each in (found, nobody, plain, many)]
     measured = sorted(given, key=lambda each: judge.score(each[0]))
     places.append([pose for _, pose in measured[:3]])
     best = judge.best(home, [pose for three in places for pose in three])[0].score
@@ -163,8 +168,9 @@ def measure(report: Report) -> None:
         for name in ("posture_deg", "score_error", "one_of_three"):
             by_way = np.array([each[name] for each in found])
             middle = np.median if name == "posture_deg" else np.mean
-            third = "rests" if name == "one_of_three" else "nearest"
-            for way, values in zip(("", ".nominal", f".{third}"), by_way.T, strict=True):
+            others = (".thirty", ".rests") if name == "one_of_three" else (".nearest",)
+            ways = ("", ".nominal", ".plain", *others)
+            for way, values in zip(ways, by_way.T, strict=True):
                 report.figure(f"{kind}.{name}{way}", float(middle(values)))
         errors = np.array([each["delay"] for each in found])
         known = np.isfinite(errors[:, 0])

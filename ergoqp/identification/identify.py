@@ -59,6 +59,7 @@ class Identified:
         situation: how the object is held, and where the soles are.
         residual_deg: RMS between measured and predicted joints over all rests [deg].
         rests: how many there were.
+        beyond: what of the rests no traits explain, as expected elsewhere.
         delay: how late the person follows the object [s]; None where nothing says so.
     """
 
@@ -68,9 +69,9 @@ class Identified:
     situation: Situation
     residual_deg: float
     rests: int
+    beyond: Unexplained
     _model: RestModel
     _known: tuple[tuple[np.ndarray, np.ndarray], ...]
-    _beyond: Unexplained
     delay: float | None = None
 
     def predict(self, pose: Any, slopes: bool = True) -> ModelRest:
@@ -86,13 +87,13 @@ class Identified:
             way = between(near, goal, part / (parts + 1))
             begin = self._model.rest(self.traits, self.situation, way, begin, 8, False).z
         rest = self._model.rest(self.traits, self.situation, goal, begin, slopes=slopes)
-        posture, (mean, _) = rest.posture.copy(), self._beyond.at(goal)
+        posture, (mean, _) = rest.posture.copy(), self.beyond.at(goal)
         posture[self.joints] += mean
         return replace(rest, posture=posture)
 
     def unsure(self, pose: np.ndarray) -> np.ndarray:
         """Return how far the joints (n,) at `pose` may be from what any traits say [rad]."""
-        return self._beyond.at(pose)[1]
+        return self.beyond.at(pose)[1]
 
     @property
     def joints(self) -> list[int]:
@@ -262,11 +263,11 @@ class _Fit:
             situation=self.situation,
             residual_deg=float(np.degrees(np.sqrt(np.mean(error**2)))) if error.size else 0.0,
             rests=len(self.rests),
+            beyond=Unexplained([rest.pose for rest in self.rests], beyond, widths),
             _model=self.model,
             _known=tuple(
                 (rest.pose, found.z) for rest, found in zip(self.rests, predicted, strict=True)
             ),
-            _beyond=Unexplained([rest.pose for rest in self.rests], beyond, widths),
         )
 
     def _predict(self, traits: np.ndarray, begins: Sequence[np.ndarray]) -> list[ModelRest]:
