@@ -2,8 +2,8 @@
 
 People are not the model with other numbers: where they rest differs from what the likeliest traits
 say by some degrees, and alike at places that are near to each other. So what was measured beyond
-the model is a Gaussian process over places, with one width for all joints, the likeliest of
-`WIDTHS`. With none of them better than noise it is zero.
+the model is a Gaussian process over places, with one width and one noise for all joints, the
+likeliest of `WIDTHS` and `NOISES`. Where nothing but noise is the likeliest it is zero.
 
 C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, section 2.7
 (explicit basis, here the model) and 5.4 (marginal likelihood).
@@ -11,6 +11,7 @@ C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 200
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -18,8 +19,8 @@ import numpy as np
 WIDTHS: Final = tuple(np.radians([0.0, 1.5, 3.0, 5.0]))
 """How far people may be from the model, standard deviation [rad]."""
 
-NOISE: Final = float(np.radians(2.0))
-"""Of a rest's angles: what is not there again the next time [rad]."""
+NOISES: Final = tuple(np.radians([1.0, 2.0]))
+"""Of a rest's angles, standard deviation: what is not there again the next time [rad]."""
 
 REACH: Final = 0.3
 """Places so far apart have little to do with each other [m]."""
@@ -41,21 +42,32 @@ class Unexplained:
         poses: where the rests were (k, 4, 4).
         beyond: what was measured beyond the model (k, n) [rad]; NaN where a joint was not seen.
         widths: that are compared, `WIDTHS` but for controls [rad].
+        noises: that are compared [rad].
 
     Attributes:
         width: the likeliest [rad].
     """
 
-    def __init__(self, poses: Any, beyond: np.ndarray, widths: tuple[float, ...] = WIDTHS) -> None:
-        """Find the width."""
+    def __init__(
+        self,
+        poses: Any,
+        beyond: np.ndarray,
+        widths: Sequence[float] = WIDTHS,
+        noises: Sequence[float] = NOISES,
+    ) -> None:
+        """Find width and noise."""
         self._places = np.array([_place(pose) for pose in poses])
         seen = (np.abs(beyond) <= _FLUKE).T
         self._beyond = np.where(seen, beyond.T, 0.0)
-        noise = NOISE**2 * np.where(seen, 1.0, _UNSEEN)
-        self._noise = noise[:, :, None] * np.eye(len(self._places))
+        # Of every joint, per unit of the noise's variance.
+        shares = np.where(seen, 1.0, _UNSEEN)[:, :, None] * np.eye(len(self._places))
         alike = np.array([self._alike(pose) for pose in poses])
-        found = [self._fitted(width, alike) for width in widths]
-        _, self.width, self._inverse = max(found, key=lambda each: each[0])
+        found = [
+            (*self._fitted(width**2 * alike + noise**2 * shares), width)
+            for width in widths
+            for noise in noises
+        ]
+        _, self._inverse, self.width = max(found, key=lambda each: each[0])
 
     def at(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what is expected of every joint at a place (4, 4): mean and deviation (n,) [rad].
@@ -71,12 +83,12 @@ class Unexplained:
         away = np.linalg.norm(self._places - _place(pose), axis=1)
         return np.exp(-0.5 * (away / REACH) ** 2)
 
-    def _fitted(self, width: float, alike: np.ndarray) -> tuple[float, float, np.ndarray]:
-        """Return the log likelihood of a width, the width, and the inverses (n, k, k)."""
-        inverse = np.linalg.inv(width**2 * alike + self._noise)
+    def _fitted(self, covariance: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the log likelihood of what was measured, and the inverses (n, k, k)."""
+        inverse = np.linalg.inv(covariance)
         fits = np.einsum("jk,jkl,jl->", self._beyond, inverse, self._beyond)
         volume = np.linalg.slogdet(inverse)[1].sum()
-        return 0.5 * float(volume - fits), width, inverse
+        return 0.5 * float(volume - fits), inverse
 
 
 def _place(pose: Any) -> np.ndarray:

@@ -48,7 +48,7 @@ class Seeking:
     """
 
     tries: int = 6
-    worth: float = 0.15
+    worth: float = 0.05
     longest: float = 60.0
     patience: float = 15.0
     better: float = 0.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -59,6 +60,23 @@ def test_rests_at_unseen_places_are_predicted(kind: str, name: str, most: float)
     assert off_deg(person, unseen) < 0.7 * off_deg(nobody, unseen)
     assert person.residual_deg < 3.0
     assert person.rests == 10
+
+
+def test_what_no_traits_explain_is_expected_elsewhere_too() -> None:
+    gained = []
+    for kind, name in (("follower", "dentist"), ("follower", "screwing"), ("alike", "desk")):
+        problem, rests, unseen = rests_of_kind(kind, name, 1)
+        person = identified(kind, name, 1)
+        plain = replace(person, beyond=Identifier(problem).nobody(rests).beyond)
+        gained.append(off_deg(plain, unseen) - off_deg(person, unseen))
+        near, (posture, pose) = person.joints, rests[0]
+        misses = [
+            np.abs((each.posture_at(pose) - posture)[near]).mean() for each in (person, plain)
+        ]
+        assert misses[0] <= misses[1]
+    # Whoever is the model's kind needs none of it, and others are known better by it.
+    assert min(gained[:2]) > 0.2
+    assert gained[2] == 0.0
 
 
 def test_the_person_is_a_response_and_a_body() -> None:

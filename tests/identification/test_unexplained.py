@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ergoqp.identification.unexplained import NOISE, REACH, WIDTHS, Unexplained
+from ergoqp.identification.unexplained import NOISES, REACH, WIDTHS, Unexplained
 from ergoqp.problem.workspace import turn_about
 
 JOINTS = 3
+NOISE = NOISES[1]
 
 
 def places(count: int, seed: int) -> list[np.ndarray]:
@@ -43,7 +44,7 @@ def test_it_is_the_gaussian_process_of_scikit_learn(width: float) -> None:
     kernel = kernels.ConstantKernel(width**2, "fixed") * kernels.RBF(REACH, "fixed")
     other = process.GaussianProcessRegressor(kernel, alpha=NOISE**2, optimizer=None)
     other.fit(features(poses), beyond)
-    ours = Unexplained(poses, beyond, (width,))
+    ours = Unexplained(poses, beyond, (width,), (NOISE,))
     for pose in places(5, 2):
         mean, deviation = ours.at(pose)
         told, spread = other.predict(features([pose]), return_std=True)
@@ -51,20 +52,26 @@ def test_it_is_the_gaussian_process_of_scikit_learn(width: float) -> None:
         np.testing.assert_allclose(deviation, spread.ravel(), atol=1e-8)
 
 
-def test_the_likeliest_width_is_taken() -> None:
+def test_the_likeliest_width_and_noise_are_taken() -> None:
     kernels = pytest.importorskip("sklearn.gaussian_process.kernels")
     process = pytest.importorskip("sklearn.gaussian_process")
     for seed, width in enumerate(WIDTHS):
         poses, beyond = drawn(width, seed)
         likely = {}
-        for each in WIDTHS[1:]:
-            kernel = kernels.ConstantKernel(each**2, "fixed") * kernels.RBF(REACH, "fixed")
-            other = process.GaussianProcessRegressor(kernel, alpha=NOISE**2, optimizer=None)
-            likely[each] = other.fit(features(poses), beyond).log_marginal_likelihood_value_
-        likely[0.0] = float(
-            -0.5 * np.sum(beyond**2) / NOISE**2 - beyond.size * np.log(NOISE * np.sqrt(2 * np.pi))
-        )
-        assert Unexplained(poses, beyond).width == max(likely, key=lambda each: likely[each])
+        for noise in NOISES:
+            for each in WIDTHS[1:]:
+                kernel = kernels.ConstantKernel(each**2, "fixed") * kernels.RBF(REACH, "fixed")
+                other = process.GaussianProcessRegressor(kernel, alpha=noise**2, optimizer=None)
+                other.fit(features(poses), beyond)
+                likely[each, noise] = other.log_marginal_likelihood_value_
+            squares = np.sum(beyond**2) / noise**2
+            volume = beyond.size * np.log(2 * np.pi * noise**2)
+            likely[0.0, noise] = -0.5 * float(squares + volume)
+        best = max(likely, key=lambda each: likely[each])
+        found, told = Unexplained(poses, beyond), Unexplained(poses, beyond, best[:1], best[1:])
+        assert found.width == best[0]
+        for ours, theirs in zip(found.at(np.eye(4)), told.at(np.eye(4)), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
 
 
 def test_who_is_the_model_is_left_as_they_are() -> None:
@@ -84,9 +91,10 @@ def test_what_was_not_seen_and_flukes_count_for_nothing() -> None:
     hidden[4, 1] = np.nan
     fluke = beyond.copy()
     fluke[4, 1] = np.radians(40)
-    without = Unexplained([*poses[:4], *poses[5:]], np.delete(beyond, 4, axis=0), WIDTHS[-1:])
+    only = (WIDTHS[-1:], NOISES[1:])
+    without = Unexplained([*poses[:4], *poses[5:]], np.delete(beyond, 4, axis=0), *only)
     for given in (hidden, fluke):
-        found = Unexplained(poses, given, WIDTHS[-1:])
+        found = Unexplained(poses, given, *only)
         mean, deviation = found.at(poses[4])
         expected = without.at(poses[4])
         assert mean[1] == pytest.approx(expected[0][1], abs=1e-5)
