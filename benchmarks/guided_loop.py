@@ -3,16 +3,20 @@
 They are problems x people x starts, as ``benchmarks.closed_loop``.
 
 Run ``python -m benchmarks.guided_loop [--quick | --full] [--json FILE]``. ``--quick`` (the default)
-takes one person with two starts per problem; ``--full`` ten people with twenty starts each. The
+takes one person with one start per problem; ``--full`` ten people with twenty starts each. The
 people are not those of ``closed_loop``: the guided step's thresholds were chosen on people 0 to 19,
 and these are 20 and up.
 
-Every loop is run three times, from the same start and with the same noise:
+Every loop is run five times, from the same start and with the same noise:
 
-- ``PROBLEM.figure``: guided by ``problem.optimise`` for the controller's own model of the person,
-  all that it can know;
-- ``PROBLEM.own_figure``: guided by ``problem.optimise`` for the very person who follows;
-- ``PROBLEM.alone_figure``: by descent alone.
+- ``PROBLEM.figure``: guided by `ergoqp.optimise` for the controller's own model of the person, all
+  that it can know;
+- ``PROBLEM.own_figure``: guided by `ergoqp.optimise` for the very person who follows;
+- ``PROBLEM.alone_figure``: by descent alone;
+- ``PROBLEM.seek_figure``: by `ergoqp.Seeker`, which tries the model's optimum and the rule's place
+  and keeps what measures best, within 60 s;
+- ``PROBLEM.unseeing_figure``: guided, with a model whose eyes are taken away (`looks = false`),
+  and its optimum.
 
 Beside them, from the same starts and for the same people, the object where nobody had to measure
 anything:
@@ -41,10 +45,12 @@ from benchmarks.loops import (
     placed_score,
     run_loops,
 )
+from benchmarks.people_draw import places_to_try, unseeing, unseeing_optimum
 from benchmarks.report import Report, run
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem_files.load import TASKS, load_problem
+from ergoqp.seeking import Seeker
 from ergoqp.simulation.baselines import rule_pose
 from ergoqp.simulation.loop import Trace
 from ergoqp.simulation.people.alike import Start, sample_person
@@ -53,7 +59,9 @@ from ergoqp.step.stepper import Stepper
 
 FIRST_PERSON = 20
 """Seed of the first person: none whom anything was chosen on."""
-WAYS = ("", "own_", "alone_")
+WAYS = ("", "own_", "alone_", "seek_", "unseeing_")
+SEEKING = {"duration": 60.0, "still": 10.0}
+"""A loop that tries places takes longer, and rests in between [s]."""
 
 
 @dataclass
@@ -77,27 +85,25 @@ def loops_of_person(name: str, person_seed: int, count: int) -> tuple[str, dict[
     problem = load_problem(name)
     person = sample_person(problem, person_seed)
     own = optimum_of(problem, person)
-    places = {"": model_optimum(name), "own_": own, "alone_": None}
+    best = model_optimum(name)
+    controllers = {
+        "": Stepper(problem, guide=best),
+        "own_": Stepper(problem, guide=own),
+        "alone_": Stepper(problem),
+        "seek_": Seeker(problem, places_to_try(problem, best), patient=True),
+        "unseeing_": Stepper(unseeing(name), guide=unseeing_optimum(name)),
+    }
     loops = {way: GuidedLoops() for way in WAYS}
-    rule, placed = rule_pose(problem, person_of(problem).body), model_optimum(name).pose
+    rule, placed = rule_pose(problem, person_of(problem).body), best.pose
 
     def beside(start: Start, seed: int, trace: Trace) -> None:
         loops[""].beside(start, seed, trace)
         loops[""].rule.append(placed_score(problem, person, start, rule))
         loops[""].placed.append(placed_score(problem, person, start, placed))
 
-    for way, place in places.items():
-        told = loops[way].beside if way else beside
-        run_loops(
-            loops[way],
-            problem,
-            person,
-            person_seed,
-            count,
-            Stepper(problem, guide=place),
-            told,
-            own,
-        )
+    for way, controller in controllers.items():
+        told, longer = (loops[way].beside if way else beside), SEEKING if way == "seek_" else {}
+        run_loops(loops[way], problem, person, person_seed, count, controller, told, own, **longer)
     return name, loops
 
 
@@ -109,7 +115,7 @@ def model_optimum(name: str) -> Optimum:
 
 def measure(report: Report) -> None:
     """Run everything in two processes and print the figures of every problem."""
-    people, starts = report.pick(quick=(1, 2), full=(10, 20))
+    people, starts = report.pick(quick=(1, 1), full=(10, 20))
     found = {name: {way: GuidedLoops() for way in WAYS} for name in TASKS}
 
     def take(name: str, loops: dict[str, GuidedLoops]) -> int:

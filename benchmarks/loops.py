@@ -17,6 +17,7 @@ from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
+from ergoqp.seeking import Seeker
 from ergoqp.simulation.best_place import draw_starts, workspace_map
 from ergoqp.simulation.check import Checker
 from ergoqp.simulation.loop import Trace, power_above, run_loop, settle_time
@@ -66,9 +67,11 @@ def run_loops(
     person: Alike,
     person_seed: int,
     count: int,
-    stepper: Stepper,
+    controller: Stepper | Seeker,
     beside: Beside,
     optimum: Optimum,
+    duration: float = DURATION,
+    still: float = STILL,
 ) -> None:
     """Run the loops of one person in one problem and append what became of them.
 
@@ -82,9 +85,11 @@ def run_loops(
         person: who follows.
         person_seed: of the starts, the noise and the lost frames.
         count: of starts.
-        stepper: of the problem.
+        controller: of the problem.
         beside: called after every loop.
         optimum: of this person.
+        duration: longest time of a loop [s].
+        still: a loop ends after so long at rest [s].
     """
     grid = workspace_map(problem, person).best
     for number, start in enumerate(draw_starts(problem, person, count, person_seed, grid + ABOVE)):
@@ -93,11 +98,11 @@ def run_loops(
             trace = run_loop(
                 problem,
                 person.holding(start),
-                duration=DURATION,
+                duration=duration,
                 seed=seed,
-                controller=stepper,
+                controller=controller,
                 checker=checker,
-                stop_when_still=STILL,
+                stop_when_still=still,
             )
         except Exception as error:
             print(
