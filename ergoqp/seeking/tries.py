@@ -222,7 +222,10 @@ class Tries:
         return noted
 
     def _next(self, last: Try) -> Place | None:
-        self.best = min(self.rests, key=lambda each: each.score, default=None)
+        before, self.best = self.best, min(self.rests, key=lambda each: each.score, default=None)
+        if self.returning and before is not None:
+            # Where it is not what it was, other places may be better than it is now.
+            self.returning = last.score <= before.score + self.how.better
         if not self.returning and self._seeks(last):
             while self._left:
                 place = self._left.pop(0)

@@ -122,6 +122,35 @@ def test_what_promises_too_little_is_not_tried() -> None:
     assert home.name == DESCENT
 
 
+@pytest.mark.parametrize("back", [3.6, 4.4, None])
+def test_a_best_place_that_is_worse_the_second_time_is_thought_about_again(
+    back: float | None,
+) -> None:
+    tries = Tries([A, B], Seeking(), 1.0, thinks=True)
+    tries.measured(rest(5, 0.0), 5.0)
+    tries.measured(rest(10, 0.2), 3.5)
+    assert tries.measured(rest(15, 0.4), 5.0) is None
+    home = tries.suggested(16.0, [])
+    assert home is not None
+    assert tries.returning
+    after = tries.unrested(20.0, at(0.2)) if back is None else None
+    after = tries.measured(rest(20, 0.2), back) if back is not None else after
+    assert after is None
+    if back == 3.6:
+        assert tries.done
+        return
+    assert tries.thinking
+    assert not tries.done
+    going = tries.suggested(21.0, [promise(at(0.7), 0.5)])
+    assert going is not None
+    assert going.name == THEIRS
+    assert not tries.returning
+    assert tries.measured(rest(26, 0.7), 3.0) is None
+    assert tries.thinking
+    assert tries.suggested(27.0, []) is None
+    assert tries.kept
+
+
 def test_the_account_says_what_was_promised() -> None:
     tries = Tries([], Seeking(), 1.0, thinks=True)
     tries.measured(rest(5, 0.0), 5.0)
