@@ -77,7 +77,8 @@ class Identified:
     def predict(self, pose: Any, slopes: bool = True) -> ModelRest:
         """Return how this person would rest with the object at `pose` (4, 4) [m].
 
-        It is looked for from the nearest of the rests that are known.
+        It is looked for from the nearest of the rests that are known. `posture` has what no traits
+        explain added; `z`, `gap` and the slopes are those of the traits alone.
         """
         near, begin = min(self._known, key=lambda each: _apart(each[0], pose))
         goal = np.asarray(pose, dtype=float)
@@ -144,7 +145,10 @@ class Identified:
 
     @property
     def response(self) -> IkResponse:
-        """The person as a response, for `Problem.replace`: steps and optima are then theirs."""
+        """The person as a response, for `Problem.replace`: steps and optima are then theirs.
+
+        As far as traits go: `beyond` is no part of it.
+        """
         layout, given = self._model.layout, self._model.response
         weights, comfort = given.weight_vector.copy(), given.comfort.copy()
         joints, parts = layout.joints, layout.parts

@@ -24,7 +24,7 @@ LIKELY: Final = 48
 """People who are as likely as the identified one."""
 
 MODEL_SD: Final = float(np.radians(2.0))
-"""What no traits explain of a rest at an unseen place [rad]."""
+"""How far a rest at an unseen place is from what is predicted, `Identified.unsure` apart [rad]."""
 
 _SPREAD: Final = 40
 """Places looked at first."""

@@ -5,8 +5,8 @@ say by some degrees, and alike at places that are near to each other. So what wa
 the model is a Gaussian process over places, with one width and one noise for all joints, the
 likeliest of `WIDTHS` and `NOISES`. Where nothing but noise is the likeliest it is zero.
 
-C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, section 2.7
-(explicit basis, here the model) and 5.4 (marginal likelihood).
+C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, section 2.2
+(prediction) and 5.4 (marginal likelihood). The model is fitted before, and not together with it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,11 @@ _TURN: Final = 0.3
 _FLUKE: Final = 3 * WIDTHS[-1]
 """Who is further off than that did something else [rad]: it counts as not seen."""
 
-_UNSEEN: Final = 1e6
-"""Variance of a joint that was not seen, times that of noise."""
+_UNSEEN: Final = 1e3
+"""Variance of a joint that was not seen [rad^2].
+
+Of no noise: it would decide which noise is the likeliest.
+"""
 
 
 class Unexplained:
@@ -59,11 +62,10 @@ class Unexplained:
         self._places = np.array([_place(pose) for pose in poses])
         seen = (np.abs(beyond) <= _FLUKE).T
         self._beyond = np.where(seen, beyond.T, 0.0)
-        # Of every joint, per unit of the noise's variance.
-        shares = np.where(seen, 1.0, _UNSEEN)[:, :, None] * np.eye(len(self._places))
+        known, once = seen[:, :, None], np.eye(len(self._places))
         alike = np.array([self._alike(pose) for pose in poses])
         found = [
-            (*self._fitted(width**2 * alike + noise**2 * shares), width)
+            (*self._fitted(width**2 * alike + np.where(known, noise**2, _UNSEEN) * once), width)
             for width in widths
             for noise in noises
         ]
@@ -72,7 +74,8 @@ class Unexplained:
     def at(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what is expected of every joint at a place (4, 4): mean and deviation (n,) [rad].
 
-        The deviation is that of what nobody can know yet, noise apart.
+        The deviation is that of the process with this width, noise apart: nothing of how well the
+        width or the traits are known. Few rests, which the traits explain, leave a width of zero.
         """
         alike = self.width**2 * self._alike(pose)
         weights = alike @ self._inverse

@@ -110,3 +110,16 @@ def test_far_away_nothing_is_known() -> None:
     mean, deviation = Unexplained(poses, beyond, (WIDTHS[2],)).at(far)
     np.testing.assert_allclose(mean, 0.0, atol=1e-12)
     np.testing.assert_allclose(deviation, WIDTHS[2])
+
+
+def test_what_was_not_seen_decides_neither_width_nor_noise() -> None:
+    for seed in range(20):
+        rng, poses = np.random.default_rng(seed), places(10, seed)
+        beyond = NOISES[1] * rng.standard_normal((10, 20))
+        hidden = np.where(rng.random(beyond.shape) < 0.4, np.nan, beyond)
+        assert Unexplained(poses, hidden).width == 0.0
+        # Ten joints that nobody ever saw are no joints.
+        never = beyond.copy()
+        never[:, 10:] = np.nan
+        seen = Unexplained(poses, beyond[:, :10])
+        assert Unexplained(poses, never).width == seen.width == 0.0
