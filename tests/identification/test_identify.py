@@ -13,6 +13,8 @@ import ergoqp
 from ergoqp.errors import InputError
 from ergoqp.identification.identify import Identified, Identifier
 from ergoqp.identification.promising import LIKELY, Promise, Promising, chosen
+from ergoqp.identification.unexplained import WIDTHS, Unexplained
+from ergoqp.joints import JOINTS
 from ergoqp.problem.workspace import Workspace
 from ergoqp.simulation.people import person_of_kind
 
@@ -79,6 +81,29 @@ def test_what_no_traits_explain_is_expected_elsewhere_too() -> None:
     assert gained[2] == 0.0
 
 
+def test_half_of_what_is_read_too_much_everywhere_is_taken_for_a_habit() -> None:
+    problem, rests, _ = rests_of_kind("alike", "desk", 1)
+    elbow = identified("alike", "desk", 1).joints[3]
+    shifted = np.radians(8.0) * (np.arange(32) == elbow)
+    person = ergoqp.identify(problem, [(posture + shifted, pose) for posture, pose in rests])
+    plain = replace(person, beyond=Identifier(problem).nobody(rests).beyond)
+    bias = np.radians(person.bias_deg[JOINTS[elbow]])
+    assert bias > np.radians(3.0)
+    added = [(person.posture_at(pose) - plain.posture_at(pose))[elbow] for _, pose in rests]
+    assert 0.4 < np.mean(added) / bias < 0.65
+
+
+def test_a_joint_that_was_not_seen_is_as_unsure_as_can_be() -> None:
+    problem, rests, _ = rests_of_kind("follower", "dentist", 1)
+    hidden = identified("follower", "dentist", 1).joints[4]
+    unseen = [(np.where(np.arange(32) == hidden, np.nan, q), pose) for q, pose in rests]
+    person = ergoqp.identify(problem, unseen)
+    assert person.beyond.width > 0
+    at = person.unsure(rests[0][1])
+    np.testing.assert_allclose(at[4], person.beyond.width, rtol=1e-3)
+    assert np.delete(at, 4).max() < 0.9 * person.beyond.width
+
+
 def test_the_person_is_a_response_and_a_body() -> None:
     problem, rests, _ = rests_of_kind("alike", "screwing", 1)
     person = identified("alike", "screwing", 1)
@@ -137,6 +162,26 @@ def test_places_are_promised_by_what_is_gained() -> None:
     start = int(problem.assess(holding.posture).final[0])
     assert holding.carry(places[0].pose)
     assert int(problem.assess(holding.posture).final[0]) <= min(start, 3)
+
+
+def test_where_more_is_unsure_more_may_be_gained() -> None:
+    person, promising = (
+        identified("follower", "dentist", 1),
+        Promising(ergoqp.load_problem("dentist"), 2.0),
+    )
+    far = np.eye(4)
+    far[:3, 3] = 50.0
+    never = np.zeros((1, len(person.joints)))
+    widths = (0.0, WIDTHS[-1])
+    by_width = [replace(person, beyond=Unexplained([far], never, (each,))) for each in widths]
+    # Of a place that is a little worse than the best so far.
+    place = promising.places(by_width[0], 5.0)[10]
+    found = [promising.places(each, place.score - 0.3, [place.pose]) for each in by_width]
+    sure, unsure = (
+        next(each for each in places if np.all(each.pose == place.pose)) for places in found
+    )
+    assert unsure.score == sure.score
+    assert unsure.gain > 1.2 * sure.gain
 
 
 def test_places_are_chosen_for_what_they_add_to_each_other() -> None:
