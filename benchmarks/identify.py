@@ -18,7 +18,10 @@ identification on one core. ``KIND.delay_error_ms``: of how late the person foll
 Beside each: ``.nominal``: the problem's own person, of whom nothing was identified; ``.nearest``:
 the posture of the nearest of the ten rests; ``one_of_three.rests``: the three best of the ten
 places, by their measured scores; ``.plain``: what no traits explain left out of the predictions;
-``one_of_three.thirty``: by thirty rests instead of ten.
+``one_of_three.thirty``: by thirty rests instead of ten, or as many as there are;
+``.half_bias``: without what no traits explain, but half of what the sensors seem to read too much
+added everywhere, which is the simplest part of it; ``.biased``: all by sensors that read every
+joint wrong by `BIAS`, drawn once per person, and ``.biased_plain``: of these ``.plain``.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ from benchmarks.people import JUDGING, KEPT, prepared
 from benchmarks.people_draw import judged, model_optimum
 from benchmarks.report import Report, run
 from ergoqp.identification.delay import delay_of
-from ergoqp.identification.identify import Identified, Identifier
+from ergoqp.identification.identify import HABIT, Identified, Identifier
 from ergoqp.identification.promising import Promising, chosen
 from ergoqp.identification.watched import watched
 from ergoqp.problem_files.load import TASKS
@@ -47,6 +50,7 @@ from ergoqp.simulation.people.person import Holding
 
 GIVEN, UNSEEN, MORE = 10, 8, 20
 NOISE = float(np.radians(2.0))
+BIAS = float(np.radians(4.0))
 SCORED_AT_DEG = 2.0
 USUAL = 0.23
 """Half of the longest delay, and the mean lag of the hand, that people are drawn with [s]."""
@@ -92,6 +96,13 @@ def of_person(kind: str, name: str, seed: int) -> dict[str, list[float]] | None:
     plain = replace(found, beyond=nobody.beyond)
     predictions = [[each.posture_at(pose) for _, pose in unseen] for each in (found, nobody, plain)]
     predictions.append([_nearest(given, pose) for _, pose in unseen])
+    half = np.zeros(32)
+    half[found.joints] = [HABIT * np.radians(each) for each in found.bias_deg.values()]
+    predictions.append([posture + half for posture in predictions[2]])
+    wrong = BIAS * np.random.default_rng([seed, 78]).standard_normal(32)
+    biased = identifier.identify([(posture + wrong, pose) for posture, pose in given])
+    for each in (biased, replace(biased, beyond=nobody.beyond)):
+        predictions.append([each.posture_at(pose) for _, pose in unseen])
     truth = [posture for posture, _ in unseen]
     scores = [judge.score(posture) for posture in truth]
     many = identifier.identify([*given, *noisy[GIVEN + UNSEEN :]])
@@ -168,7 +179,8 @@ def measure(report: Report) -> None:
         for name in ("posture_deg", "score_error", "one_of_three"):
             by_way = np.array([each[name] for each in found])
             middle = np.median if name == "posture_deg" else np.mean
-            others = (".thirty", ".rests") if name == "one_of_three" else (".nearest",)
+            simpler = (".nearest", ".half_bias", ".biased", ".biased_plain")
+            others = (".thirty", ".rests") if name == "one_of_three" else simpler
             ways = ("", ".nominal", ".plain", *others)
             for way, values in zip(ways, by_way.T, strict=True):
                 report.figure(f"{kind}.{name}{way}", float(middle(values)))
