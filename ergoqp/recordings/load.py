@@ -15,8 +15,6 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
 from ergoqp.recordings.fitting.axes import find_unit, find_up, to_world
-from ergoqp.recordings.fitting.centre_model import BASE, CentreModel
-from ergoqp.recordings.fitting.hands import place_hands
 from ergoqp.recordings.fitting.head import rest_lean, straighten_head
 from ergoqp.recordings.fitting.person import (
     given_person,
@@ -25,7 +23,7 @@ from ergoqp.recordings.fitting.person import (
     suggested_stature,
 )
 from ergoqp.recordings.fitting.posture_fit import fit
-from ergoqp.recordings.naming import CENTRES, NamedCentres, named_centres, read_mapping
+from ergoqp.recordings.naming import NamedCentres, named_centres, read_mapping
 from ergoqp.recordings.readers import read_motion
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
@@ -89,14 +87,13 @@ def load_recording(
     if body is None:
         body = _measured_body(path, lengths, stature, unit, assumptions)
 
-    world = _placed(named, unit, up, body, assumptions)
-    order = [centre for centre in CENTRES if centre in world]
-    result = fit(CentreModel(body, order), np.stack([world[centre] for centre in order], axis=1))
+    world = _placed(named, unit, up, assumptions)
+    result = fit(body, world, motion.time)
     assumptions.extend(remarks(motion.time, world, result.observed, result.error))
     return Recording(
         time=motion.time,
-        postures=result.configurations[:, BASE:],
-        base_poses=_poses(result.configurations[:, :BASE]),
+        postures=result.postures,
+        base_poses=_poses(result.pelvis),
         observed=result.observed,
         fit_error=result.error,
         object_poses=None,
@@ -170,12 +167,9 @@ def _measured_body(
 
 
 def _placed(
-    named: NamedCentres, unit: float, up: str, body: Body, assumptions: list[str]
+    named: NamedCentres, unit: float, up: str, assumptions: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the fit's targets: centre -> positions (n, 3) in our axes [m].
-
-    Head and hands are as the body has them.
-    """
+    """Return the fit's targets: centre -> positions (n, 3) in our axes [m], the head upright."""
     world = {centre: to_world(path, unit, up) for centre, path in named.paths.items()}
     lean = rest_lean({centre: to_world(place, unit, up) for centre, place in named.rest.items()})
     if abs(lean) > _UPRIGHT:
@@ -184,12 +178,6 @@ def _placed(
         assumptions.append(
             f"The skeleton's neck leans forward by {angle} at rest; that is taken as looking"
             " straight ahead."
-        )
-    world = place_hands(world, body)
-    if set(world) & {"right_knuckles", "left_knuckles"}:
-        assumptions.append(
-            "The hands have average length; of the recording's hand joints only the directions are"
-            " used."
         )
     return world
 

@@ -19,15 +19,15 @@ FILES = {
     "cmu_131_01_walk_max": (
         "CMU for 3ds Max",
         0.056444,
-        0.012,
+        0.017,
         {"neck_twist", "forearm_pronation"},
     ),
-    "cmu_62_04_screwing_keyframes": ("CMU", 0.056444, 0.020, {"neck_twist", "forearm_pronation"}),
-    "toolbox_freebvh": ("mixamo", 0.01, 0.019, set()),
+    "cmu_62_04_screwing_keyframes": ("CMU", 0.056444, 0.026, {"neck_twist", "forearm_pronation"}),
+    "toolbox_freebvh": ("mixamo", 0.01, 0.031, set()),
     "xsens_motionbox": (
         "Xsens",
         0.01,
-        0.007,
+        0.010,
         {"neck_twist", "forearm_pronation", "wrist_flexion", "wrist_deviation"},
     ),
 }
@@ -38,7 +38,7 @@ def test_the_body_fits(name: str, shared: Path):
     naming, unit, error, untold = FILES[name]
     recording = load_recording(shared / "mocap" / "bvh" / f"{name}.bvh")
     assert np.median(recording.fit_error) < error
-    assert recording.fit_error.max() < 0.032
+    assert recording.fit_error.max() < 0.055
     assert (recording.postures >= LOWER).all()
     assert (recording.postures <= UPPER).all()
     said = " ".join(recording.assumptions)
@@ -123,7 +123,7 @@ def test_the_screwing_arm_has_the_angles_of_the_raw_joints(shared: Path):
     path = shared / "mocap" / "bvh" / "cmu_62_04_screwing_keyframes.bvh"
     motion, recording = read_bvh(path), load_recording(path)
     theirs = {
-        "neck": "Neck",
+        "neck": "Neck1",
         "right_hip": "RightUpLeg",
         "left_hip": "LeftUpLeg",
         "right_shoulder": "RightArm",
@@ -134,8 +134,9 @@ def test_the_screwing_arm_has_the_angles_of_the_raw_joints(shared: Path):
         raw = arm_angles(
             {ours: to_world(motion.of(name)[frame], 0.056444, "y") for ours, name in theirs.items()}
         )
-        assert (raw > [22, 51, 73]).all()
-        assert (raw < [27, 59, 82]).all()
+        assert (raw > [25, 49, 73]).all()
+        assert (raw < [31, 59, 82]).all()
         fitted = arm_angles(fitted_places(recording, frame, list(theirs)))
-        assert np.abs(fitted - raw).max() < 6
-        assert abs(np.degrees(recording.postures[frame, INDEX["right_elbow_flexion"]]) - raw[2]) < 6
+        assert np.abs(fitted - raw).max() < 0.6
+        elbow = recording.postures[frame, INDEX["right_elbow_flexion"]]
+        assert abs(np.degrees(elbow) - raw[2]) < 1e-6

@@ -1,0 +1,55 @@
+"""Where the joint centres of a body are: one function for everybody, lengths are its inputs."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.human import FRACTIONS, Body, Kinematics
+from ergoqp.human.growth import GROWTH
+from ergoqp.joints import JOINTS
+from ergoqp.recordings.naming import CENTRES
+
+_MEASURED: Final = tuple(
+    centre for centre in CENTRES if not centre.endswith(("nose", "knuckles", "thumb"))
+)
+"""Centres with a place of their own; of the others only the direction is known."""
+_BLOCK: Final = 4096
+
+
+def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the body's joint centres, those whose place in a segment is anatomical.
+
+    Args:
+        body: the person.
+        pelvis: x, y, z [m] and yaw [rad] (n, 4).
+        postures: joint angles (n, 32) [rad].
+
+    Returns:
+        Centre -> positions (n, 3) [m].
+    """
+    nominal = Body()
+    whole = body.stature / nominal.stature
+    growth = [whole - 1]
+    growth += [body.lengths[name] / nominal.lengths[name] - whole for name in FRACTIONS]
+    z, function = np.hstack([pelvis, postures]), _function()
+    parts = [
+        np.array(function(z[at : at + _BLOCK].T, np.array(growth)))
+        for at in range(0, len(z), _BLOCK)
+    ]
+    places = np.hstack(parts).reshape(len(_MEASURED), 3, -1)
+    return {centre: place.T for centre, place in zip(_MEASURED, places, strict=True)}
+
+
+@cache
+def _function() -> ca.Function:
+    """Return pelvis and posture (36,), growth (14,) -> positions of `_MEASURED`, one by one."""
+    z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
+    kinematics = Kinematics(Body(), growth)
+    cos, sin = ca.cos(z[3]), ca.sin(z[3])
+    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    places = [z[:3] + yaw @ kinematics.at(centre, z[4:])[0] for centre in _MEASURED]
+    return ca.Function("centres", [z, growth], [ca.densify(ca.cse(ca.vertcat(*places)))])
