@@ -26,7 +26,7 @@ from ergoqp.errors import InputError
 from ergoqp.expressions.evaluator import evaluated_once
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.sheets.description import Segment, Sheet
-from ergoqp.sheets.options import Method, read_method, sheet_of
+from ergoqp.sheets.options import Method, check_by_joint, read_method, sheet_of
 from ergoqp.sheets.postures import read_postures
 from ergoqp.sheets.task import DEFAULTS, Task, TaskOptions, read_task
 
@@ -70,6 +70,7 @@ class SmoothReba:
         """
         self.taus_deg, self.weights = _mixture(taus_deg, weights)
         self.method = read_method(method)
+        check_by_joint(self.method, "smooth_reba")
         sheet = sheet_of(self.method)
         self.task: TaskOptions = {**DEFAULTS, **task}
         q = ca.SX.sym("q", len(JOINTS))

@@ -21,7 +21,7 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, SIDES, UPPER
 from ergoqp.sheets.description import TIE, Segment, Sheet
 from ergoqp.sheets.interval import FINAL_MAX, interval_ranges, interval_sheet
 from ergoqp.sheets.look_up import look_up, score_final, score_segment
-from ergoqp.sheets.options import Method, read_method, sheet_of
+from ergoqp.sheets.options import Method, check_by_joint, read_method, sheet_of
 from ergoqp.sheets.task import Task, TaskOptions, read_task
 
 _CLEAR: Final = 2 * TIE
@@ -69,6 +69,7 @@ def sheet_sampler(
     The tables are worked out once.
     """
     method = read_method(method)
+    check_by_joint(method, "balanced_postures")
     sheet = sheet_of(method)
     task = read_task(sheet, None, options)
     return BalancedSampler(sheet, task, method.arms, method.final_max, LOWER, UPPER, joints)

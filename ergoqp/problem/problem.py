@@ -26,6 +26,7 @@ from ergoqp.problem.control import Control
 from ergoqp.problem.kinds import check_expression, check_kinds
 from ergoqp.problem.robot import DeclaredRobot
 from ergoqp.responses import LinearResponse, Response
+from ergoqp.sheets.options import check_by_joint
 from ergoqp.sheets.reba import Assessment, Method, assess
 from ergoqp.sheets.task import TaskOptions
 
@@ -71,6 +72,7 @@ class Problem:
         except InputError as error:
             raise ProblemError(str(error)) from None
         check_kinds(self)
+        check_by_joint(self.method, "problem")
         self._check_state()
         check_expression(self.cost, len(self.coordinates))
         count = sum(isinstance(limit, TwistLimit) for limit in self.limits)

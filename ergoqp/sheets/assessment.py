@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ergoqp.errors import InputError
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER, spoken
 from ergoqp.sheets.description import TIE, Segment, Sheet
+from ergoqp.sheets.elevation import by_elevation
 from ergoqp.sheets.look_up import (
     Scores8,
     look_up,
@@ -146,7 +147,7 @@ class Assessment:
     def _segment(self, segment: Segment, side: str, i: int) -> str:
         return explain_segment(
             segment,
-            self.postures[i],
+            _as_read(self.method, self.postures[i]),
             self._task.rows(i),
             side,
             int(self._scored[segment.label(side)][i]),
@@ -186,6 +187,11 @@ class Assessment:
         ]
 
 
+def _as_read(method: Method, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what a method reads of joint angles (32, ...) [rad]."""
+    return angles if method.upper_arm == "flexion" else by_elevation(angles)
+
+
 def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> Assessment:
     """Score checked postures block by block.
 
@@ -207,7 +213,7 @@ def assess_rows(postures: NDArray[np.float64], method: Method, task: Task) -> As
         angles = np.ascontiguousarray(postures[rows].T)
         valid[rows] = check_angles(angles, start)
         options = task.rows(rows)
-        block = score_segments(sheet, angles, options)
+        block = score_segments(sheet, _as_read(method, angles), options)
         arms = {side: score_side(sheet, block, side) for side in SIDES}
         worse = (
             np.maximum(*arms.values())

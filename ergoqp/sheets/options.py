@@ -21,6 +21,7 @@ _CHOICES: Final = {
     "load_ends": ("inner", "lower", "higher"),
     "trunk_extension": ("worksheet", "capped", "mirrored"),
     "arms": ("whole", "segments"),
+    "upper_arm": ("flexion", "elevation"),
 }
 _ASCENDING: Final = (
     ("trunk_upright_deg", "trunk_bent_deg", "trunk_deep_deg"),
@@ -54,6 +55,9 @@ class Method:
         knees_when_seated: bent knees count also when seated.
         arms: each arm scored ``"whole"`` and the worse score B carried forward, or the worse of
             both arms in each of its ``"segments"`` (never lower).
+        upper_arm: what its bands read: the ``"flexion"`` of the shoulder, or the ``"elevation"`` of
+            the arm, whichever way its joints got there (see `ergoqp.sheets.elevation`). For
+            assessments only: costs take flexion, as elevation mixes joints.
         final_max: upper end of the final score, 15; some implementations stop at 12.
         neck_extension_deg: extension counts past this; negative: flexion below that amount counts
             as extension.
@@ -91,6 +95,7 @@ class Method:
     adduction: bool = False
     knees_when_seated: bool = False
     arms: Literal["whole", "segments"] = "whole"
+    upper_arm: Literal["flexion", "elevation"] = "flexion"
     final_max: int = 15
     neck_extension_deg: float = _DEFAULT["neck_extension_deg"]
     neck_flexion_deg: float = _DEFAULT["neck_flexion_deg"]
@@ -166,6 +171,23 @@ def read_method(method: Method | None) -> Method:
     if method is not None and not isinstance(method, Method):
         raise InputError(f"method: got {shown(method)}, allowed: a reba.Method")
     return Method() if method is None else method
+
+
+def check_by_joint(method: Method, what: str) -> None:
+    """Raise for a method that reads several joints at once, where joints are taken one by one.
+
+    Args:
+        method: how the sheet is to be read.
+        what: would read it.
+
+    Raises:
+        InputError: naming the value.
+    """
+    if method.upper_arm != "flexion":
+        raise InputError(
+            f"{what}: got Method.upper_arm {method.upper_arm!r}, allowed: 'flexion', as an"
+            " elevation mixes joints"
+        )
 
 
 @lru_cache(maxsize=64)

@@ -52,6 +52,7 @@ METHODS = [
     ({"wrist_deviation_deg": 30}, "left_wrist", {"left_wrist_deviation": 20}, 2, 1),
     ({"forearm_pronation_deg": 60}, "left_wrist", {"left_forearm_pronation": -50}, 2, 1),
     ({"knees_when_seated": True}, "legs", {"left_knee_flexion": 90, "seated": True}, 1, 3),
+    ({"upper_arm": "elevation"}, "left_upper_arm", {"left_shoulder_abduction": 170}, 2, 4),
     # Load and final score, in a posture whose score they move.
     ({"load_ends": "lower"}, "final", {"trunk_flexion": 70, "load_kg": 5}, 3, 2),
     ({"load_ends": "lower"}, "final", {"trunk_flexion": 70, "load_kg": 10}, 3, 3),
