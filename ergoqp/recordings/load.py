@@ -89,7 +89,7 @@ def load_recording(
 
     world = _placed(named, unit, up, assumptions)
     result = fit(body, world, motion.time)
-    assumptions.extend(remarks(motion.time, world, result.observed, result.error))
+    assumptions.extend(remarks(motion.time, world, result))
     return Recording(
         time=motion.time,
         postures=result.postures,
@@ -99,6 +99,8 @@ def load_recording(
         object_poses=None,
         assumptions=tuple(assumptions),
         person=body,
+        errors=result.errors,
+        not_scored=result.not_scored,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,8 +20,8 @@ class Recording:
             [rad].
         base_poses: pose of the pelvis in the world, upright (position and heading only), x forward,
             y left, z up, shape (n, 4, 4) [m].
-        observed: whether the recording tells this joint, shape (n, 32) bool; one that it does not
-            tell is held at zero, and a frame in which nothing is seen keeps the posture before.
+        observed: whether the recording tells this joint, shape (n, 32) bool; one that it never
+            tells is zero, one that it does not tell for a while goes on between those it tells.
         fit_error: root of the mean squared distance between the recording's joint centres and the
             fitted body's, over the centres that were mapped, shape (n,) [m]; NaN where nothing is
             seen.
@@ -28,6 +29,9 @@ class Recording:
             None.
         assumptions: what was assumed because the file does not say it, one sentence each.
         person: the body that was fitted.
+        errors: centre -> how far the fitted body's is from the recording's, shape (n,) [m].
+        not_scored: why frames are not to be scored (see `ergoqp.recordings.fitting.validity`) ->
+            those frames, shape (n,) bool.
     """
 
     time: np.ndarray
@@ -38,3 +42,22 @@ class Recording:
     object_poses: np.ndarray | None
     assumptions: tuple[str, ...]
     person: Body
+    errors: Mapping[str, np.ndarray] = field(default_factory=dict)
+    not_scored: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def scored(self) -> np.ndarray:
+        """Frames that show a posture, shape (n,) bool."""
+        lacking = np.zeros(len(self.time), dtype=bool)
+        for frames in self.not_scored.values():
+            lacking |= frames
+        return ~lacking
+
+    @property
+    def scored_postures(self) -> np.ndarray:
+        """The postures for `ergoqp.reba.assess`, which scores no NaN: (n, 32) [rad]."""
+        return np.where(self.scored[:, None], self.postures, np.nan)
+
+    def causes(self, frame: int) -> list[str]:
+        """Return why a frame is not scored; nothing if it is."""
+        return [cause for cause, frames in self.not_scored.items() if frames[frame]]

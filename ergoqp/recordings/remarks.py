@@ -8,23 +8,51 @@ from typing import Final
 import numpy as np
 
 from ergoqp.joints import INDEX, JOINTS, SIDES, spoken
+from ergoqp.recordings.fitting.posture_fit import Fit
+from ergoqp.recordings.fitting.validity import BRIDGED, NEEDED
 
 _POOR: Final = 0.06  # m
 _FASTEST: Final = 12.0  # m/s: above what a hand reaches in work
 
 
-def remarks(
-    time: np.ndarray, targets: Mapping[str, np.ndarray], observed: np.ndarray, error: np.ndarray
-) -> list[str]:
+def remarks(time: np.ndarray, targets: Mapping[str, np.ndarray], result: Fit) -> list[str]:
     """Return what stands out about a fitted recording.
 
     Args:
         time: time stamps, shape (n,) [s].
         targets: centre -> positions (n, 3) [m] that the body was fitted to.
-        observed: which joints are told, shape (n, 32) bool.
-        error: fit error, shape (n,) [m].
+        result: what came of it.
     """
-    return [*_poor(error), *_leaps(time, targets), *_unobserved(np.any(observed, axis=0))]
+    told = np.any(result.observed, axis=0)
+    return [
+        *_poor(result.error),
+        *_leaps(time, targets),
+        *_not_scored(result.not_scored),
+        *_bridged(result),
+        *_unobserved(told),
+    ]
+
+
+def _not_scored(causes: Mapping[str, np.ndarray]) -> list[str]:
+    """Say which frames show no posture."""
+    if not causes:
+        return []
+    lacking = np.logical_or.reduce(list(causes.values()))
+    counted = ", ".join(f"{cause} {int(frames.sum())}" for cause, frames in causes.items())
+    return [f"{int(lacking.sum())} of {len(lacking)} frames are not scored: {counted}."]
+
+
+def _bridged(result: Fit) -> list[str]:
+    """Say where what was lost for a moment is taken from what is around it."""
+    lacking = np.logical_or.reduce([np.zeros(len(result.error), bool), *result.not_scored.values()])
+    needed = [INDEX[joint] for _, joint in NEEDED if result.observed[:, INDEX[joint]].any()]
+    count = int((~result.observed[:, needed].all(axis=1) & ~lacking).sum())
+    if not count:
+        return []
+    return [
+        f"In {count} frames a joint is lost for less than {BRIDGED:g} s: it is taken from what is"
+        " around."
+    ]
 
 
 def _poor(error: np.ndarray) -> list[str]:
@@ -62,6 +90,12 @@ def _unobserved(told: np.ndarray) -> list[str]:
     if not never:
         return []
     sentences = [f"Not told by the recording and held at zero: {', '.join(never)}."]
+    arms = [side for side in SIDES if told[INDEX[f"{side}_shoulder_flexion"]]]
+    if len(arms) == 1:
+        lost = next(side for side in SIDES if side not in arms)
+        sentences.append(
+            f"The {lost} arm is scored as if it were hanging: only the other one counts."
+        )
     if any(
         told[INDEX[f"{side}_wrist_flexion"]] and not told[INDEX[f"{side}_forearm_pronation"]]
         for side in SIDES

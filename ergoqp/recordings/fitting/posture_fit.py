@@ -16,6 +16,7 @@ from ergoqp.joints import JOINTS, SIDES
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.limbs import arm_angles, leg_angles
 from ergoqp.recordings.fitting.spine import spine_of
+from ergoqp.recordings.fitting.validity import not_scored
 from ergoqp.recordings.naming import CENTRES
 
 
@@ -28,20 +29,19 @@ class Fit:
         postures: joint angles within their ranges (n, 32) [rad].
         observed: which joints the recording tells (n, 32).
         errors: centre -> distance of the body's from the recording's (n,) [m]; NaN: not seen.
+        not_scored: why frames are not to be scored -> those frames (n,) bool.
     """
 
     pelvis: np.ndarray
     postures: np.ndarray
     observed: np.ndarray
     errors: dict[str, np.ndarray]
+    not_scored: dict[str, np.ndarray]
 
     @property
     def error(self) -> np.ndarray:
         """Root of the mean squared distance of the seen centres (n,) [m]; NaN: none is seen."""
-        squares = np.stack(list(self.errors.values())) ** 2
-        seen = np.isfinite(squares)
-        count = seen.sum(axis=0)
-        return np.sqrt(np.where(seen, squares, 0.0).sum(axis=0) / np.where(count, count, np.nan))
+        return _root_mean_square(self.errors, len(self.pelvis))
 
 
 def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
@@ -95,4 +95,13 @@ def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
         if centre in fitted
     }
     observed = np.stack([told[joint] for joint in JOINTS], axis=1)
-    return Fit(spine.pelvis, postures, observed, errors)
+    error = _root_mean_square(errors, len(time))
+    causes = not_scored(places, fitted, observed, error, time)
+    return Fit(spine.pelvis, postures, observed, errors, causes)
+
+
+def _root_mean_square(errors: Mapping[str, np.ndarray], frames: int) -> np.ndarray:
+    squares = np.array(list(errors.values())).reshape(-1, frames) ** 2
+    seen = np.isfinite(squares)
+    count = seen.sum(axis=0)
+    return np.sqrt(np.where(seen, squares, 0.0).sum(axis=0) / np.where(count, count, np.nan))
