@@ -16,6 +16,13 @@ class Up(StrEnum):
     z = "z"
 
 
+class UpperArm(StrEnum):
+    """What the bands of the upper arm read."""
+
+    flexion = "flexion"
+    elevation = "elevation"
+
+
 class Side(StrEnum):
     """Which arm an option is about."""
 

@@ -16,6 +16,7 @@ from ergoqp.cli.app import (
     Side,
     Unit,
     UpAxis,
+    UpperArm,
     app,
     out_option,
     pair,
@@ -39,14 +40,15 @@ Examples:
 
 _ABOUT_SCORE = """Score every frame of a recording by REBA.
 
-Prints a table and writes scores.csv, scores.json and report.html. What joint angles cannot tell
-is given by options.
+Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. What
+joint angles cannot tell is given by options. Frames that show no posture are not scored, and named.
 
 \b
 Examples:
   ergoqp score take.bvh
   ergoqp score take.bvh --load-kg 6 --coupling 1
   ergoqp score take.bvh --seated --unit-to-m 0.01 --up y
+  ergoqp score take.bvh --upper-arm elevation
 """
 
 
@@ -170,6 +172,13 @@ def _score(
     shoulder_raised: Annotated[
         Side | None, typer.Option("--shoulder-raised", help="Raised shoulder.", show_default=False)
     ] = None,
+    upper_arm: Annotated[
+        UpperArm,
+        typer.Option(
+            "--upper-arm",
+            help="Score its flexion, or its elevation, whichever way the joints got there.",
+        ),
+    ] = UpperArm.flexion,
     person: Person = None,
     unit_to_m: Unit = None,
     up: UpAxis = None,
@@ -177,6 +186,7 @@ def _score(
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.score import score
+    from ergoqp.sheets.reba import Method
     from ergoqp.sheets.task import TaskOptions
 
     task = TaskOptions(
@@ -189,4 +199,10 @@ def _score(
         arm_supported=pair(arm_supported),
         shoulder_raised=pair(shoulder_raised),
     )
-    score(recording, out, task, RecordingOptions(person, unit_to_m, up and up.value, mapping))
+    score(
+        recording,
+        out,
+        task,
+        RecordingOptions(person, unit_to_m, up and up.value, mapping),
+        Method(upper_arm=upper_arm.value),
+    )

@@ -69,7 +69,7 @@ def write_score_page(
         figures=_figures(movement, assessment),
         sections=[
             _over_time(recording, assessment, summary),
-            _worst(assessment, summary),
+            _worst(recording, assessment, summary),
             _fit(recording, summary),
             Section(
                 "Options",
@@ -171,10 +171,11 @@ def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, 
     )
 
 
-def _worst(assessment: Assessment, summary: dict[str, Any]) -> Section:
+def _worst(recording: Recording, assessment: Assessment, summary: dict[str, Any]) -> Section:
     worst = summary["worst"]
     if worst is None:
-        return Section("Worst moment", "No frame could be scored.", sentences=assessment.reasons(0))
+        causes = recording.causes(0) or assessment.reasons(0)
+        return Section("Worst moment", "No frame could be scored.", sentences=causes)
     intro = (
         f"Frame {worst['frame']} at {worst['time_s']:.2f} s: REBA {worst['reba']}, {worst['risk']}."
     )
@@ -206,14 +207,20 @@ def _highest_share(share: dict[str, float]) -> tuple[str, str]:
 def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
     error = {"fit error": 1e3 * recording.fit_error}
     outside = [(spoken(name), str(frames)) for name, frames in summary["outside"].items()]
+    causes = [(cause, str(frames)) for cause, frames in summary["not_scored"].items()]
+    centres = [
+        (spoken(centre), f"{each['median']:.0f}", f"{each['max']:.0f}")
+        for centre, each in summary["centre_error_mm"].items()
+    ]
+    tables = [
+        PageTable(("not scored", "frames"), causes, numeric=(1,)),
+        PageTable(("joint beyond its range", "frames"), outside, numeric=(1,)),
+        PageTable(("joint centre", "median, mm", "highest, mm"), centres, numeric=(1, 2)),
+    ]
     return Section(
         "Fit",
         "Distance between the joint centres of the recording and those of the fitted body (RMS over"
-        " the centres).",
+        " the centres). The angles are those of the recording's own bones.",
         pictures=[Picture(lines_chart("Fit error", recording.time, error, "mm", from_zero=True))],
-        tables=(
-            [PageTable(("joint beyond its range", "frames"), outside, numeric=(1,))]
-            if outside
-            else []
-        ),
+        tables=[table for table in tables if table.rows],
     )

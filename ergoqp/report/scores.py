@@ -10,6 +10,7 @@
   when not scored;
 - ``fit_error_mm``: how far the fitted body is from the recording, RMS [mm];
 - ``valid``: 1 or 0;
+- ``not_scored``: why not, causes separated by semicolons;
 - ``outside``: joints beyond their range, separated by spaces.
 
 ``scores.json`` holds `summary_of`.
@@ -51,7 +52,17 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
     with whole(rows) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(
-            ["time_s", "reba", "risk", "arm", *palette.SEGMENTS, "fit_error_mm", "valid", "outside"]
+            [
+                "time_s",
+                "reba",
+                "risk",
+                "arm",
+                *palette.SEGMENTS,
+                "fit_error_mm",
+                "valid",
+                "not_scored",
+                "outside",
+            ]
         )
         for i, (valid, final) in enumerate(
             zip(assessment.valid.tolist(), assessment.final.tolist(), strict=True)
@@ -65,6 +76,7 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
                     *(int(assessment.segments[name][i]) for name in palette.SEGMENTS),
                     f"{1e3 * recording.fit_error[i]:.2f}",
                     int(valid),
+                    "; ".join(recording.causes(i)),
                     " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
                 ]
             )
@@ -75,13 +87,14 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
 def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     """Return what a scored recording comes down to.
 
-    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``duration_s``,
-    ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over valid frames (null
-    without one); ``share`` {action level: share of the valid frames}; ``worst`` {``frame``,
-    ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with the highest
-    score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the valid
-    frames}}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``, ``max``}
-    (null when unknown); ``assumptions``. Frames count from 0.
+    Keys, stable: ``version``, ``sheet``, ``frames``, ``valid_frames``, ``not_scored`` {cause:
+    frames}, ``duration_s``, ``stature_m``; ``mean``, ``median``, ``p95``, ``max`` of the score over
+    valid frames (null without one); ``share`` {action level: share of the valid frames}; ``worst``
+    {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with
+    the highest score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the
+    valid frames}}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``,
+    ``max``} (null when unknown), ``centre_error_mm`` {centre: the same}; ``assumptions``. Frames
+    count from 0.
 
     Args:
         recording: what was scored.
@@ -96,6 +109,7 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "sheet": "REBA",
         "frames": len(assessment.final),
         "valid_frames": count,
+        "not_scored": {cause: int(frames.sum()) for cause, frames in recording.not_scored.items()},
         "duration_s": round(float(recording.time[-1] - recording.time[0]), 6),
         "stature_m": round(float(recording.person.stature), 4),
         "mean": round(float(final.mean()), 4) if count else None,
@@ -109,6 +123,11 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
         "segments": {name: _segment(assessment, name, count) for name in palette.SEGMENTS},
         "outside": {JOINTS[j]: int(outside[j]) for j in np.flatnonzero(outside)},
         "fit_error_mm": _spread(error) if error.size else None,
+        "centre_error_mm": {
+            centre: _spread(1e3 * each[np.isfinite(each)])
+            for centre, each in recording.errors.items()
+            if np.isfinite(each).any()
+        },
         "assumptions": list(recording.assumptions),
     }
 

@@ -89,6 +89,9 @@ def score_table(recording: Recording, assessment: Assessment) -> RenderableType:
         "frames",
         f"{summary['valid_frames']} of {summary['frames']} scored, {summary['duration_s']:.1f} s",
     )
+    if summary["not_scored"]:
+        causes = [f"{cause} {count}" for cause, count in summary["not_scored"].items()]
+        table.add_row("not scored", Text(", ".join(causes)))
     worst = summary["worst"]
     if worst is None:
         return table

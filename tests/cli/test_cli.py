@@ -239,6 +239,8 @@ class TestScore:
         assert {path.name for path in folder.iterdir()} == {
             "scores.csv",
             "scores.json",
+            "angles.csv",
+            "angles.mot",
             "report.html",
         }
         with (folder / "scores.csv").open(newline="", encoding="utf-8") as file:
@@ -262,6 +264,35 @@ class TestScore:
                 json.loads((tmp_path / name / "scores.json").read_text(encoding="utf-8"))["mean"]
             )
         assert means[1] > means[0] >= means[2]
+
+    def test_frames_that_show_no_posture_are_not_scored(self, ergoqp, demo, tmp_path):
+        lines = Path(demo).read_text(encoding="utf-8").splitlines()
+        first = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
+        # The trunk of some frames is bent further back than anybody's.
+        names = [line.split()[1] for line in lines if line.split()[0] in ("ROOT", "JOINT")]
+        assert names[0] == "pelvis"
+        for i in range(first + 20, first + 40):
+            values = lines[i].split()
+            values[3:6] = [str(float(each) - 80) for each in values[3:6]]
+            lines[i] = " ".join(values)
+        (tmp_path / "odd.bvh").write_text("\n".join(lines), encoding="utf-8")
+        outcome = ergoqp("score", "odd.bvh", "--out", "odd")
+        assert outcome.status == 0, outcome.err
+        assert "161 of 181 scored" in outcome.out
+        assert "20 of 181 frames are not scored" in outcome.out
+        summary = json.loads((tmp_path / "odd" / "scores.json").read_text(encoding="utf-8"))
+        assert summary["valid_frames"] == 161
+        assert 20 in summary["not_scored"].values()
+        with (tmp_path / "odd" / "scores.csv").open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        assert [row["valid"] for row in rows] == ["1"] * 20 + ["0"] * 20 + ["1"] * 141
+        assert all(bool(row["not_scored"]) == (row["valid"] == "0") for row in rows)
+        assert not 20 <= summary["worst"]["frame"] < 40
+
+    def test_the_upper_arm_can_be_scored_by_its_elevation(self, ergoqp, demo, tmp_path):
+        assert ergoqp("score", demo, "--upper-arm", "elevation", "--out", "by").status == 0
+        summary = json.loads((tmp_path / "by" / "scores.json").read_text(encoding="utf-8"))
+        assert any("deg raised" in sentence for sentence in summary["worst"]["reasons"])
 
     @pytest.mark.parametrize(
         ("arguments", "words"),

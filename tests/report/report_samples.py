@@ -1,12 +1,11 @@
 """A synthetic run and a synthetic recording: made here, so that the report is tested apart from
 what fills it."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX
+from ergoqp.recordings import Recording
 from ergoqp.report.body.person import place
 from ergoqp.sheets import reba
 from ergoqp.simulation.run import Run
@@ -126,14 +125,16 @@ def make_run(duration=6.0, rate=50, **changes):
 
 def make_recording(duration=6.0, rate=50):
     body, time, postures, bases, _ = make_movement(duration, rate, seed=3)
-    postures[20:25, 4] = np.nan
-    return SimpleNamespace(
+    lost = np.isin(np.arange(len(time)), range(20, 25))
+    return Recording(
         time=time,
         postures=postures,
         base_poses=bases,
         observed=np.ones_like(postures, dtype=bool),
         fit_error=0.01 + 0.004 * np.sin(time),
         object_poses=None,
-        person=body,
         assumptions=("The unit of length is taken as cm.", "The vertical axis is taken as y."),
+        person=body,
+        errors={"neck": 0.01 + 0 * time},
+        not_scored={"left elbow not seen": lost},
     )

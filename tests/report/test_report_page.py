@@ -196,11 +196,14 @@ def test_nothing_is_printed_and_no_thread_is_left(tmp_path, capfd):
 
 def test_a_recording_without_any_score_still_has_a_page(tmp_path):
     recording = make_recording(2, 50)
-    recording.postures = np.full_like(recording.postures, np.nan)
+    lost = {"arms not seen": np.ones(len(recording.time), dtype=bool)}
+    recording = replace(recording, not_scored=lost)
     write_score_page(
-        recording, reba.assess(recording.postures), tmp_path / "score.html", [], "nothing"
+        recording, reba.assess(recording.scored_postures), tmp_path / "score.html", [], "nothing"
     )
-    assert "no frame could be scored" in (tmp_path / "score.html").read_text(encoding="utf-8")
+    page = (tmp_path / "score.html").read_text(encoding="utf-8")
+    assert "no frame could be scored" in page
+    assert "arms not seen" in page
 
 
 def test_the_same_reason_is_told_once(tmp_path):

@@ -3,7 +3,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,7 +70,7 @@ def test_facts_follow_from_the_arrays(run):
 
 
 def test_score_table_names_the_worst_frame(recording):
-    assessment = reba.assess(recording.postures)
+    assessment = reba.assess(recording.scored_postures)
     text = printed(score_table(recording, assessment))
     assert f"{assessment.valid.sum()} of {len(recording.time)} scored" in text
     assert f"max {assessment.final.max()}" in text
@@ -79,7 +78,7 @@ def test_score_table_names_the_worst_frame(recording):
 
 
 def test_scores_as_files(recording, tmp_path):
-    assessment = reba.assess(recording.postures)
+    assessment = reba.assess(recording.scored_postures)
     rows, summary = write_scores(recording, assessment, tmp_path / "new" / "folder")
     assert (rows.name, summary.name) == ("scores.csv", "scores.json")
     with rows.open(newline="", encoding="utf-8") as file:
@@ -106,11 +105,12 @@ def test_scores_as_files(recording, tmp_path):
 
 
 def test_scores_of_a_recording_that_cannot_be_scored(recording, tmp_path):
-    nothing = SimpleNamespace(
-        **vars(recording) | {"postures": np.full_like(recording.postures, np.nan)}
+    nothing = replace(
+        recording,
+        fit_error=np.full(len(recording.time), np.nan),
+        not_scored={"arms not seen": np.ones(len(recording.time), dtype=bool)},
     )
-    nothing.fit_error = np.full(len(recording.time), np.nan)
-    assessment = reba.assess(nothing.postures)
+    assessment = reba.assess(nothing.scored_postures)
     _, summary = write_scores(nothing, assessment, tmp_path)
     data = json.loads(summary.read_text(encoding="utf-8"))
     assert data["valid_frames"] == 0
@@ -126,7 +126,9 @@ def test_a_missing_extra_is_named(run, recording, tmp_path, monkeypatch, module)
     ):
         write_run_page(make_run(0.2), tmp_path / "report.html")
     with pytest.raises(MissingExtraError, match=module):
-        write_score_page(recording, reba.assess(recording.postures), tmp_path / "report.html", [])
+        write_score_page(
+            recording, reba.assess(recording.scored_postures), tmp_path / "report.html", []
+        )
     assert not list(tmp_path.iterdir())
 
 

@@ -251,11 +251,11 @@ def frame_of_recording(problem: Problem, recording: Recording, at: float | None)
     Raises:
         InputError: if the recording has no such time, or shows nothing.
     """
-    seen = recording.observed.any(axis=1)
-    if not seen.any():
-        raise InputError("--from: the recording shows no joint of the person in any frame")
+    if not recording.scored.any():
+        causes = ", ".join(recording.not_scored)
+        raise InputError(f"--from: no frame of the recording shows a posture ({causes})")
     if at is None:
-        return int(np.argmax(np.where(seen, problem.assess(recording.postures).final, -1)))
+        return int(np.argmax(problem.assess(recording.scored_postures).final))
     first, last = float(recording.time[0]), float(recording.time[-1])
     # What is printed with two digits must be allowed.
     if not (math.isfinite(at) and first - 0.005 <= at <= last + 0.005):

@@ -13,43 +13,49 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
+from ergoqp.report.angles import write_angles
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_scores
 from ergoqp.report.tables import score_table
-from ergoqp.sheets.reba import assess
+from ergoqp.sheets.reba import Method, assess
 from ergoqp.sheets.task import TaskOptions
 
 
 def score(
-    recording_path: Path, out: Path | None, task: TaskOptions, options: RecordingOptions
+    recording_path: Path,
+    out: Path | None,
+    task: TaskOptions,
+    options: RecordingOptions,
+    method: Method,
 ) -> None:
-    """Score a recording, print the table; write ``scores.csv``, ``scores.json``, ``report.html``.
+    """Score a recording, print the table; write its files and ``report.html``.
 
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
     with working(f"reading {recording_path.name}"):
         recording = options.load(recording_path)
-    assessment = assess(recording.postures, **task)
+    assessment = assess(recording.scored_postures, method, **task)
     folder = make_folder(out, recording_path.stem)
     screen = console()
     with writing(folder):
         write_scores(recording, assessment, folder)
+        write_angles(recording, folder)
     print_assumptions(screen, recording.assumptions)
     screen.print(score_table(recording, assessment))
     write_report(
         screen,
         folder,
-        ("scores.csv", "scores.json"),
+        ("scores.csv", "scores.json", "angles.csv", "angles.mot"),
         lambda path: write_score_page(
-            recording, assessment, path, _words(task), recording_path.name
+            recording, assessment, path, _words(task, method), recording_path.name
         ),
     )
 
 
-def _words(task: TaskOptions) -> list[tuple[str, str]]:
+def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:
     """Return what the scoring was told, as it is written."""
-    words = []
+    words = [("upper arm scored by", method.upper_arm)]
     for name, value in task.items():
         if isinstance(value, tuple):
             text = (
