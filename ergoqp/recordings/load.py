@@ -1,34 +1,24 @@
-"""From a motion-capture file to postures: read, name, place, fit."""
+"""From a motion-capture file, or from arrays, to postures."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ergoqp.arguments import path_of
-from ergoqp.errors import InputError, RecordingError
-from ergoqp.human import Body
-from ergoqp.joints import spoken
-from ergoqp.recordings.fitting.axes import find_unit, find_up, to_world
-from ergoqp.recordings.fitting.head import rest_lean, straighten_head
-from ergoqp.recordings.fitting.person import (
-    given_person,
-    measured_lengths,
-    measured_person,
-    suggested_stature,
-)
-from ergoqp.recordings.fitting.posture_fit import fit
-from ergoqp.recordings.naming import NamedCentres, named_centres, read_mapping
-from ergoqp.recordings.readers import read_motion
+from ergoqp.arguments import path_of, shown
+from ergoqp.errors import InputError
+from ergoqp.recordings.assemble import Reading, recording_of
+from ergoqp.recordings.fitting.axes import UPS
+from ergoqp.recordings.fitting.person import given_person
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.naming import read_mapping
+from ergoqp.recordings.readers import lacking, read_motion
 from ergoqp.recordings.recording import Recording
-from ergoqp.recordings.remarks import remarks
-
-_UPRIGHT: Final = math.radians(2)  # a neck that leans less at rest is not worth a sentence
 
 
 def load_recording(
@@ -38,8 +28,10 @@ def load_recording(
     up: str | None = None,
     *,
     mapping: str | Path | None = None,
+    neutral: float | str | Path | None = None,
+    window: tuple[float, float] | None = None,
 ) -> Recording:
-    """Read a motion-capture file and fit the body to it.
+    """Read a motion-capture file and find the postures in it.
 
     Args:
         path: the recording; its ending tells the format (see `ergoqp.recordings.readers`).
@@ -47,13 +39,19 @@ def load_recording(
             to measure the segment lengths in the recording itself.
         unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature
             of an adult.
-        up: the file's vertical axis, ``"y"`` or ``"z"``; None finds it.
+        up: the file's vertical axis, one of ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"``,
+            ``"-z"``; None finds it, and how a camera is tilted, from people who stand upright.
         mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known
             naming (see `ergoqp.recordings.naming.CENTRES`); None tries the known namings.
+        neutral: when the person stands straight, as time in the recording [s]; path of a recording
+            of the same skeleton in which the person does; ``"vertical"`` to measure the trunk to
+            the vertical whatever the skeleton is like; None finds it, by the rule of
+            `ergoqp.recordings.fitting.neutral`.
+        window: first and last time to read [s]; None: all.
 
     Returns:
-        Postures, pelvis poses, what was observed, how well the body fits, and every assumption
-        made.
+        Postures, pelvis poses, what was observed, which frames show no posture and why, how well
+        the body fits, and every assumption made.
 
     Raises:
         RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not
@@ -61,135 +59,112 @@ def load_recording(
         InputError: another argument is not usable.
     """
     path = path_of("recording", path)
-    _check_arguments(unit_to_m, up)
-    naming = None if mapping is None else read_mapping(Path(mapping))
-    body = None if person is None else given_person(person)
-    motion = read_motion(path)
-    named = named_centres(motion, naming, path.name)
-    centres = named.paths
-    assumptions = [f"The joints are named as in the {named.title} skeleton.", *motion.notes]
+    reading = _reading(person, unit_to_m, up, mapping, neutral, window)
+    return recording_of(read_motion(path), path.name, reading)
 
-    lengths = measured_lengths(centres)
-    stature = suggested_stature(lengths)
-    unit = unit_to_m
-    if unit is None:
-        if stature is None:
-            raise RecordingError(
-                f"{path.name}: no limb is complete enough to tell the unit of length; state"
-                " unit_to_m"
-            )
-        unit = find_unit(stature, path.name)
-        assumptions.append(
-            f"The unit of length is taken as {unit:g} m, the only common one that gives a stature"
-            " of 1.4 to 2.1 m."
-        )
-    up = _vertical(path, centres, up, assumptions)
-    if body is None:
-        body = _measured_body(path, lengths, stature, unit, assumptions)
 
-    world = _placed(named, unit, up, assumptions)
-    result = fit(body, world, motion.time)
-    assumptions.extend(remarks(motion.time, world, result))
-    return Recording(
-        time=motion.time,
-        postures=result.postures,
-        base_poses=_poses(result.pelvis),
-        observed=result.observed,
-        fit_error=result.error,
-        object_poses=None,
-        assumptions=tuple(assumptions),
-        person=body,
-        errors=result.errors,
-        not_scored=result.not_scored,
+def fit_postures(
+    names: Sequence[str],
+    positions: ArrayLike,
+    rate: float,
+    *,
+    person: float | str | Path | None = None,
+    unit_to_m: float | None = 1.0,
+    up: str | None = "z",
+    mapping: str | Path | None = None,
+    neutral: float | str | Path | None = None,
+) -> Recording:
+    """Find the postures behind joint centres that are at hand as arrays.
+
+    >>> import numpy as np
+    >>> from ergoqp.human import Body
+    >>> from ergoqp.recordings.fitting.centres_of import centres_of
+    >>> pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (50, 1))
+    >>> centres = centres_of(Body(), pelvis, np.zeros((50, 32)))
+    >>> fit_postures(list(centres), np.stack(list(centres.values()), axis=1), 50.0).time[-1]
+    0.98
+
+    Args:
+        names: of the joints, in any order: those of `ergoqp.recordings.naming.CENTRES`, of a known
+            naming, or of the mapping.
+        positions: where they are (n, m, 3) [m]; NaN where not seen.
+        rate: frames per second [Hz].
+        person: as in `load_recording`.
+        unit_to_m: size of the unit of length [m]; None finds it.
+        up: the vertical axis as in `load_recording`; None finds it.
+        mapping: as in `load_recording`.
+        neutral: as in `load_recording`.
+
+    Raises:
+        InputError: for an argument that is not usable.
+        RecordingError: if too little of a person is there.
+    """
+    if isinstance(rate, bool) or not isinstance(rate, Real) or not 0 < float(rate) < math.inf:
+        raise InputError(f"rate: got {shown(rate)}, allowed frames per second above 0")
+    try:
+        places = np.array(positions, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"positions: got {shown(positions)}, allowed numbers of shape (n, m, 3)"
+        ) from None
+    motion = JointMotion(
+        tuple(names), places, np.arange(len(places) if places.ndim else 0) / float(rate)
     )
+    if wrong := lacking(motion):
+        raise InputError(f"fit_postures: got {wrong}, allowed names (m,) and positions (n, m, 3)")
+    reading = _reading(person, unit_to_m, up, mapping, neutral, None)
+    return recording_of(motion, "positions", reading)
 
 
-def _check_arguments(unit_to_m: float | None, up: str | None) -> None:
+def _reading(
+    person: float | str | Path | None,
+    unit_to_m: float | None,
+    up: str | None,
+    mapping: str | Path | None,
+    neutral: float | str | Path | None,
+    window: tuple[float, float] | None,
+) -> Reading:
+    """Check what can be checked before anything is read."""
     if unit_to_m is not None and not (
         isinstance(unit_to_m, Real) and math.isfinite(unit_to_m) and unit_to_m > 0
     ):
         raise InputError(f"unit_to_m: got {unit_to_m!r}, allowed a length in metres above 0")
-    if up not in (None, "y", "z"):
-        raise InputError(f"up: got {up!r}, allowed 'y', 'z' or None")
-
-
-def _vertical(
-    path: Path, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]
-) -> str:
-    """Return the stated vertical axis, else the one found."""
-    found = find_up(centres)
-    if stated is None:
-        if found is None:
-            raise RecordingError(
-                f"{path.name}: the head is above the feet along neither y nor z; state the vertical"
-                " axis (up)"
-            )
-        assumptions.append(
-            f"The vertical axis is taken as {found}, along which the head is above the feet."
-        )
-        return found
-    if found is not None and found != stated:
-        assumptions.append(
-            f"The vertical axis is {stated} as stated, although the head is above the feet along"
-            f" {found}."
-        )
-    return stated
-
-
-def _measured_body(
-    path: Path,
-    lengths: Mapping[str, float],
-    stature: float | None,
-    unit: float,
-    assumptions: list[str],
-) -> Body:
-    if stature is None:
-        raise RecordingError(
-            f"{path.name}: no trunk, arm or leg is complete enough to measure the person; state"
-            " person"
-        )
-    try:
-        body, average = measured_person(
-            {name: unit * length for name, length in lengths.items()}, unit * stature
-        )
-    except InputError as error:
-        raise RecordingError(
-            f"{path.name}: with a unit of {unit:g} m, {error}; check unit_to_m"
-        ) from None
-    assumptions.append(
-        "The segment lengths are measured between the recording's joints; they suggest a stature"
-        f" of {body.stature:.2f} m."
+    if up is not None and up not in UPS:
+        raise InputError(f"up: got {up!r}, allowed {', '.join(map(repr, UPS))} or None")
+    if window is not None:
+        _check_window(window)
+    return Reading(
+        body=None if person is None else given_person(person),
+        unit=unit_to_m,
+        up=up,
+        naming=None if mapping is None else read_mapping(Path(mapping)),
+        neutral=_neutral(neutral),
+        window=window,
     )
-    if average:
-        assumptions.append(
-            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those"
-            " of the recording."
+
+
+def _check_window(window: tuple[float, float]) -> None:
+    numbers = isinstance(window, tuple | list) and len(window) == 2
+    if not numbers or not all(
+        isinstance(each, Real) and not isinstance(each, bool) and not math.isnan(each)
+        for each in window
+    ):
+        raise InputError(f"window: got {shown(window)}, allowed two times in seconds")
+    if not window[0] < window[1]:
+        raise InputError(
+            f"window: got {window[0]:g} to {window[1]:g} s, allowed a later end than begin"
         )
-    return body
 
 
-def _placed(
-    named: NamedCentres, unit: float, up: str, assumptions: list[str]
-) -> dict[str, np.ndarray]:
-    """Return the fit's targets: centre -> positions (n, 3) in our axes [m], the head upright."""
-    world = {centre: to_world(path, unit, up) for centre, path in named.paths.items()}
-    lean = rest_lean({centre: to_world(place, unit, up) for centre, place in named.rest.items()})
-    if abs(lean) > _UPRIGHT:
-        world = straighten_head(world, lean)
-        angle = f"{math.degrees(lean):.0f} deg"
-        assumptions.append(
-            f"The skeleton's neck leans forward by {angle} at rest; that is taken as looking"
-            " straight ahead."
+def _neutral(neutral: float | str | Path | None) -> float | str | JointMotion | None:
+    """Return when or how the person is straight; another recording as it is read."""
+    if neutral is None or neutral == "vertical":
+        return None if neutral is None else "vertical"
+    if isinstance(neutral, str | Path):
+        return read_motion(path_of("neutral", neutral))
+    if isinstance(neutral, bool) or not isinstance(neutral, Real) or not math.isfinite(neutral):
+        raise InputError(
+            f"neutral: got {shown(neutral)}, allowed a time in seconds, a recording, 'vertical' or"
+            " None"
         )
-    return world
-
-
-def _poses(base: np.ndarray) -> np.ndarray:
-    """Return upright poses (n, 4, 4) from positions [m] and headings [rad], shape (n, 4)."""
-    poses = np.tile(np.eye(4), (len(base), 1, 1))
-    poses[:, :3, 3] = base[:, :3]
-    cos, sin = np.cos(base[:, 3]), np.sin(base[:, 3])
-    poses[:, 0, 0] = poses[:, 1, 1] = cos
-    poses[:, 1, 0] = sin
-    poses[:, 0, 1] = -sin
-    return poses
+    return float(neutral)

@@ -44,7 +44,7 @@ def _own_motion(path: Path, reader: Any) -> JointMotion:
     """Return what a reader of the user's own makes of a file."""
     try:
         motion = reader(path)
-        lacking = _lacking(motion)
+        wrong = lacking(motion)
     except RecordingError:
         raise
     except ErgoqpError as error:
@@ -53,15 +53,15 @@ def _own_motion(path: Path, reader: Any) -> JointMotion:
         raise RecordingError(
             f"{path.name}: got {in_words(error)}, allowed what {shown(reader)} reads"
         ) from None
-    if lacking:
+    if wrong:
         raise RecordingError(
-            f"{path.name}: got {lacking} from {shown(reader)}, allowed a JointMotion of"
+            f"{path.name}: got {wrong} from {shown(reader)}, allowed a JointMotion of"
             " ergoqp.recordings.motion"
         )
     return motion
 
 
-def _lacking(motion: Any) -> str:
+def lacking(motion: Any) -> str:
     """Return what of a motion is not as `JointMotion` says, or an empty text."""
     if not isinstance(motion, JointMotion):
         return shown(motion)

@@ -9,13 +9,16 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from made_motions import RATE, fitted, stoop, walk
+from scipy.spatial.transform import Rotation
 
 from ergoqp import JOINTS
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.recordings import Recording, load_recording
+from ergoqp.recordings import Recording, fit_postures, load_recording
 from ergoqp.recordings.bvh.write import write_bvh
+from ergoqp.recordings.fitting.axes import UPS, axes_of
 
 DEGREE = np.radians(1)
 
@@ -209,6 +212,74 @@ def test_the_vertical_axis_is_found_and_may_be_stated(demo: Path, tmp_path: Path
     assert "although the head is above the feet along z" in told(load_recording(path, up="y"))
 
 
+@pytest.mark.parametrize("up", UPS)
+def test_any_axis_may_be_vertical(up: str):
+    places, _ = walk()
+    turned = {centre: path @ axes_of(up) for centre, path in places.items()}
+    for stated in (None, up):
+        recording = fitted(turned, up=stated)
+        plain = fitted(places)
+        np.testing.assert_allclose(recording.postures, plain.postures, atol=1e-9)
+        assert recording.base_poses[:, 2, 3] == pytest.approx(plain.base_poses[:, 2, 3])
+    assert np.linalg.det(axes_of(up)) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("tilt", [12.0, 25.0, 40.0])
+def test_a_tilted_camera_is_told_by_people_who_stand(tilt: float):
+    both = [
+        np.concatenate(each)
+        for each in zip(*(p.values() for p in (walk()[0], stoop()[0])), strict=True)
+    ]
+    places = dict(zip(walk()[0], both, strict=True))
+    camera = Rotation.from_euler("yx", [tilt, tilt / 3], degrees=True).as_matrix()
+    turned = {centre: path @ camera for centre, path in places.items()}
+    recording, plain = fitted(turned, up=None), fitted(places)
+    assert "The camera is taken to be tilted" in told(recording)
+    trunk = INDEX["trunk_flexion"]
+    np.testing.assert_allclose(
+        recording.postures[:, trunk], plain.postures[:, trunk], atol=np.radians(4)
+    )
+    # Somebody who stoops all the time is no camera.
+    assert "camera" not in told(fitted(stoop(deepest=60.0, stands=False)[0], up=None))
+
+
+def test_a_window_is_read_alone(demo: Path):
+    recording, every = load_recording(demo, window=(2.0, 3.0)), load_recording(demo)
+    inside = (every.time >= 2) & (every.time <= 3)
+    assert recording.time == pytest.approx(every.time[inside])
+    np.testing.assert_allclose(recording.postures, every.postures[inside], atol=DEGREE)
+
+
+def test_joint_centres_at_hand_are_fitted_in_any_order():
+    places, _ = walk(1.0)
+    plain = fitted(places)
+    names = list(np.random.default_rng(0).permutation(list(places)))
+    mixed = fit_postures(names, np.stack([places[name] for name in names], axis=1), RATE)
+    np.testing.assert_array_equal(mixed.postures, plain.postures)
+    cm = fit_postures(
+        names, np.stack([100 * places[n] for n in names], axis=1), RATE, unit_to_m=None
+    )
+    np.testing.assert_allclose(cm.postures, plain.postures, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((["neck"], np.zeros((3, 2, 3)), 50.0), r"fit_postures: got positions of shape"),
+        ((["neck", "neck"], np.zeros((3, 2, 3)), 50.0), "a name twice"),
+        ((["neck"], "me", 50.0), "positions: got 'me'"),
+        ((["neck"], np.zeros((0, 1, 3)), 50.0), "the times"),
+        ((["neck"], np.zeros((3, 1, 3)), 0.0), "rate: got 0"),
+        ((["neck"], np.full((3, 1, 3), np.inf), 50.0), "without end"),
+        (([], np.zeros((3, 0, 3)), 50.0), "the names"),
+        ((["nape"], np.zeros((3, 1, 3)), 50.0), "no known naming"),
+    ],
+)
+def test_arrays_that_are_none_are_told(arguments: tuple, said: str):
+    with pytest.raises((InputError, RecordingError), match=said):
+        fit_postures(*arguments)
+
+
 def test_the_person_may_be_stated(demo: Path, tmp_path: Path):
     assert load_recording(demo, person=1.80).person.stature == 1.80
     assert load_recording(demo, person=1.80).fit_error.mean() > 0.005
@@ -248,7 +319,11 @@ def test_a_wrong_person_file_is_told(content: str, said: str, demo: Path, tmp_pa
         {"unit_to_m": -1.0},
         {"unit_to_m": float("nan")},
         {"unit_to_m": "cm"},
-        {"up": "x"},
+        {"up": "w"},
+        {"window": (2.0, 1.0)},
+        {"window": (1.0,)},
+        {"window": (0.0, float("nan"))},
+        {"window": (50.0, 60.0)},
     ],
 )
 def test_wrong_arguments_are_told(wrong: dict, demo: Path):

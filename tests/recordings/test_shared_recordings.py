@@ -12,7 +12,7 @@ from ergoqp.human import Kinematics
 from ergoqp.joints import INDEX, LOWER, UPPER
 from ergoqp.recordings import Recording, load_recording
 from ergoqp.recordings.bvh.read import read_bvh
-from ergoqp.recordings.fitting.axes import to_world
+from ergoqp.recordings.fitting.axes import axes_of
 
 FILES = {
     # file: naming, unit [m], largest median fit error [m], joints that its points do not tell
@@ -132,7 +132,10 @@ def test_the_screwing_arm_has_the_angles_of_the_raw_joints(shared: Path):
     }
     for frame in range(3, 12):
         raw = arm_angles(
-            {ours: to_world(motion.of(name)[frame], 0.056444, "y") for ours, name in theirs.items()}
+            {
+                ours: 0.056444 * axes_of("y") @ motion.of(name)[frame]
+                for ours, name in theirs.items()
+            }
         )
         assert (raw > [25, 49, 73]).all()
         assert (raw < [31, 59, 82]).all()

@@ -9,8 +9,11 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ergoqp.errors import RecordingError
+from ergoqp.joints import SIDES
+from ergoqp.recordings.fitting.neutral import stands_straight
 
 UNITS: Final[dict[str, float]] = {
     "m": 1.0,
@@ -24,12 +27,21 @@ UNITS: Final[dict[str, float]] = {
 LIKELY_STATURE: Final = (1.4, 2.1)
 """The statures that tell which unit is meant [m]."""
 
+UPS: Final = ("x", "y", "z", "-x", "-y", "-z")
+"""Vertical axes that a file may have."""
+
 _UPPER = (("head",), ("neck",), ("right_shoulder", "left_shoulder"))
 _MIDDLE = (("right_hip", "left_hip"), ("pelvis",))
 _LOWER = (("right_ankle", "left_ankle"), ("right_knee", "left_knee"), *_MIDDLE)
 # mean component of the unit vectors from the feet to the head and to the hips: 53 degrees from the
 # axis
 _CLEARLY_UP = 0.6
+_IN_LINE: Final = np.cos(np.radians(15))
+"""Whose trunk is in line with the legs to so much stands upright."""
+_TILTED: Final = np.radians(8)
+"""People stand straight who stand: what leans more is the camera [rad]."""
+_FEW: Final = 5
+"""Frames of standing that are chance."""
 
 
 def find_unit(stature: float, where: str) -> float:
@@ -61,44 +73,72 @@ def find_unit(stature: float, where: str) -> float:
 
 
 def find_up(centres: Mapping[str, np.ndarray]) -> str | None:
-    """Return the file's vertical axis, ``"y"`` or ``"z"``.
+    """Return the file's vertical axis, one of `UPS`.
 
-    It is the one along which head and hips are above the feet.
-
-    The head alone would not do for a person who stoops all the time, nor the hips for one who
-    squats.
+    It is the one along which head and hips are above the feet. The head alone would not do for a
+    person who stoops all the time, nor the hips for one who squats.
 
     Args:
         centres: centre -> positions (n, 3) in the file's axes.
 
     Returns:
-        The axis, or None when neither clearly points from the feet to the head.
+        The axis, or None when none clearly points from the feet to the head.
     """
     feet = _middle(centres, _LOWER)
     rise = np.concatenate([_middle(centres, _UPPER) - feet, _middle(centres, _MIDDLE) - feet])
     length = np.linalg.norm(rise, axis=1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        direction = rise / length
-    seen = np.isfinite(direction).all(
-        axis=1
-    )  # without legs the hips are the feet, and have no direction
+    direction = rise / np.where(length > 0, length, np.nan)
+    # Without legs the hips are the feet, and have no direction.
+    seen = np.isfinite(direction).all(axis=1)
     mean = direction[seen].mean(axis=0) if seen.any() else np.zeros(3)
-    axis = 1 + int(np.argmax(mean[1:]))
-    return "xyz"[axis] if mean[axis] >= _CLEARLY_UP else None
+    axis = int(np.argmax(np.abs(mean)))
+    if abs(mean[axis]) < _CLEARLY_UP:
+        return None
+    return ("" if mean[axis] > 0 else "-") + "xyz"[axis]
 
 
-def to_world(positions: np.ndarray, unit: float, up: str) -> np.ndarray:
-    """Return positions (..., 3) in metres, x forward, y left, z up.
+def axes_of(up: str) -> np.ndarray:
+    """Return the rotation (3, 3) from the file's axes to ours.
 
     A file with y up has x to the left and z forward for a person who faces along z, so its axes
     turn into ours by moving on one place; the heading within the floor is the file's own.
 
     Args:
-        positions: shape (..., 3) [file unit].
-        unit: size of the file's unit [m].
-        up: the file's vertical axis, ``"y"`` or ``"z"``.
+        up: the file's vertical axis, one of `UPS`.
     """
-    return unit * (positions[..., [2, 0, 1]] if up == "y" else positions)
+    place = "xyz".index(up[-1])
+    turn = np.roll(np.eye(3), 2 - place, axis=0)
+    # Half a turn about the axis ahead puts what was below above.
+    return turn if up == up[-1] else np.diag([1.0, -1.0, -1.0]) @ turn
+
+
+def tilt_of(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the rotation (3, 3) that makes people vertical who stand upright.
+
+    None where nobody does, or those who do are vertical already.
+
+    Args:
+        places: centre -> positions (n, 3), any unit, along our axes.
+    """
+    names = [f"{side}_{name}" for name in ("hip", "ankle") for side in SIDES]
+    if "neck" not in places or any(name not in places for name in names):
+        return None
+    hips, feet = (
+        (places[f"right_{name}"] + places[f"left_{name}"]) / 2 for name in ("hip", "ankle")
+    )
+    legs, trunk = hips - feet, places["neck"] - hips
+    size = np.linalg.norm(legs, axis=1) * np.linalg.norm(trunk, axis=1)
+    line = (legs * trunk).sum(axis=1) > _IN_LINE * size
+    upright = line & stands_straight(places)
+    if upright.sum() < _FEW:
+        return None
+    body = np.median((legs + trunk)[upright], axis=0)
+    body /= np.linalg.norm(body)
+    if np.arccos(np.clip(body[2], -1, 1)) < _TILTED:
+        return None
+    across = np.cross(body, [0.0, 0.0, 1.0])
+    angle = np.arctan2(np.linalg.norm(across), body[2])
+    return Rotation.from_rotvec(angle * across / np.linalg.norm(across)).as_matrix()
 
 
 def _middle(centres: Mapping[str, np.ndarray], choices: tuple[tuple[str, ...], ...]) -> np.ndarray:

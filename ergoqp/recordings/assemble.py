@@ -1,0 +1,229 @@
+"""From the joints of a recording to its postures: name, place, straighten, fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ergoqp.errors import InputError, RecordingError
+from ergoqp.human import Body
+from ergoqp.joints import spoken
+from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up, tilt_of
+from ergoqp.recordings.fitting.leaning import straightened
+from ergoqp.recordings.fitting.neutral import Neutral, neutral_of, stated_neutral, t_poses
+from ergoqp.recordings.fitting.person import measured_lengths, measured_person, suggested_stature
+from ergoqp.recordings.fitting.posture_fit import fit
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.naming import NamedCentres, Naming, named_centres
+from ergoqp.recordings.recording import Recording
+from ergoqp.recordings.remarks import remarks
+
+CALIBRATION = "calibration pose"
+"""Why the frames of a T-pose at the begin or end of a recording are not scored."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a recording is to be read; None is to be found out.
+
+    Attributes:
+        body: the person.
+        unit: size of the unit of length [m].
+        up: the vertical axis.
+        naming: how the joints are called.
+        neutral: when the person is straight [s], a recording in which they are, or ``"vertical"``.
+        window: first and last time [s].
+    """
+
+    body: Body | None = None
+    unit: float | None = None
+    up: str | None = None
+    naming: Naming | None = None
+    neutral: float | str | JointMotion | None = None
+    window: tuple[float, float] | None = None
+
+
+def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording:
+    """Return the postures behind the joints of a recording.
+
+    Args:
+        motion: the joints.
+        where: its name, for messages.
+        reading: how it is to be read.
+
+    Raises:
+        RecordingError: the skeleton, the unit or the axes are not known.
+        InputError: what was stated does not fit the recording.
+    """
+    if reading.window is not None:
+        motion = _windowed(motion, reading.window)
+    named = named_centres(motion, reading.naming, where)
+    assumptions = [f"The joints are named as in the {named.title} skeleton.", *motion.notes]
+    lengths = measured_lengths(named.paths)
+    stature = suggested_stature(lengths)
+    unit = _unit(where, stature, reading.unit, assumptions)
+    axes = unit * _axes(where, named.paths, reading.up, assumptions)
+    body = reading.body or _measured_body(where, lengths, stature, unit, assumptions)
+    world = {centre: path @ axes.T for centre, path in named.paths.items()}
+    posed = t_poses(world)
+    neutral = _neutral(where, world, named, axes, motion.time, reading)
+    if neutral is not None:
+        assumptions.append(neutral.sentence)
+        world = straightened(world, neutral.trunk, neutral.neck)
+
+    result = fit(body, world, motion.time)
+    calibration = _at_the_ends(posed)
+    if calibration.any():
+        result = replace(result, not_scored={CALIBRATION: calibration, **result.not_scored})
+    assumptions.extend(remarks(motion.time, world, result))
+    return Recording(
+        time=motion.time,
+        postures=result.postures,
+        base_poses=_poses(result.pelvis),
+        observed=result.observed,
+        fit_error=result.error,
+        object_poses=None,
+        assumptions=tuple(assumptions),
+        person=body,
+        errors=result.errors,
+        not_scored=result.not_scored,
+    )
+
+
+def _windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
+    inside = (motion.time >= window[0]) & (motion.time <= window[1])
+    if not inside.any():
+        raise InputError(
+            f"window: got {window[0]:g} to {window[1]:g} s, allowed times from"
+            f" {motion.time[0]:.2f} to {motion.time[-1]:.2f} s"
+        )
+    return replace(motion, positions=motion.positions[inside], time=motion.time[inside])
+
+
+def _unit(where: str, stature: float | None, stated: float | None, assumptions: list[str]) -> float:
+    """Return the size of the unit of length [m]."""
+    if stated is not None:
+        return stated
+    if stature is None:
+        raise RecordingError(
+            f"{where}: no limb is complete enough to tell the unit of length; state unit_to_m"
+        )
+    unit = find_unit(stature, where)
+    assumptions.append(
+        f"The unit of length is taken as {unit:g} m, the only common one that gives a stature"
+        " of 1.4 to 2.1 m."
+    )
+    return unit
+
+
+def _axes(
+    where: str, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]
+) -> np.ndarray:
+    """Return the rotation (3, 3) from the file's axes to ours."""
+    found = find_up(centres)
+    if stated is not None:
+        if found is not None and found != stated:
+            assumptions.append(
+                f"The vertical axis is {stated} as stated, although the head is above the feet"
+                f" along {found}."
+            )
+        return axes_of(stated)
+    if found is None:
+        raise RecordingError(
+            f"{where}: the head is above the feet along none of x, y and z, up or down; state the"
+            " vertical axis (up)"
+        )
+    axes = axes_of(found)
+    tilt = tilt_of({centre: path @ axes.T for centre, path in centres.items()})
+    if tilt is None:
+        assumptions.append(
+            f"The vertical axis is taken as {found}, along which the head is above the feet."
+        )
+        return axes
+    angle = math.degrees(math.acos(min(1.0, tilt[2, 2])))
+    assumptions.append(
+        f"The camera is taken to be tilted by {angle:.0f} deg to the axis {found}: the person, who"
+        " stands straight, is taken as vertical; state the vertical axis (up) if the file has one."
+    )
+    return tilt @ axes
+
+
+def _neutral(
+    where: str,
+    world: Mapping[str, np.ndarray],
+    named: NamedCentres,
+    axes: np.ndarray,
+    time: np.ndarray,
+    reading: Reading,
+) -> Neutral | None:
+    """Return how the skeleton leans in a person who stands straight; None for not at all."""
+    stated = reading.neutral
+    if stated == "vertical":
+        return None
+    if isinstance(stated, JointMotion):
+        trial = named_centres(stated, reading.naming, f"{where}: neutral")
+        there = {centre: path @ axes.T for centre, path in trial.paths.items()}
+        every = np.ones(len(stated.time), dtype=bool)
+        return stated_neutral(there, every, "in the recording that is stated to be neutral")
+    if isinstance(stated, float):
+        if not time[0] <= stated <= time[-1]:
+            raise InputError(
+                f"neutral: got {stated:g} s, allowed {time[0]:.2f} to {time[-1]:.2f} s"
+            )
+        frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
+        return stated_neutral(world, frame, f"at {stated:g} s, as stated")
+    return neutral_of(world, {name: axes @ place for name, place in named.rest.items()}, time)
+
+
+def _at_the_ends(posed: np.ndarray) -> np.ndarray:
+    """Return the frames (n,) bool of a pose with which a recording begins or ends, if not all."""
+    other = np.flatnonzero(~posed)
+    if not len(other):
+        return np.zeros(len(posed), dtype=bool)
+    at = np.arange(len(posed))
+    return (at < other[0]) | (at > other[-1])
+
+
+def _measured_body(
+    where: str,
+    lengths: Mapping[str, float],
+    stature: float | None,
+    unit: float,
+    assumptions: list[str],
+) -> Body:
+    if stature is None:
+        raise RecordingError(
+            f"{where}: no trunk, arm or leg is complete enough to measure the person; state person"
+        )
+    try:
+        body, average = measured_person(
+            {name: unit * length for name, length in lengths.items()}, unit * stature
+        )
+    except InputError as error:
+        raise RecordingError(
+            f"{where}: with a unit of {unit:g} m, {error}; check unit_to_m"
+        ) from None
+    assumptions.append(
+        "The segment lengths are measured between the recording's joints; they suggest a stature"
+        f" of {body.stature:.2f} m."
+    )
+    if average:
+        assumptions.append(
+            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those"
+            " of the recording."
+        )
+    return body
+
+
+def _poses(pelvis: np.ndarray) -> np.ndarray:
+    """Return upright poses (n, 4, 4) from positions [m] and headings [rad], shape (n, 4)."""
+    poses = np.tile(np.eye(4), (len(pelvis), 1, 1))
+    poses[:, :3, 3] = pelvis[:, :3]
+    cos, sin = np.cos(pelvis[:, 3]), np.sin(pelvis[:, 3])
+    poses[:, 0, 0] = poses[:, 1, 1] = cos
+    poses[:, 1, 0] = sin
+    poses[:, 0, 1] = -sin
+    return poses

@@ -1,0 +1,98 @@
+"""How far a skeleton's trunk and neck lean, and the centres of somebody who stands straight.
+
+The line from the middle of the hips to the base of the neck is vertical in few skeletons of an
+upright person: the joints of a spine are not where its angles are zero. And necks lean forward in
+everyone; read as they are, an upright head would be scored as bent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+_HEAD: Final = ("head", "head_top", "nose")
+_LEGS: Final = ("pelvis", "hip", "knee", "ankle", "toe")
+
+
+def leans(places: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the trunk leans forward, and the neck forward of the trunk, each (n,) [rad].
+
+    NaN where the recording does not tell.
+
+    Args:
+        places: centre -> positions (n, 3), any unit, x forward, y left, z up.
+    """
+    count = len(next(iter(places.values())))
+    unknown = np.full(count, np.nan)
+    hips, left = _hips(places), _left(places)
+    if hips is None or left is None or "neck" not in places:
+        return unknown, unknown
+    trunk = places["neck"] - hips
+    level = left * [1.0, 1.0, 0.0]
+    level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
+    ahead = np.stack([level[:, 1], -level[:, 0], 0 * level[:, 0]], axis=1)
+    lean = np.arctan2((ahead * trunk).sum(axis=1), trunk[:, 2])
+    skull = places.get("head_top", places.get("head"))
+    if skull is None:
+        return lean, unknown
+    neck = skull - places["neck"]
+    forward = np.cross(left, trunk)
+    size = np.linalg.norm(forward, axis=1)
+    along = (trunk * neck).sum(axis=1) * size / np.linalg.norm(trunk, axis=1).clip(1e-12)
+    return lean, np.arctan2((forward * neck).sum(axis=1), along)
+
+
+def straightened(
+    places: Mapping[str, np.ndarray], trunk: float, neck: float
+) -> dict[str, np.ndarray]:
+    """Return the centres of somebody whose trunk and neck lean less.
+
+    The base of the neck is turned back about the hips, all above the hips goes along without being
+    turned, and the head is turned back about the base of the neck.
+
+    Args:
+        places: centre -> positions (n, 3) [m].
+        trunk: angle to take away from the trunk [rad].
+        neck: angle to take away from the neck [rad], as it is to the trunk before.
+    """
+    hips, left = _hips(places), _left(places)
+    if hips is None or left is None or "neck" not in places:
+        return dict(places)
+    level = left * [1.0, 1.0, 0.0]
+    level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
+    arm = places["neck"] - hips
+    shift = _turned(arm, level, -trunk) - arm
+    found = {
+        centre: path if centre.endswith(_LEGS) else path + shift for centre, path in places.items()
+    }
+    for name in _HEAD:
+        if name in found:
+            # What the trunk is turned back the neck leans more, and is turned back with it.
+            arm = _turned(found[name] - found["neck"], left, -trunk - neck)
+            found[name] = found["neck"] + arm
+    return found
+
+
+def _turned(vectors: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """Return vectors (n, 3) turned about unit axes (n, 3); forward about the one to the left."""
+    along = (axis * vectors).sum(axis=1, keepdims=True) * axis
+    across = np.cross(axis, vectors)
+    return along + np.cos(angle) * (vectors - along) + np.sin(angle) * across
+
+
+def _hips(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    if "right_hip" in places and "left_hip" in places:
+        return (places["right_hip"] + places["left_hip"]) / 2
+    return places.get("pelvis")
+
+
+def _left(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the unit vectors from right to left (n, 3), of the hips or else the shoulders."""
+    for joint in ("hip", "shoulder"):
+        if f"right_{joint}" in places and f"left_{joint}" in places:
+            across = places[f"left_{joint}"] - places[f"right_{joint}"]
+            length = np.linalg.norm(across, axis=1, keepdims=True)
+            return across / np.where(length > 0, length, np.nan)
+    return None

@@ -1,0 +1,200 @@
+"""Where a recording's trunk and neck are straight.
+
+By one rule, the first of these that there is: what the user states; a T-pose, which people take
+standing straight; a second or more in which the person walks with the hips over the feet, if the
+skeleton leans by more than walkers do; the skeleton's rest pose, where its naming is known to rest
+upright; that walk; a second in which the person stands, if the trunk leans backward there. Else the
+trunk is measured to the vertical and the neck to the trunk.
+
+Somebody who stoops has the hips behind the feet, or would fall, and nobody walks about bent
+backward: so a stoop stays a stoop, and a skeleton that leans is not a person who does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import RecordingError
+from ergoqp.joints import SIDES
+from ergoqp.recordings.fitting.leaning import leans
+
+_LIKELY: Final = math.radians(35)
+"""A skeleton that leaned more would not be taken for a person's."""
+_WALKER: Final = math.radians(8)
+"""How far people lean who walk: so little is left as it is, beside a walk or a stand."""
+_LITTLE: Final = math.radians(1)
+"""So little is left as it is beside any other."""
+_LONG: Final = 1.0
+"""For how long somebody has to walk or stand [s]."""
+_STRIDE: Final = 0.15
+"""By how much one foot of somebody who walks passes the other in `_SWING` [m]."""
+_SWING: Final = 0.25
+_BEHIND: Final = -0.01
+"""Hips that are further behind the feet, on average over a second, are those of a stoop [m]."""
+_STRAIGHT: Final = math.radians(30)
+_POSED: Final = math.radians(20)
+"""How far the arms of a T-pose may be from straight to the sides [rad]."""
+
+
+@dataclass(frozen=True)
+class Neutral:
+    """How a skeleton leans in a person who stands straight.
+
+    Attributes:
+        trunk: forward lean of the trunk [rad].
+        neck: forward lean of the neck, to the trunk [rad].
+        sentence: how that is known.
+    """
+
+    trunk: float
+    neck: float
+    sentence: str
+
+
+def neutral_of(
+    places: Mapping[str, np.ndarray], rest: Mapping[str, np.ndarray], time: np.ndarray
+) -> Neutral:
+    """Return how a skeleton leans, by the rule of this module.
+
+    Args:
+        places: centre -> positions (n, 3) [m].
+        rest: centre -> position (3,) in a rest pose that is upright, else nothing.
+        time: when (n,) [s].
+    """
+    trunk, neck = leans(places)
+    posed = t_poses(places)
+    if found := _straight(trunk[posed], neck[posed], _LITTLE, "in the T-pose"):
+        return found
+    walks = _walks(places, time) & (_hips_ahead(places, time) >= _BEHIND)
+    walking = None
+    if _duration(walks, time) >= _LONG:
+        walking = _straight(trunk[walks], neck[walks], _WALKER, "while the person walks")
+    if walking and walking.trunk:
+        return walking
+    resting = {centre: place[None] for centre, place in rest.items()}
+    if resting and (found := _straight(*leans(resting), _LITTLE, "in the skeleton's rest pose")):
+        return found
+    if walking:
+        return walking
+    stands = stands_straight(places)
+    if _duration(stands, time) >= _LONG:
+        found = _straight(trunk[stands], -trunk[stands], _WALKER, "while the person stands")
+        if found and found.trunk < 0:
+            return found
+    sentence = "No upright moment is found: the trunk is measured to the vertical."
+    return Neutral(0.0, 0.0, sentence)
+
+
+def stated_neutral(places: Mapping[str, np.ndarray], frames: np.ndarray, when: str) -> Neutral:
+    """Return how a skeleton leans in frames (n,) bool in which the person stands straight.
+
+    Args:
+        places: centre -> positions (n, 3) [m].
+        frames: which.
+        when: they are, for messages: "at 2 s".
+
+    Raises:
+        RecordingError: if trunk or hips are not seen in any of them.
+    """
+    trunk, neck = leans(places)
+    found = _straight(trunk[frames], neck[frames], 0.0, when)
+    if found is None:
+        raise RecordingError(
+            f"neutral: got a posture {when} in which the trunk is not seen or leans by more than"
+            f" {math.degrees(_LIKELY):.0f} deg, allowed one that is upright"
+        )
+    return found
+
+
+def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the frames in which somebody stands with both arms straight to the sides (n,) bool."""
+    count = len(next(iter(places.values())))
+    found = stands_straight(places)
+    for side in SIDES:
+        ends = [places.get(f"{side}_{centre}") for centre in ("shoulder", "elbow", "wrist")]
+        other = places.get(f"{'left' if side == 'right' else 'right'}_shoulder")
+        if other is None or any(end is None for end in ends):
+            return np.zeros(count, dtype=bool)
+        shoulder, elbow, wrist = (end for end in ends if end is not None)
+        out = shoulder - other
+        for bone in (elbow - shoulder, wrist - elbow):
+            found &= _cosine(bone, out) > math.cos(_POSED)
+    return found
+
+
+def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> Neutral | None:
+    """Return what these leans say; None if they say nothing that can be."""
+    if not np.isfinite(trunk).any():
+        return None
+    lean = float(np.nanmedian(trunk))
+    nod = float(np.nanmedian(neck)) if np.isfinite(neck).any() else -lean
+    if abs(lean) > _LIKELY or abs(nod) > 2 * _LIKELY:
+        return None
+    lean, nod = (0.0 if abs(each) <= least else each for each in (lean, nod))
+    return Neutral(
+        lean,
+        nod,
+        f"The person is taken to be straight {when}: the skeleton's trunk leans forward by"
+        f" {math.degrees(lean):.0f} deg there, and its neck by {math.degrees(nod):.0f} deg.",
+    )
+
+
+def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return where no knee is bent much (n,) bool; nowhere, without legs."""
+    count = len(next(iter(places.values())))
+    stands = np.zeros(count, dtype=bool)
+    for side in SIDES:
+        hip, knee, ankle = (places.get(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
+        if hip is None or knee is None or ankle is None:
+            return np.zeros(count, dtype=bool)
+        straight = _cosine(knee - hip, ankle - knee) > math.cos(_STRAIGHT)
+        stands = straight if side == SIDES[0] else stands & straight
+    return stands
+
+
+def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return where one foot passes the other (n,) bool."""
+    right, left = places.get("right_ankle"), places.get("left_ankle")
+    if right is None or left is None or len(time) < 2:
+        return np.zeros(len(time), dtype=bool)
+    apart = (right - left)[:, :2]
+    later = np.searchsorted(time, time + _SWING)
+    reached = later < len(time)
+    later = np.minimum(later, len(time) - 1)
+    # Frames that are far apart in time, or gaps, are no strides.
+    near = reached & (time[later] - time < 2 * _SWING)
+    return near & (np.linalg.norm(apart[later] - apart, axis=1) > _STRIDE)
+
+
+def _hips_ahead(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Return how far the hips are ahead of the feet, on average over a second (n,) [m]."""
+    names = [f"{side}_{name}" for name in ("hip", "ankle") for side in SIDES]
+    if any(name not in places for name in names):
+        return np.zeros(len(time))
+    hips, feet = (
+        (places[f"right_{name}"] + places[f"left_{name}"]) / 2 for name in ("hip", "ankle")
+    )
+    left = (places["left_hip"] - places["right_hip"])[:, :2]
+    ahead = ((hips - feet)[:, 0] * left[:, 1] - (hips - feet)[:, 1] * left[:, 0]) / np.maximum(
+        np.linalg.norm(left, axis=1), 1e-9
+    )
+    seen = np.isfinite(ahead)
+    total = np.concatenate([[0.0], np.cumsum(np.where(seen, ahead, 0.0))])
+    count = np.concatenate([[0], np.cumsum(seen)])
+    first, last = (np.searchsorted(time, time + half) for half in (-_LONG / 2, _LONG / 2))
+    return (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)
+
+
+def _duration(frames: np.ndarray, time: np.ndarray) -> float:
+    """Return for how long [s]."""
+    return float(frames.sum() * np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+
+def _cosine(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    return (one * other).sum(axis=1) / np.where(size > 0, size, np.nan)

@@ -1,0 +1,82 @@
+"""Motions of our own person, as joint centres: walking, stooping, and skeletons that lean."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.joints import INDEX, SIDES
+from ergoqp.recordings import Recording, fit_postures
+from ergoqp.recordings.fitting.centres_of import centres_of
+
+RATE = 60.0
+BODY = Body.of_stature(1.72)
+Places = dict[str, np.ndarray]
+
+
+def posture(count: int, **angles: float | np.ndarray) -> np.ndarray:
+    """Postures (n, 32) [rad] of angles [deg]; `arms_` and `legs_` stand for both sides."""
+    found = np.zeros((count, 32))
+    for name, angle in angles.items():
+        sides = SIDES if name.startswith(("arms_", "legs_")) else ("",)
+        joint = name.removeprefix("arms_").removeprefix("legs_")
+        for side in sides:
+            found[:, INDEX[f"{side}_{joint}" if side else joint]] = np.radians(angle)
+    return found
+
+
+def walk(seconds: float = 6.0, heading: float = 0.4) -> tuple[Places, np.ndarray]:
+    """Somebody who walks upright: centres and time."""
+    time = np.arange(int(seconds * RATE)) / RATE
+    phase = 2 * np.pi * 0.9 * time
+    postures = posture(len(time), arms_elbow_flexion=25.0)
+    for side, turn in zip(SIDES, (0.0, np.pi), strict=True):
+        swing, bend = np.sin(phase + turn), np.maximum(np.cos(phase + turn), 0)
+        postures[:, INDEX[f"{side}_hip_flexion"]] = np.radians(8 + 22 * swing + 15 * bend)
+        postures[:, INDEX[f"{side}_knee_flexion"]] = np.radians(8 + 50 * bend)
+        postures[:, INDEX[f"{side}_shoulder_flexion"]] = np.radians(-15 * swing)
+    way = 1.2 * time[:, None] * [np.cos(heading), np.sin(heading)]
+    pelvis = np.column_stack([way, np.full(len(time), 0.88), np.full(len(time), heading)])
+    return centres_of(BODY, pelvis, postures), time
+
+
+def stoop(
+    seconds: float = 4.0, deepest: float = 70.0, stands: bool = True
+) -> tuple[Places, np.ndarray]:
+    """Somebody who bends down and comes up again, or stays down; hips go back meanwhile."""
+    time = np.arange(int(seconds * RATE)) / RATE
+    share = (1 - np.cos(2 * np.pi * time / seconds)) / 2 if stands else np.ones(len(time))
+    trunk = deepest * share
+    back = 8.0 * share
+    postures = posture(
+        len(time),
+        trunk_flexion=trunk,
+        legs_hip_flexion=back,
+        legs_knee_flexion=5.0,
+        arms_shoulder_flexion=trunk / 2,
+        arms_elbow_flexion=15.0,
+    )
+    behind = -0.85 * np.sin(np.radians(back))
+    pelvis = np.column_stack([behind, 0 * time, np.full(len(time), 0.88), 0 * time])
+    return centres_of(BODY, pelvis, postures), time
+
+
+def leaning(places: Places, degrees: float) -> Places:
+    """The same person by a skeleton whose neck and shoulders are behind (-) or before the hips."""
+    hips = (places["right_hip"] + places["left_hip"]) / 2
+    left = places["left_hip"] - places["right_hip"]
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    arm, angle = places["neck"] - hips, np.radians(degrees)
+    along = (left * arm).sum(axis=1, keepdims=True) * left
+    turned = along + np.cos(angle) * (arm - along) + np.sin(angle) * np.cross(left, arm)
+    legs = ("pelvis", "hip", "knee", "ankle", "toe")
+    return {
+        centre: path if centre.endswith(legs) else path + turned - arm
+        for centre, path in places.items()
+    }
+
+
+def fitted(places: Places, **options: Any) -> Recording:
+    return fit_postures(list(places), np.stack(list(places.values()), axis=1), RATE, **options)
