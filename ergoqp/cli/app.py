@@ -12,8 +12,12 @@ import typer
 class Up(StrEnum):
     """Vertical axes that a recording can have."""
 
+    x = "x"
     y = "y"
     z = "z"
+    minus_x = "-x"
+    minus_y = "-y"
+    minus_z = "-z"
 
 
 class UpperArm(StrEnum):
@@ -79,6 +83,19 @@ Person = Annotated[
         metavar="M|FILE",
         help="Stature in metres, or a person file (TOML) [measured in the recording].",
     ),
+]
+Neutral = Annotated[
+    str | None,
+    typer.Option(
+        "--neutral",
+        metavar="SECONDS|FILE|vertical",
+        help="When the person stands straight, or another recording in which they do; vertical: the"
+        " trunk is measured to the vertical [found].",
+    ),
+]
+Window = Annotated[
+    str | None,
+    typer.Option("--window", metavar="FROM:TO", help="Seconds of the recording to read [all]."),
 ]
 Mapping = Annotated[
     Path | None,

@@ -11,12 +11,14 @@ from ergoqp.cli.app import (
     At,
     Guide,
     Mapping,
+    Neutral,
     Person,
     ProblemName,
     Side,
     Unit,
     UpAxis,
     UpperArm,
+    Window,
     app,
     out_option,
     pair,
@@ -80,6 +82,8 @@ def _run(
     unit_to_m: Unit = None,
     up: UpAxis = None,
     mapping: Mapping = None,
+    neutral: Neutral = None,
+    window: Window = None,
     guide: Guide = None,
     seek: Annotated[
         bool,
@@ -126,7 +130,7 @@ def _run(
         out,
         seed,
         duration,
-        RecordingOptions(person, unit_to_m, up and up.value, mapping),
+        RecordingOptions(person, unit_to_m, up and up.value, mapping, neutral, window),
         guide,
         simulated,
     )
@@ -183,6 +187,8 @@ def _score(
     unit_to_m: Unit = None,
     up: UpAxis = None,
     mapping: Mapping = None,
+    neutral: Neutral = None,
+    window: Window = None,
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.score import score
@@ -203,6 +209,6 @@ def _score(
         recording,
         out,
         task,
-        RecordingOptions(person, unit_to_m, up and up.value, mapping),
+        RecordingOptions(person, unit_to_m, up and up.value, mapping, neutral, window),
         Method(upper_arm=upper_arm.value),
     )

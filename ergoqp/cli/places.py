@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from ergoqp.cli.app import At, Mapping, Person, ProblemName, Unit, UpAxis, app, out_option
+from ergoqp.cli.app import (
+    At,
+    Mapping,
+    Neutral,
+    Person,
+    ProblemName,
+    Unit,
+    UpAxis,
+    Window,
+    app,
+    out_option,
+)
 
 _ABOUT_OPTIMISE = """Find the best place of the object, offline, for a person who rests in comfort.
 
@@ -90,6 +101,8 @@ def _optimise(
     unit_to_m: Unit = None,
     up: UpAxis = None,
     mapping: Mapping = None,
+    neutral: Neutral = None,
+    window: Window = None,
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions, SearchOptions
     from ergoqp.cli.commands.optimise import optimise_command
@@ -99,7 +112,7 @@ def _optimise(
         recording,
         at,
         out,
-        RecordingOptions(person, unit_to_m, up and up.value, mapping),
+        RecordingOptions(person, unit_to_m, up and up.value, mapping, neutral, window),
         SearchOptions(starts, jobs, seed, mode, solver, scheduler),
     )
 

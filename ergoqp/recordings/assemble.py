@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from ergoqp.recordings.remarks import remarks
 
 CALIBRATION = "calibration pose"
 """Why the frames of a T-pose at the begin or end of a recording are not scored."""
+_ROUNDED: Final = 1e-3  # s
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,8 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
 
 
 def _windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
-    inside = (motion.time >= window[0]) & (motion.time <= window[1])
+    # A file's frame time is rounded: the frame at two seconds is at 1.99999.
+    inside = (motion.time >= window[0] - _ROUNDED) & (motion.time <= window[1] + _ROUNDED)
     if not inside.any():
         raise InputError(
             f"window: got {window[0]:g} to {window[1]:g} s, allowed times from"

@@ -289,6 +289,16 @@ class TestScore:
         assert all(bool(row["not_scored"]) == (row["valid"] == "0") for row in rows)
         assert not 20 <= summary["worst"]["frame"] < 40
 
+    def test_part_of_a_recording_is_scored(self, ergoqp, demo, tmp_path):
+        options = ("--window", "2:4", "--neutral", "vertical", "--up", "y")
+        assert ergoqp("score", demo, "--out", "part", *options).status == 0
+        summary = json.loads((tmp_path / "part" / "scores.json").read_text(encoding="utf-8"))
+        assert summary["frames"] == 61
+        assert ergoqp("score", demo, "--out", "rest", "--window", "2:", "--up", "-y").status == 0
+        summary = json.loads((tmp_path / "rest" / "scores.json").read_text(encoding="utf-8"))
+        assert summary["frames"] == 121
+        assert any("although the head" in each for each in summary["assumptions"])
+
     def test_the_upper_arm_can_be_scored_by_its_elevation(self, ergoqp, demo, tmp_path):
         assert ergoqp("score", demo, "--upper-arm", "elevation", "--out", "by").status == 0
         summary = json.loads((tmp_path / "by" / "scores.json").read_text(encoding="utf-8"))
@@ -301,7 +311,13 @@ class TestScore:
             (("--load-kg", "nan"), "load_kg"),
             (("--coupling", "4"), "coupling"),
             (("--activity", "-1"), "activity"),
-            (("--up", "x"), "--up"),
+            (("--up", "w"), "--up"),
+            (("--window", "2"), "--window"),
+            (("--window", "a:b"), "--window"),
+            (("--window", "90:99"), "window"),
+            (("--neutral", "99"), "neutral: got 99 s"),
+            (("--neutral", "none.bvh"), "none.bvh"),
+            (("--upper-arm", "none"), "--upper-arm"),
             (("--unit-to-m", "-1"), "unit_to_m"),
             (("--unit-to-m", "0.0001"), "unit"),
             (("--person", "0.4"), "stature"),

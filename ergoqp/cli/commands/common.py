@@ -32,22 +32,41 @@ class RecordingOptions:
         unit_to_m: size of the file's unit of length [m].
         up: the file's vertical axis.
         mapping: path of a naming of joints.
+        neutral: when the person stands straight, as written.
+        window: seconds to read, as written.
     """
 
     person: str | None
     unit_to_m: float | None
     up: str | None
     mapping: Path | None
+    neutral: str | None = None
+    window: str | None = None
 
     @property
     def person_value(self) -> float | Path | None:
         """The stature as a number, or the path."""
-        if self.person is None:
+        return _number_or_path(self.person)
+
+    @property
+    def window_value(self) -> tuple[float, float] | None:
+        """First and last time [s].
+
+        Raises:
+            InputError: if it is not written as two times.
+        """
+        if self.window is None:
             return None
+        begin, colon, end = self.window.partition(":")
         try:
-            return float(self.person)
+            if not colon:
+                raise ValueError
+            return float(begin or "-inf"), float(end or "inf")
         except ValueError:
-            return Path(self.person)
+            raise InputError(
+                f"--window: got {self.window!r}, allowed two times in seconds such as 2:10, or one"
+                " such as 2: or :10"
+            ) from None
 
     def load(self, path: Path) -> Recording:
         """Read a recording.
@@ -55,8 +74,15 @@ class RecordingOptions:
         Raises:
             ErgoqpError: if it cannot be read that way.
         """
+        neutral = self.neutral
         return load_recording(
-            path, self.person_value, self.unit_to_m, self.up, mapping=self.mapping
+            path,
+            self.person_value,
+            self.unit_to_m,
+            self.up,
+            mapping=self.mapping,
+            neutral=neutral if neutral == "vertical" else _number_or_path(neutral),
+            window=self.window_value,
         )
 
     def refuse_without_recording(self) -> None:
@@ -65,12 +91,27 @@ class RecordingOptions:
         Raises:
             InputError: naming the option.
         """
-        given = {"--unit-to-m": self.unit_to_m, "--up": self.up, "--mapping": self.mapping}
+        given = {
+            "--unit-to-m": self.unit_to_m,
+            "--up": self.up,
+            "--mapping": self.mapping,
+            "--neutral": self.neutral,
+            "--window": self.window,
+        }
         for option, value in given.items():
             if value is not None:
                 raise InputError(
                     f"{option}: got {str(value)!r}, but there is no recording; name one with --from"
                 )
+
+
+def _number_or_path(text: str | None) -> float | Path | None:
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return Path(text)
 
 
 @dataclass(frozen=True)
