@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.made_motions import SHOULDERS
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.recordings.fitting.centres_of import centres_of
@@ -73,17 +74,6 @@ def test_any_posture_is_found_without_a_frame_before() -> None:
             assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1))) < 2.0
 
 
-MOTIONS = {
-    "raised sideways": [(10, 5, 0), (5, 170, 10), (10, 5, 0)],
-    "raised forward": [(0, 5, 0), (170, 10, 10), (0, 5, 0)],
-    "sideways, then forward": [(0, 5, 0), (0, 85, 0), (90, 80, 20), (90, 10, 20)],
-    "forward, and out over the side": [(20, 10, 0), (100, 20, 0), (95, 130, -40), (100, 10, 0)],
-    "behind the back": [(0, 10, 0), (-50, 20, 60), (-55, 35, 80), (0, 10, 0)],
-    "around": [(0, 10, 0), (60, 60, 0), (20, 100, -20), (-20, 60, -20), (0, 10, 0)],
-    "across the chest": [(80, 0, 40), (85, -40, 60), (60, -30, 30), (80, 10, 20)],
-}
-
-
 def moved(angles: list[tuple[float, float, float]], elbow: float, count: int = 181) -> np.ndarray:
     """Smooth postures through shoulder angles [deg], both arms alike."""
     keys = np.radians(angles)
@@ -100,10 +90,10 @@ def moved(angles: list[tuple[float, float, float]], elbow: float, count: int = 1
 
 
 @pytest.mark.parametrize("elbow", [3.0, 30.0, 90.0])
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("name", SHOULDERS)
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 def test_shoulders_keep_to_one_way_of_turning(name: str, elbow: float, noise: float) -> None:
-    truth = moved(MOTIONS[name], elbow)
+    truth = moved(SHOULDERS[name], elbow)
     pelvis = np.tile([0.3, 0.1, 0.9, 0.7], (len(truth), 1))
     where = places(pelvis, truth)
     generator = np.random.default_rng(5)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_motions import BODY, RATE, Places, fitted, leaning, posture, stoop, walk
 
+from benchmarks.made_motions import BODY, RATE, Places, fitted, leaning, posture, stoop, walk
 from ergoqp import reba
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.joints import INDEX

@@ -27,8 +27,8 @@ _LIKELY: Final = math.radians(35)
 """A skeleton that leaned more would not be taken for a person's."""
 _WALKER: Final = math.radians(8)
 """How far people lean who walk: so little is left as it is, beside a walk or a stand."""
-_LITTLE: Final = math.radians(1)
-"""So little is left as it is beside any other."""
+_LITTLE: Final = math.radians(5)
+"""So little of the trunk's lean is left as it is: the sheet calls it upright."""
 _LONG: Final = 1.0
 """For how long somebody has to walk or stand [s]."""
 _STRIDE: Final = 0.15
@@ -135,13 +135,16 @@ def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> N
     nod = float(np.nanmedian(neck)) if np.isfinite(neck).any() else -lean
     if abs(lean) > _LIKELY or abs(nod) > 2 * _LIKELY:
         return None
-    lean, nod = (0.0 if abs(each) <= least else each for each in (lean, nod))
-    return Neutral(
-        lean,
-        nod,
-        f"The person is taken to be straight {when}: the skeleton's trunk leans forward by"
-        f" {math.degrees(lean):.0f} deg there, and its neck by {math.degrees(nod):.0f} deg.",
-    )
+    if abs(lean) <= least:
+        # The head is looked at by itself: as it is to the trunk that is left as it is.
+        lean = 0.0
+    said = f"The person is taken to be straight {when}"
+    if max(abs(lean), abs(nod)) > math.radians(0.5):
+        said += (
+            f": the skeleton's trunk leans forward by {math.degrees(lean):.0f} deg there, and its"
+            f" neck by {math.degrees(nod):.0f} deg"
+        )
+    return Neutral(lean, nod, f"{said}.")
 
 
 def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:

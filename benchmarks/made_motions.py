@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -76,6 +76,32 @@ def leaning(places: Places, degrees: float) -> Places:
         centre: path if centre.endswith(legs) else path + turned - arm
         for centre, path in places.items()
     }
+
+
+SHOULDERS: Final[dict[str, list[tuple[float, float, float]]]] = {
+    "raised sideways": [(10, 5, 0), (5, 170, 10), (10, 5, 0)],
+    "raised forward": [(0, 5, 0), (170, 10, 10), (0, 5, 0)],
+    "sideways, then forward": [(0, 5, 0), (0, 85, 0), (90, 80, 20), (90, 10, 20)],
+    "forward, and out over the side": [(20, 10, 0), (100, 20, 0), (95, 130, -40), (100, 10, 0)],
+    "behind the back": [(0, 10, 0), (-50, 20, 60), (-55, 35, 80), (0, 10, 0)],
+    "around": [(0, 10, 0), (60, 60, 0), (20, 100, -20), (-20, 60, -20), (0, 10, 0)],
+    "across the chest": [(80, 0, 40), (85, -40, 60), (60, -30, 30), (80, 10, 20)],
+}
+"""Flexion, abduction and rotation of both shoulders that movements go through [deg]."""
+
+
+def shoulders(name: str, elbow: float, count: int = 181) -> np.ndarray:
+    """Postures (n, 32) [rad] of a movement of `SHOULDERS`, with elbows bent by some degrees."""
+    keys = np.radians(SHOULDERS[name])
+    share = np.linspace(0, len(keys) - 1, count)
+    at = np.minimum(share.astype(int), len(keys) - 2)
+    part = (1 - np.cos(np.pi * (share - at))) / 2
+    path = keys[at] + part[:, None] * (keys[at + 1] - keys[at])
+    postures = posture(count, trunk_flexion=5.0, neck_flexion=4.0, arms_elbow_flexion=elbow)
+    for side in SIDES:
+        for i, joint in enumerate(("flexion", "abduction", "rotation")):
+            postures[:, INDEX[f"{side}_shoulder_{joint}"]] = path[:, i]
+    return postures
 
 
 def fitted(places: Places, **options: Any) -> Recording:

@@ -1,0 +1,202 @@
+"""Angles that are read from recordings, against plain geometry and against the truth.
+
+Run ``python -m benchmarks.recordings [--quick | --full] [--json FILE]``. The reference recordings
+are looked for in ``../shared/mocap/bvh``; without them only what the project makes is measured.
+
+``geometry.FILE.ANGLE_rms_deg``: the angle that is read, against the one between the file's own
+joint centres, RMS over frames and sides: ``trunk`` (from the vertical), ``elbow``, ``knee``,
+``elevation`` (of the upper arm from the trunk). ``.constant``: had the median been said of every
+frame. ``geometry.FILE.ANGLE_max_deg``: largest, of the frames that are scored.
+``geometry.FILE.marked``: share of the frames that are not scored, calibration poses apart.
+``geometry.FILE.trunk_score_off``: mean trunk score less that of the plain forward lean.
+
+``made.MOVEMENT.elevation_rms_deg``: shoulders of our own person through every branch, elbows bent
+by 3, 30 and 90 deg, centres with 3 mm of noise. ``made.wrong_branches``: frames in which flexion is
+more than 90 deg off, and the arm not within 3 deg of straight sideways.
+``made.upright_score.LEAN``: mean trunk score of upright walking by a skeleton that leans
+(``.vertical``: had the trunk been measured to the vertical). ``made.stoop_off_deg``: how far the
+deepest trunk angles of stoops are from what they are.
+
+``centres_per_s``: frames per second and core, from joint centres to postures, fit error and what is
+not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.made_motions import (
+    BODY,
+    SHOULDERS,
+    Places,
+    fitted,
+    leaning,
+    shoulders,
+    stoop,
+    walk,
+)
+from benchmarks.report import Report, run
+from ergoqp import reba
+from ergoqp.joints import INDEX, SIDES
+from ergoqp.recordings import Recording, load_recording
+from ergoqp.recordings.assemble import CALIBRATION
+from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up
+from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.recordings.fitting.leaning import leans
+from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
+from ergoqp.recordings.naming import named_centres
+from ergoqp.recordings.readers import read_motion
+from ergoqp.sheets.elevation import elevation_of
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "mocap" / "bvh"
+ANGLES = ("trunk", "elbow", "knee", "elevation")
+NOISE = 0.003
+"""Of every coordinate of made centres [m]."""
+POLE = np.radians(3.0)
+"""Nearer to straight sideways an arm has no flexion [rad]."""
+
+
+def places_of(path: Path) -> Places:
+    """Return a file's own joint centres [m], z up."""
+    motion = read_motion(path)
+    paths = named_centres(motion, None, path.name).paths
+    stature, up = suggested_stature(measured_lengths(paths)), find_up(paths)
+    assert stature is not None
+    assert up is not None
+    axes = find_unit(stature, path.name) * axes_of(up)
+    return {centre: each @ axes.T for centre, each in paths.items()}
+
+
+def plain_angles(places: Places) -> dict[str, np.ndarray]:
+    """Return the angles between joint centres (n, 1 or 2) [deg]."""
+    trunk = places["neck"] - (places["right_hip"] + places["left_hip"]) / 2
+    vertical = np.broadcast_to([0.0, 0.0, 1.0], trunk.shape)
+    found = {"trunk": [_between(trunk, vertical)], "elbow": [], "knee": [], "elevation": []}
+    for side in SIDES:
+        at = {name.removeprefix(f"{side}_"): path for name, path in places.items()}
+        upper_arm = at["elbow"] - at["shoulder"]
+        found["elevation"].append(_between(upper_arm, -trunk))
+        found["elbow"].append(_between(upper_arm, at["wrist"] - at["elbow"]))
+        found["knee"].append(_between(at["knee"] - at["hip"], at["ankle"] - at["knee"]))
+    return {name: np.stack(each, axis=1) for name, each in found.items()}
+
+
+def read_angles(postures: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the same angles of postures."""
+    trunk = np.cos(postures[:, INDEX["trunk_flexion"]]) * np.cos(
+        postures[:, INDEX["trunk_side_bend"]]
+    )
+    sides = {
+        name: np.degrees(postures[:, [INDEX[f"{side}_{name}_flexion"] for side in SIDES]])
+        for name in ("elbow", "knee")
+    }
+    elevation = np.degrees(elevation_of(postures)[0])
+    return {"trunk": np.degrees(np.arccos(trunk))[:, None], "elevation": elevation, **sides}
+
+
+def geometry(report: Report, path: Path) -> None:
+    """Print how far what is read from a file is from its plain geometry."""
+    recording, places = load_recording(path), places_of(path)
+    plain = plain_angles(places)
+    read, name = read_angles(recording.postures), f"geometry.{path.stem}"
+    work = ~recording.not_scored.get(CALIBRATION, np.zeros(len(recording.time), dtype=bool))
+    for angle in ANGLES:
+        off = (read[angle] - plain[angle])[work]
+        report.figure(f"{name}.{angle}_rms_deg", _rms(off))
+        constant = (plain[angle] - np.median(plain[angle][work], axis=0))[work]
+        report.figure(f"{name}.{angle}_rms_deg.constant", _rms(constant))
+        scored = np.abs(read[angle] - plain[angle])[recording.scored]
+        report.figure(f"{name}.{angle}_max_deg", scored.max())
+    report.figure(f"{name}.marked", float(np.mean((~recording.scored)[work])))
+    plainly = recording.postures.copy()
+    plainly[:, INDEX["trunk_flexion"]] = leans(places)[0]
+    means = [_trunk_score(each[recording.scored]) for each in (recording.postures, plainly)]
+    report.figure(f"{name}.trunk_score_off", means[0] - means[1])
+
+
+def made_shoulders(report: Report) -> None:
+    """Print how shoulders are read that go through every branch."""
+    wrong, generator = 0, np.random.default_rng(1000)
+    for name in SHOULDERS:
+        off = []
+        for elbow in (3.0, 30.0, 90.0):
+            truth = shoulders(name, elbow)
+            pelvis = np.tile([0.0, 0.0, 0.9, 0.5], (len(truth), 1))
+            places = {
+                centre: path + NOISE * generator.standard_normal(path.shape)
+                for centre, path in centres_of(BODY, pelvis, truth).items()
+            }
+            found = fitted(places, neutral="vertical").postures
+            off.append(np.degrees(elevation_of(found)[0] - elevation_of(truth)[0]))
+            flexion = [INDEX[f"{side}_shoulder_flexion"] for side in SIDES]
+            shows = np.abs(np.cos(truth[:, [each + 1 for each in flexion]])) > np.sin(POLE)
+            wrong += int((shows & (np.abs(np.degrees(found - truth)[:, flexion]) > 90)).sum())
+        key = name.replace(",", "").replace(" ", "_")
+        report.figure(f"made.{key}.elevation_rms_deg", _rms(np.array(off)))
+    report.figure("made.wrong_branches", wrong)
+
+
+def made_trunks(report: Report) -> None:
+    """Print how trunks are read that are upright, and that are not."""
+    for lean in (-30, -20, -10, 0, 10, 20, 30):
+        places = leaning(walk()[0], lean)
+        report.figure(f"made.upright_score.{lean}", _score(fitted(places)))
+        plain = _score(fitted(places, neutral="vertical"))
+        report.figure(f"made.upright_score.{lean}.vertical", plain)
+    off = []
+    for deepest, stands in ((70.0, True), (40.0, True), (60.0, False), (30.0, False)):
+        recording = fitted(stoop(deepest=deepest, stands=stands)[0])
+        trunk = np.degrees(recording.postures[:, INDEX["trunk_flexion"]])
+        off.append(abs(trunk.max() - deepest))
+    report.figure("made.stoop_off_deg", max(off))
+
+
+def speed(report: Report, paths: list[Path]) -> None:
+    """Print how many frames are read in a second on one core."""
+    places = {centre: np.tile(path, (20, 1)) for centre, path in walk(10.0)[0].items()}
+    fitted(walk(1.0)[0])  # builds the one function that there is
+    begin = time.perf_counter()
+    fitted(places)
+    count = len(places["neck"])
+    report.figure("centres_per_s", count / (time.perf_counter() - begin), f"{count} frames")
+    for path in paths:
+        begin = time.perf_counter()
+        frames = len(load_recording(path).time)
+        took = time.perf_counter() - begin
+        report.figure(f"centres_per_s.read.{path.stem}", frames / took, f"{frames} frames")
+
+
+def _score(recording: Recording) -> float:
+    return _trunk_score(recording.scored_postures)
+
+
+def _trunk_score(postures: np.ndarray) -> float:
+    return float(reba.assess(postures).segments["trunk"].mean())
+
+
+def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    sizes = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    return np.degrees(np.arccos(np.clip((one * other).sum(axis=1) / sizes, -1, 1)))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def measure(report: Report) -> None:
+    """Print every figure; the sample is small enough to be taken whole."""
+    paths = sorted(SHARED.glob("*.bvh"))
+    if not paths:
+        report.say(f"no reference recordings in {SHARED}: only what the project makes")
+    for path in paths:
+        geometry(report, path)
+    made_shoulders(report)
+    made_trunks(report)
+    speed(report, paths)
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")
