@@ -18,13 +18,15 @@ from ergoqp.recordings.fitting.neutral import Neutral, neutral_of, stated_neutra
 from ergoqp.recordings.fitting.person import measured_lengths, measured_person, suggested_stature
 from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.naming import NamedCentres, Naming, named_centres
+from ergoqp.recordings.naming import Naming, named_centres
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
 
 CALIBRATION = "calibration pose"
 """Why the frames of a T-pose at the begin or end of a recording are not scored."""
 _ROUNDED: Final = 1e-3  # s
+_SAMPLE: Final = 10_000
+"""Frames by which an axis is found."""
 
 
 @dataclass(frozen=True)
@@ -69,20 +71,29 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
     unit = _unit(where, stature, reading.unit, assumptions)
     axes = unit * _axes(where, named.paths, reading.up, assumptions)
     body = reading.body or _measured_body(where, lengths, stature, unit, assumptions)
-    world = {centre: path @ axes.T for centre, path in named.paths.items()}
+    # An hour of it is much: what is not needed any more goes, and single precision is kept.
+    time, rest = motion.time, {name: axes @ place for name, place in named.rest.items()}
+    paths = dict(named.paths)
+    del motion, named
+    world = {}
+    for name in list(paths):
+        path = paths.pop(name)
+        world[name] = (path @ axes.T).astype(path.dtype)
     posed = t_poses(world)
-    neutral = _neutral(where, world, named, axes, motion.time, reading)
+    neutral = _neutral(where, world, rest, axes, time, reading)
     if neutral is not None:
         assumptions.append(neutral.sentence)
         world = straightened(world, neutral.trunk, neutral.neck)
 
-    result = fit(body, world, motion.time)
+    result = fit(body, world, time)
     calibration = _at_the_ends(posed)
     if calibration.any():
         result = replace(result, not_scored={CALIBRATION: calibration, **result.not_scored})
-    assumptions.extend(remarks(motion.time, world, result))
+    assumptions.extend(remarks(time, world, result))
+    del world
+    result.postures.setflags(write=False)
     return Recording(
-        time=motion.time,
+        time=time,
         postures=result.postures,
         base_poses=_poses(result.pelvis),
         observed=result.observed,
@@ -126,6 +137,8 @@ def _axes(
     where: str, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]
 ) -> np.ndarray:
     """Return the rotation (3, 3) from the file's axes to ours."""
+    every = max(1, len(next(iter(centres.values()))) // _SAMPLE)
+    centres = {name: path[::every] for name, path in centres.items()}
     found = find_up(centres)
     if stated is not None:
         if found is not None and found != stated:
@@ -157,7 +170,7 @@ def _axes(
 def _neutral(
     where: str,
     world: Mapping[str, np.ndarray],
-    named: NamedCentres,
+    rest: Mapping[str, np.ndarray],
     axes: np.ndarray,
     time: np.ndarray,
     reading: Reading,
@@ -178,7 +191,7 @@ def _neutral(
             )
         frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
         return stated_neutral(world, frame, f"at {stated:g} s, as stated")
-    return neutral_of(world, {name: axes @ place for name, place in named.rest.items()}, time)
+    return neutral_of(world, rest, time)
 
 
 def _at_the_ends(posed: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ class Recording:
 
     Attributes:
         time: time stamps, shape (n,) [s].
-        postures: joint angles in the order of `ergoqp.JOINTS`, within their ranges, shape (n, 32)
-            [rad].
+        postures: joint angles in the order of `ergoqp.JOINTS`, within their ranges, read-only,
+            shape (n, 32) [rad].
         base_poses: pose of the pelvis in the world, upright (position and heading only), x forward,
             y left, z up, shape (n, 4, 4) [m].
         observed: whether the recording tells this joint, shape (n, 32) bool; one that it never
@@ -56,7 +56,12 @@ class Recording:
     @property
     def scored_postures(self) -> np.ndarray:
         """The postures for `ergoqp.reba.assess`, which scores no NaN: (n, 32) [rad]."""
-        return np.where(self.scored[:, None], self.postures, np.nan)
+        scored = self.scored
+        if scored.all():
+            return self.postures
+        postures = np.where(scored[:, None], self.postures, np.nan)
+        postures.setflags(write=False)
+        return postures
 
     def causes(self, frame: int) -> list[str]:
         """Return why a frame is not scored; nothing if it is."""

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from benchmarks.made_motions import SHOULDERS
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
+from ergoqp.recordings.fitting import posture_fit
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.fitting.steady import steady
@@ -110,6 +111,24 @@ def test_shoulders_keep_to_one_way_of_turning(name: str, elbow: float, noise: fl
             for q, i in ((each, INDEX[f"{side}_shoulder_flexion"]) for each in (found, truth))
         ]
         assert np.sqrt(np.mean((elevations[0] - elevations[1]) ** 2)) < (0.1 if not noise else 1.5)
+
+
+@pytest.mark.parametrize("name", SHOULDERS)
+def test_blocks_are_as_the_whole(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = moved(SHOULDERS[name], 30.0, 720)
+    where = centres_of(BODY, pelvis_of(1).repeat(720, axis=0), truth)
+    where["left_wrist"][300:330] = np.nan
+    where["right_elbow"][100:110] = np.nan
+    time = np.arange(720) / 40
+    whole = fit(BODY, where, time)
+    monkeypatch.setattr(posture_fit, "_BLOCK", 97)
+    parts = fit(BODY, where, time)
+    np.testing.assert_allclose(parts.postures, whole.postures, atol=np.radians(0.05))
+    np.testing.assert_allclose(parts.error, whole.error, atol=1e-4)
+    np.testing.assert_array_equal(parts.observed, whole.observed)
+    assert set(parts.not_scored) == set(whole.not_scored)
+    for cause, frames in whole.not_scored.items():
+        np.testing.assert_array_equal(parts.not_scored[cause], frames)
 
 
 def test_an_arm_up_backwards_is_not_one_up_forwards() -> None:

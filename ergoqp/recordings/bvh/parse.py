@@ -1,16 +1,18 @@
 """The text of a BVH file as skeleton and numbers, in one pass that trusts nothing.
 
-No frame count is believed, no line that may never come is waited for, no NaN let through; what is
-wrong is told with its line.
+The rows are read in blocks: an hour is more than fits. No frame count is believed, no line that may
+never come is waited for, no NaN let through; what is wrong is told with its line.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import BinaryIO, Final, NoReturn
 
 import numpy as np
 
@@ -21,6 +23,7 @@ CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zr
 
 _LARGEST = 1e8  # in any unit of length, and in degrees; no person is there
 _LONGEST_FRAME = 10.0  # seconds; a longer frame time is a frame rate written in its place
+_BLOCK: Final = 4096  # rows that are numbers at once
 _DEEPEST = 100  # joints, one inside the other; a person with all fingers has about ten
 
 
@@ -44,17 +47,20 @@ class Joint:
 
 @dataclass(frozen=True)
 class BvhText:
-    """A checked BVH file.
+    """A BVH file that is being read.
 
     Attributes:
         joints: the skeleton in the order of the file, which is that of the columns.
-        rows: channel values, shape (n, channels); finite [file unit, deg].
         frame_time: period between two rows [s].
+        most: more rows than that there are not.
+        blocks: channel values, some rows (k, channels) after the other; finite [file unit, deg].
+            What is wrong with a row is raised when its turn comes.
     """
 
     joints: tuple[Joint, ...]
-    rows: np.ndarray
     frame_time: float
+    most: int
+    blocks: Iterator[np.ndarray]
 
 
 @dataclass
@@ -62,17 +68,26 @@ class _Cursor:
     """The lines of one file and the place reached, so that every complaint names its line."""
 
     path: Path
-    lines: list[str]
+    lines: Iterator[str]
     line: int = 0
     """Number of the line last returned, counted from 1; 0 before the first."""
+    empty: bool = True
+    """Whether all of them were blank so far."""
+
+    def words(self) -> list[str] | None:
+        """Return the words of the next line that is not blank; None at the end."""
+        for text in self.lines:
+            self.line += 1
+            if words := text.split():
+                self.empty = False
+                return words
+        return None
 
     def next(self, wanted: str) -> list[str]:
         """Return the words of the next line that is not blank."""
-        while self.line < len(self.lines):
-            self.line += 1
-            if words := self.lines[self.line - 1].split():
-                return words
-        if not any(line.strip() for line in self.lines):
+        if (words := self.words()) is not None:
+            return words
+        if self.empty:
             raise RecordingError(f"{self.path.name}: got an empty file, allowed a BVH file")
         raise RecordingError(
             f"{self.path.name}: the file ends in line {self.line}, required is {wanted}"
@@ -102,50 +117,71 @@ class _Cursor:
         return value
 
 
-def read_text(path: Path) -> BvhText:
+@contextmanager
+def opened(path: Path) -> Iterator[BvhText]:
     """Read and check a BVH file without trusting any number it states.
 
     Args:
         path: the file.
 
-    Returns:
-        The skeleton, the rows as numbers and the frame time.
+    Yields:
+        The skeleton, the frame time, and the rows as numbers, block by block.
 
     Raises:
         RecordingError: the file is missing, a folder, not text, or not a complete and finite BVH
             file; says which line, what was found and what is allowed.
     """
-    cursor = _Cursor(path, re.split(r"\r\n|\r|\n", _decoded(path)))
-    words = cursor.next("the line HIERARCHY")
-    if words != ["HIERARCHY"]:
-        cursor.fail(f"a BVH file starts with the line HIERARCHY, got {_short(' '.join(words))}")
-    joints = _read_skeleton(cursor)
-    rows, frame_time = _read_motion(cursor, sum(len(joint.channels) for joint in joints))
-    return BvhText(joints, rows, frame_time)
+    with _binary(path) as file:
+        cursor = _Cursor(path, iter(()))
+        cursor.lines = _lines(file, cursor)
+        words = cursor.next("the line HIERARCHY")
+        if words != ["HIERARCHY"]:
+            cursor.fail(f"a BVH file starts with the line HIERARCHY, got {_short(' '.join(words))}")
+        joints = _read_skeleton(cursor)
+        channels = sum(len(joint.channels) for joint in joints)
+        stated, stated_line, frame_time = _read_motion(cursor)
+        # A number and what parts it from the next are two bytes at least.
+        most = min(stated, path.stat().st_size // (2 * channels) + 1)
+        yield BvhText(joints, frame_time, most, _rows(cursor, channels, stated, stated_line))
 
 
-def _decoded(path: Path) -> str:
+@contextmanager
+def _binary(path: Path) -> Iterator[BinaryIO]:
+    """Open a file, or say why not."""
     try:
         # Opening a pipe or a device would wait for someone to write.
         if path.exists() and not path.is_file():
             raise RecordingError(f"{str(path)!r} is not a file, allowed the recording file itself")
-        content = path.read_bytes()
+        file = path.open("rb")
     except FileNotFoundError:
         raise RecordingError(
             f"{path.name}: got no file {str(path)!r}, allowed a recording"
         ) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RecordingError(
-            f"{_short(str(path))} cannot be read: {reason}, allowed a recording"
-        ) from None
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise RecordingError(
-            f"{path.name}, line {line}: got a byte that is not UTF-8, allowed plain text"
-        ) from None
+        raise _unreadable(path, error) from None
+    with file:
+        try:
+            yield file
+        except OSError as error:
+            raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> RecordingError:
+    reason = getattr(error, "strerror", None) or error
+    return RecordingError(f"{_short(str(path))} cannot be read: {reason}, allowed a recording")
+
+
+def _lines(file: BinaryIO, cursor: _Cursor) -> Iterator[str]:
+    """Return the lines of a file, ended in any of the usual ways."""
+    for number, raw in enumerate(file):
+        try:
+            text = raw.decode("utf-8" if number else "utf-8-sig")
+        except UnicodeDecodeError:
+            raise RecordingError(
+                f"{cursor.path.name}, line {cursor.line + 1}: got a byte that is not UTF-8, allowed"
+                " plain text"
+            ) from None
+        yield from text.removesuffix("\n").removesuffix("\r").split("\r")
 
 
 def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
@@ -218,7 +254,8 @@ def _read_channels(cursor: _Cursor) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
+def _read_motion(cursor: _Cursor) -> tuple[int, int, float]:
+    """Return how many rows are stated, in which line, and the frame time [s]."""
     words = cursor.next("the line MOTION: it holds a skeleton but no movement")
     if words != ["MOTION"]:
         cursor.fail(f"the line MOTION must follow the skeleton, got {_short(' '.join(words))}")
@@ -235,23 +272,32 @@ def _read_motion(cursor: _Cursor, channels: int) -> tuple[np.ndarray, float]:
             f"the frame time is {frame_time:g} s; allowed is above 0 and at most"
             f" {_LONGEST_FRAME:g} s"
         )
+    return stated, stated_line, frame_time
 
-    found = [i for i in range(cursor.line, len(cursor.lines)) if cursor.lines[i].strip()]
-    if stated != len(found) or not found:
+
+def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iterator[np.ndarray]:
+    """Return the rows, block by block; say at the end if there are not as many as is stated."""
+    found, block = 0, []
+    while (words := cursor.words()) is not None:
+        found += 1
+        if found > stated:
+            continue
+        block.append(_row(cursor, words, channels))
+        if len(block) == _BLOCK:
+            yield np.array(block)
+            block = []
+    if stated != found or not found:
         what = (
             "the recording is cut or was joined with another"
             if found
             else "there is no movement in it"
         )
         raise RecordingError(
-            f"{cursor.path.name}, line {stated_line}: got {len(found)} rows, allowed {stated}, as"
+            f"{cursor.path.name}, line {stated_line}: got {found} rows, allowed {stated}, as"
             f" is stated; {what}"
         )
-    rows = np.empty((len(found), channels))
-    for frame, i in enumerate(found):
-        cursor.line = i + 1
-        rows[frame] = _row(cursor, cursor.lines[i].split(), channels)
-    return rows, frame_time
+    if block:
+        yield np.array(block)
 
 
 def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ergoqp.recordings.bvh.parse import Joint, read_text
+from ergoqp.recordings.bvh.parse import Joint, opened
 from ergoqp.recordings.motion import JointMotion
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
@@ -27,34 +28,43 @@ def read_bvh(path: Path) -> JointMotion:
     Raises:
         RecordingError: the file is not a complete, finite BVH file.
     """
-    text = read_text(path)
-    positions: list[np.ndarray] = []
-    rest: list[np.ndarray] = []
-    column = 0
-    # Rest, position and rotation of all that the next joint may hang from, the world first.
-    above = [
-        (
-            np.zeros(3),
-            np.zeros((len(text.rows), 3)),
-            np.broadcast_to(np.eye(3), (len(text.rows), 3, 3)),
-        )
-    ]
-    for joint in text.joints:
-        parent_rest, parent_position, parent_rotation = above[joint.depth]
-        width = len(joint.channels)
-        offset, rotation = _local(joint, text.rows[:, column : column + width])
-        column += width
-        rest.append(parent_rest + joint.offset)
-        positions.append(parent_position + np.einsum("nij,nj->ni", parent_rotation, offset))
-        above[joint.depth + 1 :] = [(rest[-1], positions[-1], parent_rotation @ rotation)]
+    with opened(path) as text:
+        # Single precision is finer than anybody measures, and an hour is half as much.
+        positions = np.empty((text.most, len(text.joints), 3), dtype=np.float32)
+        count = 0
+        for rows in text.blocks:
+            positions[count : count + len(rows)] = _places(text.joints, rows)
+            count += len(rows)
+    rest = _places(
+        [Joint(joint.name, joint.offset, (), joint.depth) for joint in text.joints],
+        np.zeros((1, 0)),
+    )
     note = f"The frames are uniform in time, {text.frame_time:g} s apart, as the file states."
     return JointMotion(
         tuple(joint.name for joint in text.joints),
-        np.stack(positions, axis=1),
-        text.frame_time * np.arange(len(text.rows)),
-        np.array(rest),
+        positions[:count],
+        text.frame_time * np.arange(count),
+        rest[0],
         (note,),
     )
+
+
+def _places(joints: Sequence[Joint], rows: np.ndarray) -> np.ndarray:
+    """Return the centres of joints (n, m, 3) by forward kinematics [file unit]."""
+    positions = np.empty((len(rows), len(joints), 3))
+    column = 0
+    # Position and rotation of all that the next joint may hang from, the world first.
+    above = [
+        (np.zeros((len(rows), 3)), np.broadcast_to(np.eye(3), (len(rows), 3, 3))),
+    ]
+    for number, joint in enumerate(joints):
+        parent_position, parent_rotation = above[joint.depth]
+        width = len(joint.channels)
+        offset, rotation = _local(joint, rows[:, column : column + width])
+        column += width
+        positions[:, number] = parent_position + np.einsum("nij,nj->ni", parent_rotation, offset)
+        above[joint.depth + 1 :] = [(positions[:, number], parent_rotation @ rotation)]
+    return positions
 
 
 def _local(joint: Joint, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -46,6 +46,7 @@ def chosen(
     lower: np.ndarray,
     upper: np.ndarray,
     time: np.ndarray,
+    begin: bool | None = None,
 ) -> np.ndarray:
     """Return for each frame which of two triples of angles is taken (n,) bool: the second.
 
@@ -55,6 +56,7 @@ def chosen(
         lower: of the ranges (3,) [rad].
         upper: of the ranges (3,) [rad].
         time: when (n,) [s].
+        begin: whether the second is taken at first; None: that is not known.
     """
     seen = np.flatnonzero(np.isfinite(pair[0][:, :2]).all(axis=1))
     second = np.zeros(len(time), dtype=bool)
@@ -68,6 +70,8 @@ def chosen(
     # Who comes from nowhere is thought to be within the ranges, and to lift the arm forward.
     anew = beyond * told + np.array([[[0.0]], [[_OVER]]]) / 3
     cost = (here + np.where(since > _GAP, anew, 0.0)).sum(axis=2)
+    if begin is not None:
+        cost[0 if begin else 1, 0] = np.inf
     weight = np.minimum(told[1:], told[:-1])
     weight[:, 0] = np.maximum(weight[:, 0], _LEAST)
     way = np.empty((2, 2, len(at) - 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Final
 
@@ -18,6 +19,11 @@ _MEASURED: Final = tuple(
 )
 """Centres with a place of their own; of the others only the direction is known."""
 _BLOCK: Final = 4096
+
+
+def placed(names: Iterable[str]) -> list[str]:
+    """Return those of some centres that have a place of their own."""
+    return [name for name in names if name in _MEASURED]
 
 
 def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str, np.ndarray]:

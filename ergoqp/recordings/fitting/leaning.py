@@ -65,13 +65,14 @@ def straightened(
     arm = places["neck"] - hips
     shift = _turned(arm, level, -trunk) - arm
     found = {
-        centre: path if centre.endswith(_LEGS) else path + shift for centre, path in places.items()
+        centre: path if centre.endswith(_LEGS) else (path + shift).astype(path.dtype)
+        for centre, path in places.items()
     }
     for name in _HEAD:
         if name in found:
             # What the trunk is turned back the neck leans more, and is turned back with it.
             arm = _turned(found[name] - found["neck"], left, -trunk - neck)
-            found[name] = found["neck"] + arm
+            found[name] = (found["neck"] + arm).astype(found[name].dtype)
     return found
 
 

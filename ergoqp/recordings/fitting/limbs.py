@@ -32,8 +32,11 @@ def arm_angles(
     hand: np.ndarray,
     thumb: np.ndarray,
     time: np.ndarray,
-) -> tuple[Angles, Angles]:
-    """Return the angles of an arm, and which of them the recording tells (n,) bool.
+    begin: bool | None = None,
+) -> tuple[Angles, Angles, np.ndarray]:
+    """Return the angles of an arm, which of them the recording tells, and which way it turns.
+
+    The latter two are (n,) bool, see `ergoqp.recordings.fitting.branches` for the last.
 
     Args:
         side: ``right`` or ``left``.
@@ -43,6 +46,7 @@ def arm_angles(
         hand: from wrist to knuckles (n, 3).
         thumb: from wrist to thumb (n, 3).
         time: when (n,) [s].
+        begin: which way it turns at first; None: that is not known.
     """
     out, upper_arm = _out(side), _unit(upper_arm)
     forearm = _beyond(upper_arm, forearm)
@@ -55,7 +59,7 @@ def arm_angles(
     turn = _turn(forearm, held, out)
     shows = np.stack([np.hypot(forward, up), np.ones_like(up), np.sin(bend)], axis=1)
     ways = both_ways(np.column_stack([held, turn]), lower, upper)
-    second = chosen(ways, np.nan_to_num(shows), lower, upper, time)
+    second = chosen(ways, np.nan_to_num(shows), lower, upper, time, begin)
     leaps = np.diff(second)
     flexion = np.where(second, ways[1][:, 0], ways[0][:, 0])
     flexion = steady(flexion, shows[:, 0], time, leaps)
@@ -87,6 +91,7 @@ def arm_angles(
             "elbow_flexion": fore,
         }
         | told,
+        second,
     )
 
 

@@ -7,17 +7,23 @@ bones, whatever their lengths, and where the fitted body's centres come to lie i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS, SIDES
-from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.recordings.fitting.centres_of import centres_of, placed
 from ergoqp.recordings.fitting.limbs import arm_angles, leg_angles
 from ergoqp.recordings.fitting.spine import spine_of
-from ergoqp.recordings.fitting.validity import not_scored
+from ergoqp.recordings.fitting.validity import not_followed, not_seen, usual_lengths
 from ergoqp.recordings.naming import CENTRES
+
+_BLOCK: Final = 8192
+"""Frames at once: an hour is more than fits."""
+_AROUND: Final = 3.0
+"""What is this near in time is looked at with them [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +47,12 @@ class Fit:
     @property
     def error(self) -> np.ndarray:
         """Root of the mean squared distance of the seen centres (n,) [m]; NaN: none is seen."""
-        return _root_mean_square(self.errors, len(self.pelvis))
+        total, count = np.zeros(len(self.pelvis)), np.zeros(len(self.pelvis))
+        for each in self.errors.values():
+            seen = np.isfinite(each)
+            total += np.where(seen, each, 0.0) ** 2
+            count += seen
+        return np.sqrt(total / np.where(count, count, np.nan))
 
 
 def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
@@ -55,53 +66,80 @@ def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
         places: centre -> positions (n, 3) [m], NaN where not seen.
         time: when (n,) [s], increasing.
     """
+    count, usual = len(time), usual_lengths(places)
+    whole = Fit(
+        np.empty((count, 4)),
+        np.empty((count, len(JOINTS))),
+        np.empty((count, len(JOINTS)), dtype=bool),
+        {centre: np.empty(count, dtype=np.float32) for centre in placed(places)},
+        {},
+    )
+    over: dict[str, np.ndarray] = {}
+    for start in range(0, count, _BLOCK):
+        stop = min(start + _BLOCK, count)
+        first = int(np.searchsorted(time, time[start] - _AROUND))
+        last = int(np.searchsorted(time, time[stop - 1] + _AROUND, side="right"))
+        near = {centre: path[first:last].astype(float) for centre, path in places.items()}
+        # Arms go on as they did where the block before began to be known.
+        begin = {side: bool(ways[first]) for side, ways in over.items()} if start else {}
+        part, second = _fitted(body, near, time[first:last], begin, usual)
+        here, rows = slice(start - first, stop - first), slice(start, stop)
+        for side, ways in second.items():
+            over.setdefault(side, np.zeros(count, dtype=bool))[rows] = ways[here]
+        for name in ("pelvis", "postures", "observed"):
+            getattr(whole, name)[rows] = getattr(part, name)[here]
+        for centre, errors in part.errors.items():
+            whole.errors[centre][rows] = errors[here]
+        for cause, frames in part.not_scored.items():
+            known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
+            known[rows] = frames[here]
+    causes = whole.not_scored | not_seen(whole.observed, time)
+    return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
+
+
+def _fitted(
+    body: Body,
+    places: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    begin: Mapping[str, bool],
+    usual: Mapping[str, float],
+) -> tuple[Fit, dict[str, np.ndarray]]:
+    """Return the fit of some frames, and which way the arms turn: side -> the second one (n,)."""
     lost = np.full((len(time), 3), np.nan)
     place = {centre: places.get(centre, lost) for centre in CENTRES}
     spine = spine_of(place, time)
-    angles, told = dict(spine.angles), dict(spine.told)
+    angles, told, second = dict(spine.angles), dict(spine.told), {}
     into_trunk, into_pelvis = spine.trunk.inv(), spine.upright.inv()
     for side in SIDES:
-        at = {centre.removeprefix(f"{side}_"): path for centre, path in place.items()}
-
-        def bone(
-            start: str, end: str, at: Mapping[str, np.ndarray] = at, into=into_trunk
-        ) -> np.ndarray:
-            return into.apply(at[end] - at[start])
-
-        arm = arm_angles(
+        at = {name.removeprefix(f"{side}_"): path for name, path in place.items()}
+        *of_arm, second[side] = arm_angles(
             side,
-            bone("shoulder", "elbow"),
-            bone("elbow", "wrist"),
-            bone("wrist", "knuckles"),
-            bone("wrist", "thumb"),
+            into_trunk.apply(at["elbow"] - at["shoulder"]),
+            into_trunk.apply(at["wrist"] - at["elbow"]),
+            into_trunk.apply(at["knuckles"] - at["wrist"]),
+            into_trunk.apply(at["thumb"] - at["wrist"]),
             time,
+            begin.get(side),
         )
-        leg = leg_angles(
+        of_leg = leg_angles(
             side,
-            bone("hip", "knee", into=into_pelvis),
-            bone("knee", "ankle", into=into_pelvis),
-            bone("ankle", "toe", into=into_pelvis),
+            into_pelvis.apply(at["knee"] - at["hip"]),
+            into_pelvis.apply(at["ankle"] - at["knee"]),
+            into_pelvis.apply(at["toe"] - at["ankle"]),
             body.model.site(f"{side}_toe").pos,
             time,
         )
-        for limb, seen in (arm, leg):
+        for limb, seen in (of_arm, of_leg):
             angles |= {f"{side}_{joint}": each for joint, each in limb.items()}
             told |= {f"{side}_{joint}": each for joint, each in seen.items()}
     postures = np.stack([angles[joint] for joint in JOINTS], axis=1)
+    observed = np.stack([told[joint] for joint in JOINTS], axis=1)
     fitted = centres_of(body, spine.pelvis, postures)
     errors = {
         centre: np.linalg.norm(fitted[centre] - path, axis=1)
         for centre, path in places.items()
         if centre in fitted
     }
-    observed = np.stack([told[joint] for joint in JOINTS], axis=1)
-    error = _root_mean_square(errors, len(time))
-    causes = not_scored(places, fitted, observed, error, time)
-    return Fit(spine.pelvis, postures, observed, errors, causes)
-
-
-def _root_mean_square(errors: Mapping[str, np.ndarray], frames: int) -> np.ndarray:
-    squares = np.array(list(errors.values())).reshape(-1, frames) ** 2
-    seen = np.isfinite(squares)
-    count = seen.sum(axis=0)
-    return np.sqrt(np.where(seen, squares, 0.0).sum(axis=0) / np.where(count, count, np.nan))
+    found = Fit(spine.pelvis, postures, observed, errors, {})
+    causes = not_followed(places, fitted, found.error, usual)
+    return replace(found, not_scored=causes), second

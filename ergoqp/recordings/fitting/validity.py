@@ -7,7 +7,7 @@ lost. Such frames are not scored, counted, and named.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -51,39 +51,64 @@ NEEDED: Final = (
 """What a score stands on, if the recording tells it at all."""
 
 
-def not_scored(
+def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return the median lengths of the bones that are scored [m]; only of those that are seen.
+
+    Args:
+        places: centre -> positions (n, 3) [m], NaN where not seen.
+    """
+    places, found = _with_middles(places), {}
+    for name, start, end in _bones():
+        if start in places and end in places:
+            length = np.linalg.norm(places[end] - places[start], axis=1)
+            if np.isfinite(length).any():
+                found[name] = float(np.nanmedian(length))
+    return found
+
+
+def not_followed(
     places: Mapping[str, np.ndarray],
     fitted: Mapping[str, np.ndarray],
-    observed: np.ndarray,
     error: np.ndarray,
-    time: np.ndarray,
+    usual: Mapping[str, float],
 ) -> dict[str, np.ndarray]:
-    """Return why frames are not to be scored: cause -> those frames (n,) bool, some at least.
+    """Return where the body does not follow the recording: cause -> those frames (n,) bool.
 
     Args:
         places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
         fitted: the same of the body.
-        observed: which joints are told (n, 32) bool.
         error: RMS distance of the centres (n,) [m].
-        time: when (n,) [s].
+        usual: lengths of the bones [m], see `usual_lengths`.
     """
     causes = {}
     places, fitted = _with_middles(places), _with_middles(fitted)
     for name, *ends in _DIRECTIONS:
-        if all(end in places for end in ends):
+        if name in usual:
             bone, own = (_bone(each, *ends) for each in (places, fitted))
             causes[f"{name} beyond its range"] = _angle(bone, own) > _OFF
-            causes[f"{name} of another length"] = _stretched(bone)
     for name, *ends in _BENDS:
         if all(end in places for end in ends):
             bones, own = (
                 [_bone(each, *ends[:2]), _bone(each, *ends[1:])] for each in (places, fitted)
             )
             causes[f"{name} beyond its range"] = np.abs(_angle(*bones) - _angle(*own)) > _OFF
-            causes[f"{name} between bones of another length"] = np.logical_or(
-                *map(_stretched, bones)
-            )
+    for name, start, end in _bones():
+        if name in usual:
+            length = np.linalg.norm(places[end] - places[start], axis=1)
+            stretched = np.abs(length - usual[name]) > _STRETCHED * usual[name]
+            causes[f"{name} of another length"] = stretched
     causes["body far from the recording"] = error > _POOR
+    return causes
+
+
+def not_seen(observed: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
+    """Return where what a score stands on is not seen: cause -> those frames (n,) bool.
+
+    Args:
+        observed: which joints are told (n, 32) bool.
+        time: when (n,) [s].
+    """
+    causes = {}
     for name, joint in NEEDED:
         told = observed[:, INDEX[joint]]
         if told.any():
@@ -94,7 +119,16 @@ def not_scored(
     ):
         if not observed[:, [INDEX[joint] for joint in joints]].any():
             causes[f"{name} not seen"] = np.ones(len(time), dtype=bool)
-    return {cause: frames for cause, frames in causes.items() if frames.any()}
+    return causes
+
+
+def _bones() -> Iterator[tuple[str, str, str]]:
+    """Return names and ends of all bones that are scored."""
+    yield from _DIRECTIONS
+    for side in SIDES:
+        yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist"
+        yield f"{side} thigh", f"{side}_hip", f"{side}_knee"
+        yield f"{side} shank", f"{side}_knee", f"{side}_ankle"
 
 
 def _lost(told: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -118,15 +152,6 @@ def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _bone(places: Mapping[str, np.ndarray], start: str, end: str) -> np.ndarray:
     return places[end] - places[start]
-
-
-def _stretched(bone: np.ndarray) -> np.ndarray:
-    """Return where a bone (n, 3) is much longer or shorter than it usually is (n,) bool."""
-    length = np.linalg.norm(bone, axis=1)
-    if not np.isfinite(length).any():
-        return np.zeros(len(length), dtype=bool)
-    usual = np.nanmedian(length)
-    return np.abs(length - usual) > _STRETCHED * usual
 
 
 def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:

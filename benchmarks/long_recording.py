@@ -1,0 +1,94 @@
+"""An hour of motion capture from file to page: how long it takes, and how much memory.
+
+Run ``python -m benchmarks.long_recording [--quick | --full] [--json FILE]``. A person walks, stoops
+and screws at 120 Hz, over and over, as a BVH file; ``ergoqp score`` runs on it in a process of its
+own. ``--quick``: two minutes; ``--full``: an hour.
+
+``minutes``: from the command to the page, of a recording of ``recorded_minutes``. ``peak_mb``: the
+largest resident memory of the process; ``.empty``: that of a recording of a second, which is what
+the libraries take. ``file_mb``: size of the file. ``frames_per_s``: all of it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.made_motions import BODY, fitted, stoop, walk
+from benchmarks.report import Report, run
+from ergoqp.recordings.bvh.write import write_bvh
+
+RATE = 120.0
+
+_MEASURED = """
+import resource, sys
+from ergoqp.cli.main import main
+try:
+    sys.argv = ["ergoqp", "score", sys.argv[1], "--out", sys.argv[2]]
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+finally:
+    print("peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def write_recording(path: Path, seconds: float) -> int:
+    """Write a recording of some seconds; return its number of frames."""
+    parts = [fitted(walk(6.0)[0]).postures, fitted(stoop(4.0)[0]).postures]
+    once = np.concatenate(parts)
+    poses = np.tile(np.eye(4), (len(once), 1, 1))
+    write_bvh(path, once, poses, BODY, 1 / RATE)
+    head, rows = path.read_text(encoding="utf-8").split("Frame Time:")
+    frame_time, *rows = rows.strip().splitlines()
+    count = int(seconds * RATE)
+    head = head.replace(f"Frames: {len(once)}", f"Frames: {count}")
+    with path.open("w", encoding="utf-8") as file:
+        file.write(f"{head}Frame Time: {frame_time.strip()}\n")
+        for start in range(0, count, len(rows)):
+            file.write("\n".join(rows[: count - start]) + "\n")
+    return count
+
+
+def scored(path: Path, out: Path) -> tuple[float, float]:
+    """Return how long scoring a recording takes [s], and the largest memory [MB]."""
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", _MEASURED, str(path), str(out)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    took = time.perf_counter() - begin
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    if not (out / "report.html").is_file():
+        raise RuntimeError("no page was written: install the extra report")
+    peak = float(done.stdout.rpartition("peak ")[2])
+    return took, peak / 1024
+
+
+def measure(report: Report) -> None:
+    """Print all figures."""
+    seconds = report.pick(120.0, 3600.0)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "long.bvh"
+        write_recording(path, 1.0)
+        _, empty = scored(path, Path(folder) / "empty")
+        frames = write_recording(path, seconds)
+        took, peak = scored(path, Path(folder) / "out")
+        report.figure("recorded_minutes", seconds / 60)
+        report.figure("minutes", took / 60)
+        report.figure("peak_mb", peak)
+        report.figure("peak_mb.empty", empty)
+        report.figure("file_mb", path.stat().st_size / 1e6)
+        report.figure("frames_per_s", frames / took)
+
+
+if __name__ == "__main__":
+    run(measure, __doc__ or "")
