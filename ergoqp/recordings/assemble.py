@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
-from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up, tilt_of
+from ergoqp.recordings.fitting.axes import axes_of, check_sides, find_unit, find_up, tilt_of
 from ergoqp.recordings.fitting.leaning import straightened
 from ergoqp.recordings.fitting.neutral import Neutral, neutral_of, stated_neutral, t_poses
 from ergoqp.recordings.fitting.person import measured_lengths, measured_person, suggested_stature
@@ -79,6 +79,7 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
     for name in list(paths):
         path = paths.pop(name)
         world[name] = (path @ axes.T).astype(path.dtype)
+    check_sides(where, world)
     posed = t_poses(world)
     neutral = _neutral(where, world, rest, axes, time, reading)
     if neutral is not None:

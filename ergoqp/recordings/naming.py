@@ -142,7 +142,7 @@ def named_centres(motion: JointMotion, mapping: Naming | None, where: str) -> Na
     if mapping is None:
         naming = max(known_namings(), key=lambda known: _agreement(known, motion.names))
         found = naming.found_in(motion.names)
-        if len(found) < _LEAST_MATCHED:
+        if len(found) < min(_LEAST_MATCHED, len(motion.names)):
             raise RecordingError(
                 f"{where}: the skeleton is of no known naming"
                 f" ({', '.join(n.title for n in known_namings())}); its joints are"

@@ -78,7 +78,7 @@ def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> list[str]:
     return [
         f"Between the frames {first + 1} and {first + 2}{more} a joint moves by"
         f" {moved[places].max():.2f} m at once: a calibration pose, or frames that are not uniform"
-        " in time; all frames are kept."
+        " in time."
     ]
 
 

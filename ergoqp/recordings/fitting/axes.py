@@ -141,6 +141,38 @@ def tilt_of(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     return Rotation.from_rotvec(angle * across / np.linalg.norm(across)).as_matrix()
 
 
+def check_sides(where: str, places: Mapping[str, np.ndarray]) -> None:
+    """Raise for somebody whose feet point backward and whose knees bend forward.
+
+    Left and right are then exchanged, or an axis is mirrored.
+
+    Args:
+        where: the recording's name, for messages.
+        places: centre -> positions (n, 3), any unit, along our axes.
+
+    Raises:
+        RecordingError: saying so.
+    """
+    pair = next((name for name in ("hip", "shoulder") if f"left_{name}" in places), "hip")
+    if f"left_{pair}" not in places or f"right_{pair}" not in places:
+        return
+    left = places[f"left_{pair}"] - places[f"right_{pair}"]
+    ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1)
+    signs = [
+        float(np.nanmedian((ahead * (places[f"{side}_{end}"] - places[f"{side}_{start}"])).sum(1)))
+        for side in SIDES
+        for start, end in (("ankle", "toe"), ("ankle", "knee"))
+        if f"{side}_{start}" in places
+        and f"{side}_{end}" in places
+        and np.isfinite(places[f"{side}_{start}"] + places[f"{side}_{end}"]).any()
+    ]
+    if signs and max(signs) < 0:
+        raise RecordingError(
+            f"{where}: the feet point backward: left and right are exchanged, or an axis is"
+            " mirrored; exchange their names (mapping) or turn the axis round"
+        )
+
+
 def _middle(centres: Mapping[str, np.ndarray], choices: tuple[tuple[str, ...], ...]) -> np.ndarray:
     """Return the middle of the first group of which anything is there."""
     # There is one: the namings refuse a recording without pelvis or upper trunk.

@@ -58,12 +58,14 @@ def straightened(
         neck: angle to take away from the neck [rad], as it is to the trunk before.
     """
     hips, left = _hips(places), _left(places)
-    if hips is None or left is None or "neck" not in places:
+    if hips is None or left is None or "neck" not in places or trunk == neck == 0.0:
         return dict(places)
+    # Where a hip is not seen for a moment what is above goes on all the same.
+    left = _bridged(left)
     level = left * [1.0, 1.0, 0.0]
     level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
     arm = places["neck"] - hips
-    shift = _turned(arm, level, -trunk) - arm
+    shift = _bridged(_turned(arm, level, -trunk) - arm)
     found = {
         centre: path if centre.endswith(_LEGS) else (path + shift).astype(path.dtype)
         for centre, path in places.items()
@@ -83,10 +85,22 @@ def _turned(vectors: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
     return along + np.cos(angle) * (vectors - along) + np.sin(angle) * across
 
 
+def _bridged(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (n, 3) with straight lines over what is not seen."""
+    seen = np.isfinite(vectors).all(axis=1)
+    if seen.all() or not seen.any():
+        return vectors
+    at = np.arange(len(vectors))
+    return np.stack([np.interp(at, at[seen], each[seen]) for each in vectors.T], axis=1)
+
+
 def _hips(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    if "right_hip" in places and "left_hip" in places:
-        return (places["right_hip"] + places["left_hip"]) / 2
-    return places.get("pelvis")
+    """Return the middle of the hips (n, 3); the pelvis where one of them is not seen."""
+    pelvis = places.get("pelvis")
+    if "right_hip" not in places or "left_hip" not in places:
+        return pelvis
+    hips = (places["right_hip"] + places["left_hip"]) / 2
+    return hips if pelvis is None else np.where(np.isfinite(hips), hips, pelvis)
 
 
 def _left(places: Mapping[str, np.ndarray]) -> np.ndarray | None:

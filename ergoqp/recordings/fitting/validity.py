@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ergoqp.joints import INDEX, SIDES
+from ergoqp.joints import INDEX, SIDES, spoken
 
 _OFF: Final = np.radians(10.0)
 """By how much a bone of the body may point elsewhere [rad]: half a band of the sheet."""
@@ -20,6 +20,8 @@ _STRETCHED: Final = 0.3
 """By what share of its median a bone may be longer or shorter."""
 _POOR: Final = 0.10
 """How far the body may be from the recording, RMS over the centres [m]."""
+_ASTRAY: Final = 0.20
+"""How far one joint centre of the body may be [m]."""
 BRIDGED: Final = 0.2
 """For how long a joint may be lost: what is between is taken for it [s]."""
 
@@ -35,6 +37,11 @@ _BENDS: Final = tuple(
     for start, joint, end in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 )
 """Joints of which the angle between two bones is scored."""
+_CENTRES: Final = (
+    "neck",
+    *(f"{side}_{name}" for side in SIDES for name in ("shoulder", "elbow", "wrist", "hip", "knee")),
+)
+"""Centres that nothing scored can be without."""
 NEEDED: Final = (
     ("trunk", "trunk_flexion"),
     ("neck", "neck_flexion"),
@@ -98,6 +105,10 @@ def not_followed(
             stretched = np.abs(length - usual[name]) > _STRETCHED * usual[name]
             causes[f"{name} of another length"] = stretched
     causes["body far from the recording"] = error > _POOR
+    for centre in _CENTRES:
+        if centre in places:
+            apart = np.linalg.norm(places[centre] - fitted[centre], axis=1)
+            causes[f"{spoken(centre)} far from the body's"] = apart > _ASTRAY
     return causes
 
 

@@ -1,0 +1,121 @@
+"""Movements that are broken: one clear sentence, or a partial result that says what it lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.made_motions import Places, fitted, stoop, walk
+from ergoqp import reba
+from ergoqp.errors import ErgoqpError, RecordingError
+from ergoqp.joints import INDEX
+
+
+@pytest.fixture
+def work() -> Places:
+    walked, stooped = walk()[0], stoop()[0]
+    return {centre: np.concatenate([walked[centre], stooped[centre]]) for centre in walked}
+
+
+def lost(places: Places, share: float, whole: bool) -> Places:
+    """Lose a share of the frames, or of the points."""
+    generator = np.random.default_rng(4)
+    count = len(places["neck"])
+    frames = generator.random(count) < share
+    for path in places.values():
+        path[frames if whole else generator.random(count) < share] = np.nan
+    return places
+
+
+def test_frames_that_are_missing_are_bridged_or_not_scored(work: Places) -> None:
+    plain = fitted(work)
+    for share in (0.1, 0.6):
+        recording = fitted(lost({c: path.copy() for c, path in work.items()}, share, True))
+        assert recording.scored.mean() > 0.95
+        off = np.abs(recording.postures - plain.postures)[recording.scored]
+        assert np.degrees(np.median(off.max(axis=1))) < 3
+        assert np.isnan(recording.fit_error).mean() == pytest.approx(share, abs=0.05)
+        assert "is taken from what is around" in " ".join(recording.assumptions)
+
+
+def test_points_that_are_missing(work: Places) -> None:
+    plain = fitted(work)
+    recording = fitted(lost(work, 0.1, False))
+    assert recording.scored.mean() > 0.9
+    trunk = [INDEX["trunk_flexion"], INDEX["right_shoulder_flexion"], INDEX["left_elbow_flexion"]]
+    off = np.degrees(np.abs(recording.postures - plain.postures))[:, trunk]
+    assert np.percentile(off[recording.scored], 99) < 5
+
+
+def test_too_little_is_not_scored(work: Places) -> None:
+    recording = fitted(lost(work, 0.6, False))
+    assert recording.scored.mean() < 0.1
+    assert "right upper arm not seen" in recording.not_scored
+
+
+def test_a_long_gap_is_not_scored(work: Places) -> None:
+    for path in work.values():
+        path[100:250] = np.nan
+    recording = fitted(work)
+    assert not recording.scored[100:250].any()
+    assert recording.scored[:100].all()
+    assert recording.scored[250:].all()
+    assert (reba.assess(recording.scored_postures).final[100:250] == 0).all()
+    assert "150 of 600 frames are not scored: trunk not seen 150" in " ".join(recording.assumptions)
+
+
+def test_parts_of_a_person(work: Places) -> None:
+    def without(*ends: str) -> Places:
+        return {centre: path for centre, path in work.items() if not centre.endswith(ends)}
+
+    assert fitted(without("knee", "ankle", "toe")).scored.all()
+    nobody = fitted(without("elbow", "wrist", "knuckles", "thumb"))
+    assert not nobody.scored.any()
+    assert nobody.causes(0) == ["arms not seen"]
+    one = fitted(without("left_elbow", "left_wrist"))
+    assert one.scored.all()
+    assert "The left arm is scored as if it were hanging" in " ".join(one.assumptions)
+    with pytest.raises(RecordingError, match="the upper trunk cannot be placed"):
+        fitted({c: path for c, path in work.items() if c.endswith(("hip", "knee", "ankle"))})
+
+
+@pytest.mark.parametrize("how", ["names", "axis"])
+def test_exchanged_sides_are_told(how: str, work: Places) -> None:
+    other = {"right": "left", "left": "right"}
+    if how == "names":
+        wrong = {
+            f"{other[c.split('_')[0]]}_{c.split('_', 1)[1]}"
+            if "_" in c and "head" not in c
+            else c: p
+            for c, p in work.items()
+        }
+    else:
+        wrong = {centre: path * [1, -1, 1] for centre, path in work.items()}
+    with pytest.raises(RecordingError, match="left and right are exchanged, or an axis is mirror"):
+        fitted(wrong)
+
+
+def test_wrists_that_are_exchanged_are_not_scored_where_it_shows(work: Places) -> None:
+    work["left_wrist"], work["right_wrist"] = work["right_wrist"], work["left_wrist"]
+    recording = fitted(work)
+    assert recording.scored.mean() < 0.6
+    assert "right wrist far from the body's" in recording.not_scored
+
+
+def test_a_point_that_jumps_is_not_scored(work: Places) -> None:
+    work["right_elbow"][50:60] += 0.5
+    recording = fitted(work)
+    np.testing.assert_array_equal(np.flatnonzero(~recording.scored), np.arange(50, 60))
+    assert "right upper arm of another length" in recording.causes(55)
+
+
+def test_nobody_lies_at_work(work: Places) -> None:
+    lying = {centre: path[:, [2, 1, 0]] * [1, 1, -1] for centre, path in work.items()}
+    recording = fitted(lying)
+    assert not recording.scored.any()
+
+
+@pytest.mark.parametrize("factor", [0.0, np.nan, 1000.0, 1e-3])
+def test_nothing_of_a_persons_size(factor: float, work: Places) -> None:
+    with pytest.raises(ErgoqpError, match="positions: "):
+        fitted({centre: factor * path for centre, path in work.items()})
