@@ -104,7 +104,8 @@ class TestRun:
             f"starts at the worst-scored frame, {round(30 * summary['start_time_s'])} of 0 to 180"
             in outcome.out
         )
-        assert summary["reba_before"] >= 8
+        assert "which scores 9, and comes to rest at" in " ".join(outcome.out.split())
+        assert summary["reba_before"] == summary["reba_standing_still"]
         assert summary["person"]["stature_m"] == pytest.approx(1.72, abs=0.01)
         assert "The unit of length is taken as 0.01 m" in outcome.out
 

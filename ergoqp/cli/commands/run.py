@@ -36,6 +36,7 @@ from ergoqp.sheets.reba import ACTION_LEVELS
 from ergoqp.simulation.inputs import check_numbers
 from ergoqp.simulation.people import KINDS, person_of_kind
 from ergoqp.simulation.people.senses import Senses
+from ergoqp.simulation.recorded import as_recorded
 from ergoqp.simulation.robot import RobotKind
 from ergoqp.simulation.run import Run
 from ergoqp.simulation.simulate import simulate
@@ -123,12 +124,12 @@ def run(
     check_numbers(problem, duration, seed)
     if how.seek and guide is not None:
         raise InputError("--seek: got it beside --guide, allowed one of the two")
-    places = places_to_try(problem) if how.seek else None
     screen = console()
     if recording_path is None:
         options.refuse_without_recording()
         if at is not None:
             raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        places = places_to_try(problem) if how.seek else None
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
         result = _from_awkward_place(problem, screen, seed, duration, options, place, how, places)
@@ -136,15 +137,25 @@ def run(
         with working(f"reading {recording_path.name}"):
             recording = options.load(recording_path)
         frame = frame_of_recording(problem, recording, at)
+        which = "the worst-scored frame" if at is None else "frame"
+        screen.print(
+            Text(
+                f"starts at {which}, {frame} of 0 to {len(recording.time) - 1}, at"
+                f" {recording.time[frame]:.2f} s:"
+                f" {_score(problem, recording.postures[frame])}"
+            )
+        )
+        problem, posture, notes = as_recorded(problem, recording, frame)
+        places = places_to_try(problem) if how.seek else None
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
         result = _from_recording(
             problem,
-            screen,
             recording,
             recording_path.name,
             frame,
-            at is None,
+            posture,
+            notes,
             seed,
             duration,
             place,
@@ -195,33 +206,32 @@ def _from_awkward_place(
 
 def _from_recording(
     problem: Problem,
-    screen: Console,
     recording: Recording,
     name: str,
     frame: int,
-    is_worst: bool,
+    posture: np.ndarray,
+    notes: list[str],
     seed: int,
     duration: float,
     place: Guide | None,
     how: Simulated,
     places: list[Place] | None,
 ) -> Run:
-    posture, time = recording.postures[frame], float(recording.time[frame])
+    time = float(recording.time[frame])
     person = person_of_kind(how.follower, problem, seed, recording.person)
-    which = "the worst-scored frame" if is_worst else "frame"
-    count = len(recording.time)
-    screen.print(
-        Text(
-            f"starts at {which}, {frame} of 0 to {count - 1}, at {time:.2f} s:"
-            f" {_score(problem, posture)}"
-        )
-    )
+    terms = how.terms(person.senses)
+    start = person.hold(posture, terms.pop("senses", None), seed)
+    start.rest(start.pose)
+    taken = np.stack([recording.postures[frame], start.posture])
+    scores = problem.assess(taken).final
     notes = [
         *recording.assumptions,
         (
-            f"The run starts in the posture of frame {frame}, at {time:.2f} s, of {name}, with the"
-            " body measured there; from then on the person is simulated."
+            f"The person takes hold of the object in the posture of frame {frame}, at {time:.2f} s,"
+            f" of {name}, which scores {scores[0]}, and comes to rest at {scores[1]}; then the run"
+            " begins. They are simulated from the grasp on."
         ),
+        *notes,
         (
             "The recording says nothing of the object: it is taken to be in the hand as the problem"
             " says, wherever the hand is."
@@ -230,10 +240,9 @@ def _from_recording(
     with working(f"closed loop, {duration:g} s") as done:
         return simulate(
             problem,
-            posture,
+            start,
             duration,
             seed,
-            person=person,
             observed=recording.observed[frame],
             recording=name,
             start_time=time,
@@ -241,7 +250,7 @@ def _from_recording(
             progress=done,
             guide=place,
             seek=places,
-            **how.terms(person.senses),
+            **terms,
         )
 
 
