@@ -17,6 +17,11 @@ more than 90 deg off, and the arm not within 3 deg of straight sideways.
 (``.vertical``: had the trunk been measured to the vertical). ``made.stoop_off_deg``: how far the
 deepest trunk angles of stoops are from what they are.
 
+``run_from_worse``: runs of ``ergoqp run screwing --from``, three seeds each, from postures of the
+screwing recording and ten of others (``--quick``: two and one seed), that end with a higher score
+than had the object been left alone; ``.share_better``: that end with a lower one;
+``.as_given``: worse, had the recorded posture, feet and all, been the start of the same person.
+
 ``centres_per_s``: frames per second and core, from joint centres to postures, fit error and what is
 not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
 """
@@ -41,6 +46,7 @@ from benchmarks.made_motions import (
 from benchmarks.report import Report, run
 from ergoqp import reba
 from ergoqp.joints import INDEX, SIDES
+from ergoqp.problem_files.load import load_problem
 from ergoqp.recordings import Recording, load_recording
 from ergoqp.recordings.assemble import CALIBRATION
 from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up
@@ -50,11 +56,23 @@ from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
 from ergoqp.recordings.naming import named_centres
 from ergoqp.recordings.readers import read_motion
 from ergoqp.sheets.elevation import elevation_of
+from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.recorded import as_recorded
+from ergoqp.simulation.simulate import simulate
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "mocap" / "bvh"
 ANGLES = ("trunk", "elbow", "knee", "elevation")
 NOISE = 0.003
 """Of every coordinate of made centres [m]."""
+FROM = {
+    "cmu_62_04_screwing_keyframes": (3, 4, 5, 6, 7, 8, 9, 10, 11),
+    "xsens_motionbox": (100, 150, 400, 600, 800),
+    "toolbox_freebvh": (5, 40),
+    "cmu_131_01_walk_max": (200, 360, 600),
+}
+"""Frames in which a hand can hold the tool."""
+LONG = 20.0
+"""Of a run [s]."""
 POLE = np.radians(3.0)
 """Nearer to straight sideways an arm has no flexion [rad]."""
 
@@ -169,6 +187,31 @@ def speed(report: Report, paths: list[Path]) -> None:
         report.figure(f"centres_per_s.read.{path.stem}", frames / took, f"{frames} frames")
 
 
+def runs_from(report: Report, paths: list[Path]) -> None:
+    """Print how runs end that begin in a recorded posture."""
+    problem, ends = load_problem("screwing"), []
+    for path in paths:
+        frames, recording = FROM.get(path.stem, ()), load_recording(path)
+        for frame in report.pick(frames[:1], frames):
+            for seed in report.pick((1000,), (1000, 1001, 1002)):
+                body, seen = recording.person, recording.observed[frame]
+                given = simulate(
+                    problem, recording.postures[frame], LONG, seed, person=body, observed=seen
+                )
+                own, posture, _ = as_recorded(problem, recording, frame)
+                start = person_of_kind("alike", own, seed, body).hold(posture, seed=seed)
+                start.rest(start.pose)
+                run = simulate(own, start, LONG, seed, observed=seen)
+                ends.append(
+                    [int(each.reba[-1]) - each.reba_standing_still for each in (run, given)]
+                )
+    if ends:
+        after, given = np.array(ends).T
+        report.figure("run_from_worse", float((after > 0).sum()), f"of {len(ends)}")
+        report.figure("run_from_worse.share_better", float((after < 0).mean()))
+        report.figure("run_from_worse.as_given", float((given > 0).sum()))
+
+
 def _score(recording: Recording) -> float:
     return _trunk_score(recording.scored_postures)
 
@@ -187,7 +230,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def measure(report: Report) -> None:
-    """Print every figure; the sample is small enough to be taken whole."""
+    """Print every figure."""
     paths = sorted(SHARED.glob("*.bvh"))
     if not paths:
         report.say(f"no reference recordings in {SHARED}: only what the project makes")
@@ -195,6 +238,7 @@ def measure(report: Report) -> None:
         geometry(report, path)
     made_shoulders(report)
     made_trunks(report)
+    runs_from(report, paths)
     speed(report, paths)
 
 
