@@ -20,7 +20,9 @@ deepest trunk angles of stoops are from what they are.
 ``run_from_worse``: runs of ``ergoqp run screwing --from``, three seeds each, from postures of the
 screwing recording and ten of others (``--quick``: two and one seed), that end with a higher score
 than had the object been left alone; ``.share_better``: that end with a lower one;
-``.as_given``: worse, had the recorded posture, feet and all, been the start of the same person.
+``.as_seen``: worse, where the controller sees no joint that the recording does not tell;
+``.as_given``: worse, had the recorded posture, feet and all, been the start of the same person in
+the problem as it is.
 
 ``centres_per_s``: frames per second and core, from joint centres to postures, fit error and what is
 not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
@@ -201,14 +203,15 @@ def runs_from(report: Report, paths: list[Path]) -> None:
                 own, posture, _ = as_recorded(problem, recording, frame)
                 start = person_of_kind("alike", own, seed, body).hold(posture, seed=seed)
                 start.rest(start.pose)
-                run = simulate(own, start, LONG, seed, observed=seen)
+                runs = [simulate(own, start, LONG, seed, observed=each) for each in (None, seen)]
                 ends.append(
-                    [int(each.reba[-1]) - each.reba_standing_still for each in (run, given)]
+                    [int(each.reba[-1]) - each.reba_standing_still for each in (*runs, given)]
                 )
     if ends:
-        after, given = np.array(ends).T
+        after, as_seen, given = np.array(ends).T
         report.figure("run_from_worse", float((after > 0).sum()), f"of {len(ends)}")
         report.figure("run_from_worse.share_better", float((after < 0).mean()))
+        report.figure("run_from_worse.as_seen", float((as_seen > 0).sum()))
         report.figure("run_from_worse.as_given", float((given > 0).sum()))
 
 

@@ -109,6 +109,12 @@ def _run(
             help="Angles that the sensors read wrong all the time [none].",
         ),
     ] = None,
+    as_seen: Annotated[
+        bool,
+        typer.Option(
+            "--as-seen", help="The controller sees only the joints that the recording tells."
+        ),
+    ] = False,
     follower: Annotated[
         str,
         typer.Option(
@@ -122,7 +128,7 @@ def _run(
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.run import Simulated, run
 
-    simulated = Simulated(robot, bias_deg, follower, seek)
+    simulated = Simulated(robot, bias_deg, follower, seek, as_seen)
     run(
         problem,
         recording,

@@ -127,6 +127,17 @@ class TestRun:
         assert summary["start_time_s"] == pytest.approx(0.2)
         assert "starts at frame, 6 of 0 to 180" in outcome.out
 
+    def test_what_the_recording_does_not_tell_is_seen_or_not(self, ergoqp, demo, tmp_path):
+        text = Path(demo).read_text(encoding="utf-8").replace("nose", "extra")
+        (tmp_path / "few.bvh").write_text(text, encoding="utf-8")
+        arguments = ("run", "screwing", "--from", "few.bvh", "--duration", "0.2", "--out", "o")
+        for option, unobserved in (((), []), (("--as-seen",), ["neck_twist"])):
+            outcome = ergoqp(*arguments, *option)
+            assert outcome.status == 0, outcome.err
+            summary = json.loads((tmp_path / "o" / "run.json").read_text(encoding="utf-8"))
+            assert list(summary["unobserved"]) == unobserved
+        assert "--as-seen: got it" in mistake(ergoqp("run", "screwing", "--as-seen"))
+
     def test_problem_from_a_file(self, ergoqp, tmp_path):
         (tmp_path / "mine.toml").write_text(
             'title = "my own task"\n[response.ik]\nstance = "seated"\nhands = ["right"]\n'

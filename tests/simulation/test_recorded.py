@@ -91,7 +91,7 @@ def ends(recording: Recording, frame: int, seed: int) -> tuple[int, int]:
     problem, start, _ = as_recorded(ergoqp.load_problem("screwing"), recording, frame)
     holding = person_of_kind("alike", problem, seed, recording.person).hold(start, seed=seed)
     holding.rest(holding.pose)
-    run = ergoqp.simulate(problem, holding, 15.0, seed, observed=recording.observed[frame])
+    run = ergoqp.simulate(problem, holding, 15.0, seed)
     assert run.let_go is None
     return int(run.reba[-1]), run.reba_standing_still
 

@@ -53,12 +53,14 @@ class Simulated:
         bias_deg: ``JOINT=DEG,...``; None: as the person's sensors are.
         follower: kind of the person who follows.
         seek: whether the loop tries places.
+        as_seen: whether the controller sees only what the recording tells.
     """
 
     robot: str | None = None
     bias_deg: str | None = None
     follower: str = "alike"
     seek: bool = False
+    as_seen: bool = False
 
     def check(self) -> None:
         """Check what was given, before anything is computed.
@@ -129,6 +131,8 @@ def run(
         options.refuse_without_recording()
         if at is not None:
             raise InputError(f"--at: got {at:g} s, but there is no recording; name one with --from")
+        if how.as_seen:
+            raise InputError("--as-seen: got it, but there is no recording; name one with --from")
         places = places_to_try(problem) if how.seek else None
         place = None if guide is None else guide_named(problem, guide)
         folder = make_folder(out, problem.name)
@@ -224,6 +228,11 @@ def _from_recording(
     start.rest(start.pose)
     taken = np.stack([recording.postures[frame], start.posture])
     scores = problem.assess(taken).final
+    if not (how.as_seen or recording.observed[frame].all()):
+        notes.append(
+            "The controller is taken to see every joint, those too that the recording does not"
+            " tell; without them: --as-seen."
+        )
     notes = [
         *recording.assumptions,
         (
@@ -243,7 +252,7 @@ def _from_recording(
             start,
             duration,
             seed,
-            observed=recording.observed[frame],
+            observed=recording.observed[frame] if how.as_seen else None,
             recording=name,
             start_time=time,
             assumptions=notes,
