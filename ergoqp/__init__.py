@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ergoqp.problem.problem import Problem as Problem
     from ergoqp.problem.robot import DeclaredRobot as DeclaredRobot
     from ergoqp.problem_files.load import load_problem as load_problem
+    from ergoqp.recordings.load import fit_postures as fit_postures
     from ergoqp.recordings.load import load_recording as load_recording
     from ergoqp.seeking.seeker import Seeker as Seeker
     from ergoqp.sheets import reba as reba
@@ -46,6 +47,7 @@ _LATER = {
     "Step": "ergoqp.step.answer.step",
     "Stepper": "ergoqp.step.stepper",
     "compare": "ergoqp.comparison.compare",
+    "fit_postures": "ergoqp.recordings.load",
     "identify": "ergoqp.identification.identify",
     "load_cost": "ergoqp.costs.load",
     "load_problem": "ergoqp.problem_files.load",
@@ -70,6 +72,7 @@ __all__ = [
     "__version__",
     "compare",
     "errors",
+    "fit_postures",
     "identify",
     "load_cost",
     "load_problem",

@@ -154,6 +154,7 @@ def test_public_names():
         "load_cost",
         "load_problem",
         "load_recording",
+        "fit_postures",
         "reba",
         "replay",
         "DeclaredRobot",
