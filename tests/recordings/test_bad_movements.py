@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.made_motions import Places, fitted, stoop, walk
+from benchmarks.made_motions import BODY, Places, fitted, posture, stoop, walk
 from ergoqp import reba
 from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.joints import INDEX
+from ergoqp.recordings.fitting.centres_of import centres_of
 
 
 @pytest.fixture
@@ -119,3 +120,39 @@ def test_nobody_lies_at_work(work: Places) -> None:
 def test_nothing_of_a_persons_size(factor: float, work: Places) -> None:
     with pytest.raises(ErgoqpError, match="positions: "):
         fitted({centre: factor * path for centre, path in work.items()})
+
+
+@pytest.mark.parametrize(
+    ("joint", "scored", "lost", "cause"),
+    [
+        ("trunk_flexion", -37.0, -44.0, "trunk beyond its range"),
+        ("neck_flexion", 67.0, 74.0, "neck beyond its range"),
+        ("right_shoulder_flexion", -67.0, -85.0, "right upper arm beyond its range"),
+        ("left_elbow_flexion", 157.0, 164.0, "left elbow beyond its range"),
+        ("right_knee_flexion", 152.0, 159.0, "right knee beyond its range"),
+    ],
+)
+def test_who_bends_beyond_what_anybody_can_is_not_scored(
+    joint: str, scored: float, lost: float, cause: str
+) -> None:
+    for angle, expected in ((scored, []), (lost, [cause])):
+        postures = posture(4, **{joint: angle})
+        places = centres_of(BODY, np.tile([0, 0, 0.9, 0], (4, 1)), postures)
+        causes = fitted(places, neutral="vertical").causes(0)
+        assert [each for each in causes if "range" in each] == expected
+
+
+def test_a_bone_that_is_longer_for_a_while_is_not_scored(work: Places) -> None:
+    for share, expected in ((1.2, 0), (1.5, 20)):
+        places = {centre: path.copy() for centre, path in work.items()}
+        knee, ankle = places["left_knee"], places["left_ankle"]
+        ankle[30:50] = knee[30:50] + share * (ankle - knee)[30:50]
+        recording = fitted(places)
+        stretched = recording.not_scored.get("left shank of another length", np.zeros(600, bool))
+        assert stretched.sum() == expected
+
+
+def test_a_body_that_is_nowhere_near_is_not_scored(work: Places) -> None:
+    # Someone much smaller than who is stated.
+    recording = fitted(work, person=2.2)
+    assert "body far from the recording" in recording.not_scored

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ergoqp.errors import RecordingError
+from ergoqp.recordings.bvh import parse
 from ergoqp.recordings.bvh.read import read_bvh
 
 
@@ -208,6 +209,15 @@ def test_harmless_variants_are_read(change, tmp_path: Path):
     path = tmp_path / "variant.bvh"
     path.write_bytes(change(small_file()).encode())
     assert read_bvh(path).positions.shape == (3, 2, 3)
+
+
+@pytest.mark.parametrize("block", [1, 2, 3, 100])
+def test_blocks_are_as_the_whole(block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    text = small_file().replace(ROW, "0 1 0 0 0 0 9 8 7", 1)
+    (tmp_path / "blocks.bvh").write_text(text)
+    whole = read_bvh(tmp_path / "blocks.bvh").positions
+    monkeypatch.setattr(parse, "_BLOCK", block)
+    np.testing.assert_array_equal(read_bvh(tmp_path / "blocks.bvh").positions, whole)
 
 
 PIECES = st.sampled_from(

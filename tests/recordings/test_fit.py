@@ -19,6 +19,7 @@ from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.fitting.steady import steady
 from ergoqp.recordings.naming import CENTRES
+from ergoqp.sheets.elevation import elevation_of
 
 BODY = Body.of_lengths({"upper_arm": 0.33, "forearm": 0.24, "thigh": 0.40, "trunk": 0.50})
 KINEMATICS = Kinematics(BODY)
@@ -131,10 +132,43 @@ def test_blocks_are_as_the_whole(name: str, monkeypatch: pytest.MonkeyPatch) -> 
         np.testing.assert_array_equal(parts.not_scored[cause], frames)
 
 
+def test_an_arm_that_is_held_up_goes_on_in_the_next_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    raised = moved(SHOULDERS["raised sideways"], 30.0)[:75]
+    held = np.concatenate([raised, np.repeat(raised[-1:], 800, axis=0)])
+    where = centres_of(BODY, np.tile([0.0, 0, 0.9, 0], (875, 1)), held)
+    monkeypatch.setattr(posture_fit, "_BLOCK", 97)
+    found = fit(BODY, where, np.arange(875) / 40).postures
+    assert np.degrees(raised[-1, SHOULDER[1]]) > 110
+    np.testing.assert_allclose(found[100:, SHOULDER], held[100:, SHOULDER], atol=np.radians(2))
+
+
+def test_an_arm_that_circles_around_the_side_points_where_it_does() -> None:
+    count = 240
+    postures = np.tile(REST, (count, 1))
+    postures[:, SHOULDER[0]] = np.linspace(0, 2 * np.pi, count)
+    postures[:, SHOULDER[1]] = np.radians(75.0)
+    where = centres_of(BODY, np.tile([0.0, 0, 0.9, 0], (count, 1)), postures)
+    found = fit(BODY, where, np.arange(count) / 60)
+    assert (found.postures >= LOWER).all()
+    scored = ~np.logical_or.reduce([np.zeros(count, bool), *found.not_scored.values()])
+    off = np.degrees(elevation_of(found.postures)[0] - elevation_of(postures)[0])[scored, 0]
+    assert scored.mean() > 0.85
+    assert np.abs(off).max() < 10.5
+    assert np.sqrt(np.mean(off**2)) < 1
+
+
 def test_an_arm_up_backwards_is_not_one_up_forwards() -> None:
     truth = moved([(0, 10, 0), (-58, 30, 0), (-58, 40, 0), (0, 10, 0)], 20.0)
     found = fit(BODY, places(np.zeros((181, 4)), truth), np.arange(181) / 60).postures
     np.testing.assert_allclose(found[:, SHOULDER], truth[:, SHOULDER], atol=np.radians(2))
+
+
+def test_an_arm_up_backwards_is_one_at_the_first_frame_too() -> None:
+    for elbow in (2.0, 40.0):
+        truth = moved([(-58, 34, 0), (-58, 34, 0)], elbow, 3)
+        truth[:, SHOULDER[0]] = np.radians(-78)
+        found = fit(BODY, places(np.zeros((3, 4)), truth), np.arange(3) / 60).postures
+        assert np.degrees(found[:, SHOULDER[0]]) == pytest.approx(-60, abs=0.1)
 
 
 def test_a_single_frame_is_within_the_ranges_and_the_plain_one() -> None:

@@ -15,7 +15,7 @@ from ergoqp.recordings import Recording, load_recording
 from ergoqp.recordings.bvh.write import write_bvh
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.leaning import leans, straightened
-from ergoqp.recordings.fitting.neutral import neutral_of
+from ergoqp.recordings.fitting.neutral import neutral_of, t_poses
 
 TRUNK = INDEX["trunk_flexion"]
 
@@ -100,9 +100,29 @@ def test_a_t_pose_is_straight_and_no_work(lean: float) -> None:
     assert recording.causes(10) == ["calibration pose"]
     assert (~recording.scored).sum() == len(posed["neck"])
     assert np.degrees(recording.postures[40:, TRUNK]) == pytest.approx(50, abs=3)
+    after = fitted(leaning({c: np.concatenate([work[c], posed[c]]) for c in posed}, lean))
+    assert after.causes(len(after.time) - 1) == ["calibration pose"]
     # In the middle of a recording it may be work.
     assert fitted({c: np.concatenate([work[c], posed[c], work[c]]) for c in posed}).scored.all()
     assert fitted(posed).scored.all()
+
+
+def test_arms_to_the_sides_are_a_t_pose_of_who_stands() -> None:
+    for legs, expected in ((0.0, True), (60.0, False)):
+        angles = {"legs_knee_flexion": legs, "legs_hip_flexion": legs / 2}
+        postures = posture(5, arms_shoulder_abduction=90.0, **angles)
+        places = centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (5, 1)), postures)
+        assert t_poses(places).all() == expected
+    low = posture(5, arms_shoulder_abduction=60.0)
+    assert not t_poses(centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (5, 1)), low)).any()
+
+
+def test_who_stands_leaning_backward_is_a_skeleton_that_leans() -> None:
+    places = centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (120, 1)), posture(120))
+    for lean, expected in ((-20.0, 0.0), (20.0, 20.0), (-6.0, -6.0)):
+        recording = fitted(leaning(places, lean))
+        assert np.degrees(recording.postures[:, TRUNK]) == pytest.approx(expected, abs=0.5)
+        assert abs(np.degrees(recording.postures[:, INDEX["neck_flexion"]]).max()) < 21
 
 
 def test_what_is_stated_counts(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ _IMPLAUSIBLE: Final = 10.0
 """How dear an angle beyond that is, in a second [1/s]."""
 _LEAST: Final = 0.1
 """A leap of the flexion counts at least so much, even where the flexion does not show."""
-_OVER: Final = 0.2
+_OVER: Final = 0.6
 """How dear it is to begin with an abduction above 90 degrees [rad]."""
 _GAP: Final = 0.5
 """After so long a recording begins anew [s]."""
