@@ -154,7 +154,7 @@ def test_an_arm_that_circles_around_the_side_points_where_it_does() -> None:
     off = np.degrees(elevation_of(found.postures)[0] - elevation_of(postures)[0])[scored, 0]
     assert scored.mean() > 0.85
     assert np.abs(off).max() < 10.5
-    assert np.sqrt(np.mean(off**2)) < 1
+    assert np.sqrt(np.mean(off**2)) < 2.5
 
 
 def test_an_arm_up_backwards_is_not_one_up_forwards() -> None:

@@ -60,8 +60,9 @@ def arm_angles(
     shows = np.stack([np.hypot(forward, up), np.ones_like(up), np.sin(bend)], axis=1)
     ways = both_ways(np.column_stack([held, turn]), lower, upper)
     second = chosen(ways, np.nan_to_num(shows), lower, upper, time, begin)
-    leaps = np.diff(second)
     flexion = np.where(second, ways[1][:, 0], ways[0][:, 0])
+    # Where the other way is taken, or an angle comes round a whole turn.
+    leaps = np.diff(second) | (np.abs(np.diff(flexion)) > 1.2 * np.pi)
     flexion = steady(flexion, shows[:, 0], time, leaps)
     flexion = np.clip(flexion, lower[0], upper[0])
     # What the flexion lacks where it hardly shows, the others make up for.
