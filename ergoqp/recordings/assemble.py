@@ -14,7 +14,12 @@ from ergoqp.human import Body
 from ergoqp.joints import spoken
 from ergoqp.recordings.fitting.axes import axes_of, check_sides, find_unit, find_up, tilt_of
 from ergoqp.recordings.fitting.leaning import straightened
-from ergoqp.recordings.fitting.neutral import Neutral, neutral_of, stated_neutral, t_poses
+from ergoqp.recordings.fitting.neutral import (
+    Neutral,
+    calibration_poses,
+    neutral_of,
+    stated_neutral,
+)
 from ergoqp.recordings.fitting.person import measured_lengths, measured_person, suggested_stature
 from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.motion import JointMotion
@@ -80,16 +85,15 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
         path = paths.pop(name)
         world[name] = (path @ axes.T).astype(path.dtype)
     check_sides(where, world)
-    posed = t_poses(world)
+    posed = calibration_poses(world)
     neutral = _neutral(where, world, rest, axes, time, reading)
     if neutral is not None:
         assumptions.append(neutral.sentence)
         world = straightened(world, neutral.trunk, neutral.neck)
 
     result = fit(body, world, time)
-    calibration = _at_the_ends(posed)
-    if calibration.any():
-        result = replace(result, not_scored={CALIBRATION: calibration, **result.not_scored})
+    if posed.any() and not posed.all():
+        result = replace(result, not_scored={CALIBRATION: posed, **result.not_scored})
     assumptions.extend(remarks(time, world, result))
     del world
     result.postures.setflags(write=False)
@@ -193,15 +197,6 @@ def _neutral(
         frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
         return stated_neutral(world, frame, f"at {stated:g} s, as stated")
     return neutral_of(world, rest, time)
-
-
-def _at_the_ends(posed: np.ndarray) -> np.ndarray:
-    """Return the frames (n,) bool of a pose with which a recording begins or ends, if not all."""
-    other = np.flatnonzero(~posed)
-    if not len(other):
-        return np.zeros(len(posed), dtype=bool)
-    at = np.arange(len(posed))
-    return (at < other[0]) | (at > other[-1])
 
 
 def _measured_body(

@@ -36,6 +36,9 @@ _LEG: Final = (
 )
 _UNLOCKED: Final = np.radians(5)
 """Knees of people who stand at work are bent by so much at least [rad]."""
+_UNEVEN: Final = 0.02
+"""How far a sole may be off the floor of the other [m]."""
+_ASKEW: Final = np.radians(10)
 _ROOM: Final = 0.02
 """Around where the hand is: who takes hold of something stands a little otherwise [m]."""
 
@@ -51,8 +54,8 @@ def as_recorded(
         frame: in which they do it.
 
     Raises:
-        InputError: if they sit where the problem's cost is of somebody who stands, or the reverse,
-            and it is learned.
+        InputError: if they neither sit nor stand; or sit where the problem's cost is of somebody
+            who stands, or the reverse, and it is learned.
     """
     response, above = problem.response, seat_above_feet(recording, frame)
     assert isinstance(response, IkResponse)
@@ -104,6 +107,9 @@ def planted(recording: Recording, frame: int) -> np.ndarray:
     Args:
         recording: of the person.
         frame: which.
+
+    Raises:
+        InputError: if they cannot stand so, as who kneels.
     """
     posture, kinematics = recording.postures[frame].copy(), Kinematics(recording.person)
     soles = {side: kinematics.function(f"{side}_sole") for side in SIDES}
@@ -129,6 +135,12 @@ def planted(recording: Recording, frame: int) -> np.ndarray:
 
         start = np.clip(given, lower + 1e-3, upper - 1e-3)
         posture[leg] = least_squares(off, start, bounds=(lower, upper)).x
+        place, axes, _ = (np.array(each) for each in soles[side](posture))
+        if abs(place[2, 0] - floor) > _UNEVEN or axes[2, 2] < np.cos(_ASKEW):
+            raise InputError(
+                f"--from: in frame {frame} the person neither sits nor stands on both feet, allowed"
+                " another frame (--at)"
+            )
     return posture
 
 

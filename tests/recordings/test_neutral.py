@@ -11,7 +11,7 @@ from benchmarks.made_motions import BODY, RATE, Places, fitted, leaning, posture
 from ergoqp import reba
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.joints import INDEX
-from ergoqp.recordings import Recording, load_recording
+from ergoqp.recordings import Recording, fit_postures, load_recording
 from ergoqp.recordings.bvh.write import write_bvh
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.leaning import leans, straightened
@@ -37,6 +37,50 @@ def test_walking_upright_is_upright(lean: float) -> None:
     if lean:
         # By the vertical it is somebody who is bent.
         assert trunk_score(fitted(leaning(places, lean), neutral="vertical")) > 1.9
+
+
+@pytest.mark.parametrize("rate", [25.0, 60.0, 120.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_walk_is_one_at_any_rate_and_a_bench_worker_stoops(rate: float, noise: float) -> None:
+    generator = np.random.default_rng(0)
+    for seconds in (3.0, 8.0):
+        places, time = walk(seconds)
+        leant = leaning(places, 20.0)
+        at = np.arange(0, time[-1], 1 / rate)
+        sampled = [
+            np.stack([np.interp(at, time, each) for each in path.T], axis=1)
+            + noise * generator.standard_normal((len(at), 3))
+            for path in leant.values()
+        ]
+        recording = fit_postures(list(leant), np.stack(sampled, axis=1), rate)
+        assert np.degrees(np.median(recording.postures[:, TRUNK])) == pytest.approx(0, abs=3)
+    # Standing still at a bench, with noise, and with steps to the side.
+    bent = posture(900, trunk_flexion=25.0)
+    pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (900, 1))
+    pelvis[:, 1] = 0.4 * np.floor(np.arange(900) / 150)
+    there = centres_of(BODY, pelvis, bent)
+    noisy = [path + 2 * noise * generator.standard_normal(path.shape) for path in there.values()]
+    recording = fit_postures(list(there), np.stack(noisy, axis=1), 30.0)
+    assert np.degrees(np.median(recording.postures[:, TRUNK])) == pytest.approx(25, abs=2)
+
+
+def test_arms_spread_in_the_middle_or_bent_are_work() -> None:
+    spread = centres_of(
+        BODY,
+        np.tile([0, 0, 0.9, 0.3], (300, 1)),
+        posture(300, arms_shoulder_abduction=90.0, trunk_flexion=60.0),
+    )
+    work = stoop(deepest=60.0, stands=False)[0]
+    recording = fitted({c: np.concatenate([work[c], spread[c]]) for c in work})
+    assert recording.scored.all()
+    assert np.degrees(recording.postures[:200, TRUNK]) == pytest.approx(60, abs=1)
+
+
+def test_drilling_overhead_bent_backward_is_bent() -> None:
+    angles = {"arms_shoulder_flexion": 130.0, "trunk_flexion": -22.0}
+    places = centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (200, 1)), posture(200, **angles))
+    recording = fitted(places)
+    assert np.degrees(recording.postures[:, TRUNK]) == pytest.approx(-22, abs=0.5)
 
 
 def test_a_rest_pose_says_less_than_a_walk(tmp_path: Path) -> None:

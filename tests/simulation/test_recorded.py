@@ -70,6 +70,12 @@ def test_both_soles_are_flat_on_one_floor(frame: int, demo: Recording) -> None:
         np.testing.assert_array_equal(found[:20], recorded[:20])
 
 
+def test_who_kneels_is_refused() -> None:
+    kneeling = still(legs_hip_flexion=0.0, legs_knee_flexion=90.0, legs_ankle_flexion=-40.0)
+    with pytest.raises(InputError, match="neither sits nor stands on both feet"):
+        as_recorded(ergoqp.load_problem("screwing"), kneeling, 0)
+
+
 def test_the_task_is_where_the_hand_is(demo: Recording) -> None:
     plain = ergoqp.load_problem("screwing")
     problem, start, _ = as_recorded(plain, demo, 150)

@@ -22,8 +22,10 @@ CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zr
 """The channel names of the format."""
 
 _LARGEST = 1e8  # in any unit of length, and in degrees; no person is there
+_SHORTEST_FRAME = 1e-5  # seconds; nobody measures so often
 _LONGEST_FRAME = 10.0  # seconds; a longer frame time is a frame rate written in its place
 _BLOCK: Final = 4096  # rows that are numbers at once
+_MOST_JOINTS: Final = 500  # a person with every finger and face bone has about 200
 _DEEPEST = 100  # joints, one inside the other; a person with all fingers has about ten
 
 
@@ -205,6 +207,8 @@ def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
                 f"got {_short(' '.join(words))}, allowed inside joint {_short(inside[-1].name)} are"
                 " JOINT, End Site and its closing brace alone on a line"
             )
+    if len(joints) > _MOST_JOINTS:
+        cursor.fail(f"got {len(joints)} joints, allowed {_MOST_JOINTS}")
     if not any(joint.channels for joint in joints):
         cursor.fail("got a skeleton without channels, allowed at least one joint with some")
     return tuple(joints)
@@ -267,9 +271,9 @@ def _read_motion(cursor: _Cursor) -> tuple[int, int, float]:
     if words[:2] != ["Frame", "Time:"] or len(words) != 3:
         cursor.fail(f"expected 'Frame Time: <seconds>', got {_short(' '.join(words))}")
     frame_time = cursor.number(words[2], "the frame time")
-    if not 0 < frame_time <= _LONGEST_FRAME:
+    if not _SHORTEST_FRAME <= frame_time <= _LONGEST_FRAME:
         cursor.fail(
-            f"the frame time is {frame_time:g} s; allowed is above 0 and at most"
+            f"the frame time is {frame_time:g} s; allowed is at least {_SHORTEST_FRAME:g} and at most"
             f" {_LONGEST_FRAME:g} s"
         )
     return stated, stated_line, frame_time

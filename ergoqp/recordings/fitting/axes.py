@@ -36,9 +36,9 @@ _LOWER = (("right_ankle", "left_ankle"), ("right_knee", "left_knee"), *_MIDDLE)
 # mean component of the unit vectors from the feet to the head and to the hips: 53 degrees from the
 # axis
 _CLEARLY_UP = 0.6
-_IN_LINE: Final = np.cos(np.radians(15))
+_IN_LINE: Final = np.cos(np.radians(10))
 """Whose trunk is in line with the legs to so much stands upright."""
-_TILTED: Final = np.radians(8)
+_TILTED: Final = np.radians(12)
 """People stand straight who stand: what leans more is the camera [rad]."""
 _FEW: Final = 5
 """Frames of standing that are chance."""
@@ -142,7 +142,7 @@ def tilt_of(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def check_sides(where: str, places: Mapping[str, np.ndarray]) -> None:
-    """Raise for somebody whose feet point backward and whose knees bend forward.
+    """Raise for somebody whose feet point backward.
 
     Left and right are then exchanged, or an axis is mirrored.
 
@@ -161,14 +161,17 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> None:
         return  # head down, nothing is known of left and right
     left = places[f"left_{pair}"] - places[f"right_{pair}"]
     ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1)
-    signs = [
-        float(np.nanmedian((ahead * (places[f"{side}_{end}"] - places[f"{side}_{start}"])).sum(1)))
-        for side in SIDES
-        for start, end in (("ankle", "toe"), ("ankle", "knee"))
-        if f"{side}_{start}" in places
-        and f"{side}_{end}" in places
-        and np.isfinite(places[f"{side}_{start}"] + places[f"{side}_{end}"]).any()
-    ]
+    signs = []
+    for side in SIDES:
+        knee, ankle, toe = (places.get(f"{side}_{name}") for name in ("knee", "ankle", "toe"))
+        if knee is None or ankle is None or toe is None:
+            continue
+        # Who kneels has the toes behind.
+        shank = knee - ankle
+        stands = shank[:, 2] > 0.7 * np.linalg.norm(shank, axis=1)
+        ways = (ahead * (toe - ankle)).sum(axis=1)[stands]
+        if np.isfinite(ways).any():
+            signs.append(float(np.nanmedian(ways)))
     if signs and max(signs) < 0:
         raise RecordingError(
             f"{where}: the feet point backward: left and right are exchanged, or an axis is"

@@ -1,13 +1,15 @@
 """Where a recording's trunk and neck are straight.
 
-By one rule, the first of these that there is: what the user states; a T-pose, which people take
-standing straight; a second or more in which the person walks with the hips over the feet, if the
-skeleton leans by more than walkers do; the skeleton's rest pose, where its naming is known to rest
-upright; that walk; a second in which the person stands, if the trunk leans backward there. Else the
-trunk is measured to the vertical and the neck to the trunk.
+By one rule, the first of these that there is: what the user states; a T-pose at the begin or the
+end, which people take standing straight; a second or more in which the person walks with the hips
+over the feet, if the skeleton leans by more than walkers do; the skeleton's rest pose, where its
+naming is known to rest upright; that walk; a second in which the person stands with hanging arms,
+if the trunk leans backward there. Else the trunk is measured to the vertical and the neck to the
+trunk.
 
-Somebody who stoops has the hips behind the feet, or would fall, and nobody walks about bent
-backward: so a stoop stays a stoop, and a skeleton that leans is not a person who does.
+Joint centres cannot tell a skeleton that leans from a person who does it all the time. People who
+walk are taken to be upright, and nobody stands about bent backward; who pushes a cart all day with
+the hips over the feet is read as upright, and has to state `neutral`. Every correction is said.
 """
 
 from __future__ import annotations
@@ -31,11 +33,14 @@ _LITTLE: Final = math.radians(5)
 """So little of the trunk's lean is left as it is: the sheet calls it upright."""
 _LONG: Final = 1.0
 """For how long somebody has to walk or stand [s]."""
-_STRIDE: Final = 0.15
-"""By how much one foot of somebody who walks passes the other in `_SWING` [m]."""
-_SWING: Final = 0.25
-_BEHIND: Final = -0.01
-"""Hips that are further behind the feet, on average over a second, are those of a stoop [m]."""
+_STRIDE: Final = 0.5
+"""Of such pieces of time it is asked whether the person walks [s]."""
+_PASSED: Final = 0.25
+"""By how much a foot of somebody who walks passes the other in that time [m]."""
+_PIECES: Final = 5
+"""Means that are compared in it."""
+_BEHIND: Final = -0.04
+"""Hips that are further behind the feet, on average over a walk, are those of a stoop [m]."""
 _STRAIGHT: Final = math.radians(30)
 _POSED: Final = math.radians(20)
 """How far the arms of a T-pose may be from straight to the sides [rad]."""
@@ -67,12 +72,11 @@ def neutral_of(
         time: when (n,) [s].
     """
     trunk, neck = leans(places)
-    posed = t_poses(places)
+    posed = calibration_poses(places)
     if found := _straight(trunk[posed], neck[posed], _LITTLE, "in the T-pose"):
         return found
-    walks = _walks(places, time) & (_hips_ahead(places, time) >= _BEHIND)
-    walking = None
-    if _duration(walks, time) >= _LONG:
+    walks, walking = _walks(places, time), None
+    if _duration(walks, time) >= _LONG and np.nanmean(_hips_ahead(places)[walks]) >= _BEHIND:
         walking = _straight(trunk[walks], neck[walks], _WALKER, "while the person walks")
     if walking and walking.trunk:
         return walking
@@ -81,7 +85,7 @@ def neutral_of(
         return found
     if walking:
         return walking
-    stands = stands_straight(places)
+    stands = stands_straight(places) & _arms_hang(places)
     if _duration(stands, time) >= _LONG:
         found = _straight(trunk[stands], -trunk[stands], _WALKER, "while the person stands")
         if found and found.trunk < 0:
@@ -111,10 +115,24 @@ def stated_neutral(places: Mapping[str, np.ndarray], frames: np.ndarray, when: s
     return found
 
 
+def calibration_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the frames of a T-pose with which a recording begins or ends (n,) bool.
+
+    In the middle of a recording it may be work.
+    """
+    posed = t_poses(places)
+    other = np.flatnonzero(~posed)
+    at = np.arange(len(posed))
+    return posed if not len(other) else (at < other[0]) | (at > other[-1])
+
+
 def t_poses(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the frames in which somebody stands with both arms straight to the sides (n,) bool."""
+    """Return the frames in which somebody stands with both arms straight to the sides (n,) bool.
+
+    Who is bent by more than a skeleton leans is at work.
+    """
     count = len(next(iter(places.values())))
-    found = stands_straight(places)
+    found = stands_straight(places) & (np.abs(leans(places)[0]) < _LIKELY)
     for side in SIDES:
         ends = [places.get(f"{side}_{centre}") for centre in ("shoulder", "elbow", "wrist")]
         other = places.get(f"{'left' if side == 'right' else 'right'}_shoulder")
@@ -160,37 +178,50 @@ def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
     return stands
 
 
+def _arms_hang(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return where no upper arm is raised by more than 45 degrees from hanging (n,) bool."""
+    hang = np.ones(len(next(iter(places.values()))), dtype=bool)
+    for side in SIDES:
+        shoulder, elbow = places.get(f"{side}_shoulder"), places.get(f"{side}_elbow")
+        if shoulder is not None and elbow is not None:
+            down = np.broadcast_to([0.0, 0.0, -1.0], shoulder.shape)
+            hang &= ~(_cosine(elbow - shoulder, down) < math.cos(math.radians(45)))
+    return hang
+
+
 def _walks(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return where one foot passes the other (n,) bool."""
-    right, left = places.get("right_ankle"), places.get("left_ankle")
-    if right is None or left is None or len(time) < 2:
-        return np.zeros(len(time), dtype=bool)
-    apart = (right - left)[:, :2]
-    later = np.searchsorted(time, time + _SWING)
-    reached = later < len(time)
-    later = np.minimum(later, len(time) - 1)
-    # Frames that are far apart in time, or gaps, are no strides.
-    near = reached & (time[later] - time < 2 * _SWING)
-    return near & (np.linalg.norm(apart[later] - apart, axis=1) > _STRIDE)
+    """Return where one foot passes the other, on a way or a treadmill (n,) bool."""
+    walks = np.zeros(len(time), dtype=bool)
+    if any(f"{side}_{name}" not in places for side in SIDES for name in ("hip", "ankle")):
+        return walks
+    left = (places["left_hip"] - places["right_hip"])[:, :2]
+    apart = (places["right_ankle"] - places["left_ankle"])[:, :2]
+    passed = (apart[:, 0] * left[:, 1] - apart[:, 1] * left[:, 0]) / np.maximum(
+        np.linalg.norm(left, axis=1), 1e-9
+    )
+    block = np.floor((time - time[0]) / _STRIDE).astype(int)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    for first, last in zip(starts, [*starts[1:], len(time)], strict=True):
+        rows = first + np.flatnonzero(np.isfinite(passed[first:last]))
+        if len(rows) < _PIECES:
+            continue
+        # By means of some frames: what jumps about is no walk.
+        means = [passed[each].mean() for each in np.array_split(rows, _PIECES)]
+        walks[rows] = max(means) - min(means) > _PASSED
+    return walks
 
 
-def _hips_ahead(places: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return how far the hips are ahead of the feet, on average over a second (n,) [m]."""
+def _hips_ahead(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return how far the hips are ahead of the feet (n,) [m]; zero without both."""
     names = [f"{side}_{name}" for name in ("hip", "ankle") for side in SIDES]
     if any(name not in places for name in names):
-        return np.zeros(len(time))
+        return np.zeros(len(next(iter(places.values()))))
     hips, feet = (
         (places[f"right_{name}"] + places[f"left_{name}"]) / 2 for name in ("hip", "ankle")
     )
     left = (places["left_hip"] - places["right_hip"])[:, :2]
-    ahead = ((hips - feet)[:, 0] * left[:, 1] - (hips - feet)[:, 1] * left[:, 0]) / np.maximum(
-        np.linalg.norm(left, axis=1), 1e-9
-    )
-    seen = np.isfinite(ahead)
-    total = np.concatenate([[0.0], np.cumsum(np.where(seen, ahead, 0.0))])
-    count = np.concatenate([[0], np.cumsum(seen)])
-    first, last = (np.searchsorted(time, time + half) for half in (-_LONG / 2, _LONG / 2))
-    return (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)
+    ahead = (hips - feet)[:, 0] * left[:, 1] - (hips - feet)[:, 1] * left[:, 0]
+    return ahead / np.maximum(np.linalg.norm(left, axis=1), 1e-9)
 
 
 def _duration(frames: np.ndarray, time: np.ndarray) -> float:

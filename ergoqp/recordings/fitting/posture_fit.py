@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import Body
-from ergoqp.joints import JOINTS, SIDES
+from ergoqp.joints import INDEX, JOINTS, SIDES
 from ergoqp.recordings.fitting.centres_of import centres_of, placed
 from ergoqp.recordings.fitting.limbs import arm_angles, leg_angles
 from ergoqp.recordings.fitting.spine import spine_of
@@ -81,7 +81,12 @@ def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
         last = int(np.searchsorted(time, time[stop - 1] + _AROUND, side="right"))
         near = {centre: path[first:last].astype(float) for centre, path in places.items()}
         # Arms go on as they did where the block before began to be known.
-        begin = {side: bool(ways[first]) for side, ways in over.items()} if start else {}
+        # One that was not seen there tells nothing.
+        begin = {
+            side: bool(ways[first])
+            for side, ways in over.items()
+            if start and whole.observed[first, INDEX[f"{side}_shoulder_flexion"]]
+        }
         part, second = _fitted(body, near, time[first:last], begin, usual)
         here, rows = slice(start - first, stop - first), slice(start, stop)
         for side, ways in second.items():
