@@ -273,8 +273,8 @@ def _read_motion(cursor: _Cursor) -> tuple[int, int, float]:
     frame_time = cursor.number(words[2], "the frame time")
     if not _SHORTEST_FRAME <= frame_time <= _LONGEST_FRAME:
         cursor.fail(
-            f"the frame time is {frame_time:g} s; allowed is at least {_SHORTEST_FRAME:g} and at most"
-            f" {_LONGEST_FRAME:g} s"
+            f"the frame time is {frame_time:g} s; allowed is at least {_SHORTEST_FRAME:g} and at"
+            f" most {_LONGEST_FRAME:g} s"
         )
     return stated, stated_line, frame_time
 
