@@ -84,6 +84,7 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
     for name in list(paths):
         path = paths.pop(name)
         world[name] = (path @ axes.T).astype(path.dtype)
+    world = _with_both_hips(world)
     check_sides(where, world)
     posed = calibration_poses(world)
     neutral = _neutral(where, world, rest, axes, time, reading)
@@ -109,6 +110,18 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
         errors=result.errors,
         not_scored=result.not_scored,
     )
+
+
+def _with_both_hips(world: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the centres with a hip that is not seen opposite to the one that is."""
+    found, pelvis = dict(world), world.get("pelvis")
+    for side, other in (("right", "left"), ("left", "right")):
+        hip = world.get(f"{other}_hip")
+        if pelvis is not None and hip is not None:
+            opposite = 2 * pelvis - hip
+            own = world.get(f"{side}_hip", opposite)
+            found[f"{side}_hip"] = np.where(np.isfinite(own), own, opposite)
+    return found
 
 
 def _windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:

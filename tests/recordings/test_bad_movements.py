@@ -80,6 +80,21 @@ def test_parts_of_a_person(work: Places) -> None:
         fitted({c: path for c, path in work.items() if c.endswith(("hip", "knee", "ankle"))})
 
 
+@pytest.mark.parametrize("gone", [True, False])
+def test_one_hip_and_the_pelvis_are_hips(gone: bool, work: Places) -> None:
+    plain = fitted(work)
+    if gone:
+        del work["left_hip"]
+    else:
+        work["left_hip"][:] = np.nan
+    recording = fitted(work)
+    assert recording.scored.mean() > 0.95
+    trunk = INDEX["trunk_flexion"]
+    np.testing.assert_allclose(
+        recording.postures[:, trunk], plain.postures[:, trunk], atol=np.radians(6)
+    )
+
+
 @pytest.mark.parametrize("how", ["names", "axis"])
 def test_exchanged_sides_are_told(how: str, work: Places) -> None:
     other = {"right": "left", "left": "right"}

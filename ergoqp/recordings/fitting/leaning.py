@@ -105,9 +105,11 @@ def _hips(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 def _left(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Return the unit vectors from right to left (n, 3), of the hips or else the shoulders."""
+    found = None
     for joint in ("hip", "shoulder"):
         if f"right_{joint}" in places and f"left_{joint}" in places:
             across = places[f"left_{joint}"] - places[f"right_{joint}"]
             length = np.linalg.norm(across, axis=1, keepdims=True)
-            return across / np.where(length > 0, length, np.nan)
-    return None
+            unit = across / np.where(length > 0, length, np.nan)
+            found = unit if found is None else np.where(np.isfinite(found), found, unit)
+    return found
