@@ -84,7 +84,7 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
     for name in list(paths):
         path = paths.pop(name)
         world[name] = (path @ axes.T).astype(path.dtype)
-    world = _with_both_hips(world)
+    world = _with_both_hips(world, assumptions)
     check_sides(where, world)
     posed = calibration_poses(world)
     neutral = _neutral(where, world, rest, axes, time, reading)
@@ -112,15 +112,23 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
     )
 
 
-def _with_both_hips(world: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _with_both_hips(
+    world: Mapping[str, np.ndarray], assumptions: list[str]
+) -> dict[str, np.ndarray]:
     """Return the centres with a hip that is not seen opposite to the one that is."""
     found, pelvis = dict(world), world.get("pelvis")
     for side, other in (("right", "left"), ("left", "right")):
         hip = world.get(f"{other}_hip")
         if pelvis is not None and hip is not None:
             opposite = 2 * pelvis - hip
-            own = world.get(f"{side}_hip", opposite)
+            own = world.get(f"{side}_hip", np.full_like(opposite, np.nan))
             found[f"{side}_hip"] = np.where(np.isfinite(own), own, opposite)
+            gained = np.isfinite(opposite[:, 0]) & np.isnan(own[:, 0])
+            if gained.any():
+                assumptions.append(
+                    f"In {int(gained.sum())} frames the {side} hip is not seen: it is taken to be"
+                    " opposite to the other one about the pelvis."
+                )
     return found
 
 

@@ -89,6 +89,7 @@ def test_one_hip_and_the_pelvis_are_hips(gone: bool, work: Places) -> None:
         work["left_hip"][:] = np.nan
     recording = fitted(work)
     assert recording.scored.mean() > 0.95
+    assert "In 600 frames the left hip is not seen" in " ".join(recording.assumptions)
     trunk = INDEX["trunk_flexion"]
     np.testing.assert_allclose(
         recording.postures[:, trunk], plain.postures[:, trunk], atol=np.radians(6)

@@ -142,6 +142,21 @@ def test_an_arm_that_is_held_up_goes_on_in_the_next_block(monkeypatch: pytest.Mo
     np.testing.assert_allclose(found[100:, SHOULDER], held[100:, SHOULDER], atol=np.radians(2))
 
 
+def test_an_arm_that_is_lost_where_a_block_begins_forces_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = np.arange(600) / 40
+    raised = moved([(10, 10, 0), (10, 130, 85)], 90.0, 100)
+    truth = np.concatenate([raised, np.repeat(raised[-1:], 500, axis=0)])
+    where = centres_of(BODY, np.tile([0.0, 0, 0.9, 0], (600, 1)), truth)
+    monkeypatch.setattr(posture_fit, "_BLOCK", 300)
+    lost = int(np.searchsorted(time, time[300] - posture_fit._AROUND))
+    where["right_elbow"][lost - 3 : lost + 3] = np.nan
+    found = fit(BODY, where, time).postures
+    off = np.degrees(np.abs(found - truth))[:, SHOULDER[0]]
+    assert off.max() < 5
+
+
 def test_an_arm_that_circles_around_the_side_points_where_it_does() -> None:
     count = 240
     postures = np.tile(REST, (count, 1))

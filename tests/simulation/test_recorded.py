@@ -92,6 +92,23 @@ def test_the_task_is_where_the_hand_is(demo: Recording) -> None:
     assert [each for each in problem.limits if each in inside] == inside
 
 
+def test_a_hand_that_is_elsewhere_has_its_task_there() -> None:
+    plain, recording = ergoqp.load_problem("screwing"), still(arms_elbow_flexion=5.0)
+    problem, start, notes = as_recorded(plain, recording, 0)
+    pose = np.array(problem.response.contact()(start)[0])
+    before = next(each for each in plain.limits if isinstance(each, WorkspaceBox))
+    assert pose[0, 3] < before.lower[0]
+    box, cone = (
+        next(each for each in problem.limits if isinstance(each, kind))
+        for kind in (WorkspaceBox, AxisCone)
+    )
+    assert (np.array(box.lower) <= pose[:3, 3] - 0.01).all()
+    assert (np.array(box.upper) >= pose[:3, 3] + 0.01).all()
+    assert (np.array(box.lower) <= before.lower).all()
+    np.testing.assert_allclose(cone.direction, pose[:3, 0], atol=1e-6)
+    assert sum("recording" in note for note in notes) == 3
+
+
 def ends(recording: Recording, frame: int, seed: int) -> tuple[int, int]:
     """Return the scores at the end, and had the object stayed where it was."""
     problem, start, _ = as_recorded(ergoqp.load_problem("screwing"), recording, frame)

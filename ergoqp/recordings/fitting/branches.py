@@ -33,11 +33,14 @@ def both_ways(
         lower: of the ranges (3,) [rad].
         upper: of the ranges (3,) [rad].
     """
-    beyond = np.pi + angles * np.array([1.0, -1.0, 1.0])
+    other = np.pi + angles * np.array([1.0, -1.0, 1.0])
+    return near(angles, lower, upper), near(other, lower, upper)
+
+
+def near(angles: np.ndarray, lower: np.ndarray | float, upper: np.ndarray | float) -> np.ndarray:
+    """Return angles turned by whole turns to where they are nearest to a range [rad]."""
     middle = (lower + upper) / 2
-    return tuple(  # type: ignore[return-value]
-        middle + (each - middle + np.pi) % (2 * np.pi) - np.pi for each in (angles, beyond)
-    )
+    return middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi
 
 
 def chosen(
@@ -59,9 +62,8 @@ def chosen(
         begin: whether the second is taken at first; None: that is not known.
     """
     seen = np.flatnonzero(np.isfinite(pair[0][:, :2]).all(axis=1))
-    second = np.zeros(len(time), dtype=bool)
     if not len(seen):
-        return second
+        return np.zeros(len(time), dtype=bool)
     both = np.stack([np.nan_to_num(each[seen]) for each in pair])
     told, at = shows[seen], time[seen]
     beyond = np.maximum(lower - both, both - upper).clip(0)
@@ -79,8 +81,9 @@ def chosen(
         for after in (0, 1):
             way[before, after] = (weight * np.abs(both[after, 1:] - both[before, :-1])).sum(axis=1)
     way[:, :, since[1:, 0] > _GAP] = 0.0
-    second[seen] = _least(cost, way)
-    return second
+    # While an arm is not seen it keeps to the way before.
+    before = np.searchsorted(seen, np.arange(len(time)), side="right") - 1
+    return _least(cost, way)[np.maximum(before, 0)]
 
 
 def _least(here: np.ndarray, way: np.ndarray) -> np.ndarray:

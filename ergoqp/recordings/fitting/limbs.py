@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ergoqp.joints import INDEX, LOWER, UPPER
-from ergoqp.recordings.fitting.branches import both_ways, chosen
+from ergoqp.recordings.fitting.branches import both_ways, chosen, near
 from ergoqp.recordings.fitting.steady import filled, steady
 
 Angles = dict[str, np.ndarray]
@@ -67,9 +67,9 @@ def arm_angles(
     flexion = np.clip(flexion, lower[0], upper[0])
     # What the flexion lacks where it hardly shows, the others make up for.
     along = np.sin(flexion) * forward - np.cos(flexion) * up
-    abduction = _near(np.arctan2(out * aside, along), lower[1], upper[1])
+    abduction = near(np.arctan2(out * aside, along), lower[1], upper[1])
     held = np.stack([flexion, np.clip(filled(abduction, time), lower[1], upper[1])], axis=1)
-    turn = _near(_turn(forearm, held, out), lower[2], upper[2])
+    turn = near(_turn(forearm, held, out), lower[2], upper[2])
     turn = steady(turn, shows[:, 2], time, leaps)
     rotation = np.clip(turn, lower[2], upper[2])
     elbow = np.clip(filled(bend, time), *_range(side, "elbow_flexion"))
@@ -213,13 +213,7 @@ def _range(side: str, *joints: str) -> np.ndarray:
 def _inside(side: str, joint: str, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return angles without gaps and within the range (n,) [rad]."""
     lower, upper = _range(side, joint).ravel()
-    return np.clip(filled(_near(angles, lower, upper), time), lower, upper)
-
-
-def _near(angles: np.ndarray, lower: float, upper: float) -> np.ndarray:
-    """Return angles turned by whole turns to where they are nearest to a range [rad]."""
-    middle = (lower + upper) / 2
-    return middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi
+    return np.clip(filled(near(angles, lower, upper), time), lower, upper)
 
 
 def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:

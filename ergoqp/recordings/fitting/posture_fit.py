@@ -80,13 +80,13 @@ def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
         first = int(np.searchsorted(time, time[start] - _AROUND))
         last = int(np.searchsorted(time, time[stop - 1] + _AROUND, side="right"))
         near = {centre: path[first:last].astype(float) for centre, path in places.items()}
-        # Arms go on as they did where the block before began to be known.
-        # One that was not seen there tells nothing.
-        begin = {
-            side: bool(ways[first])
-            for side, ways in over.items()
-            if start and whole.observed[first, INDEX[f"{side}_shoulder_flexion"]]
-        }
+        # Arms go on as they did where the blocks overlap.
+        begin = {}
+        for side, ways in over.items():
+            # Of the frames that are known already, the first in which the arm is seen.
+            seen = whole.observed[first:start, INDEX[f"{side}_shoulder_flexion"]]
+            if seen.any():
+                begin[side] = bool(ways[first + int(np.argmax(seen))])
         part, second = _fitted(body, near, time[first:last], begin, usual)
         here, rows = slice(start - first, stop - first), slice(start, stop)
         for side, ways in second.items():
