@@ -10,6 +10,7 @@ from ergoqp.human import Body
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.recordings import Recording, fit_postures
 from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.sheets.elevation import elevation_of
 
 RATE = 60.0
 BODY = Body.of_stature(1.72)
@@ -76,6 +77,19 @@ def leaning(places: Places, degrees: float) -> Places:
         centre: path if centre.endswith(legs) else path + turned - arm
         for centre, path in places.items()
     }
+
+
+def read_angles(postures: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the angles of trunk, elbows, knees and upper arms of postures (n, 1 or 2) [deg]."""
+    trunk = np.cos(postures[:, INDEX["trunk_flexion"]]) * np.cos(
+        postures[:, INDEX["trunk_side_bend"]]
+    )
+    sides = {
+        name: np.degrees(postures[:, [INDEX[f"{side}_{name}_flexion"] for side in SIDES]])
+        for name in ("elbow", "knee")
+    }
+    elevation = np.degrees(elevation_of(postures)[0])
+    return {"trunk": np.degrees(np.arccos(trunk))[:, None], "elevation": elevation, **sides}
 
 
 SHOULDERS: Final[dict[str, list[tuple[float, float, float]]]] = {

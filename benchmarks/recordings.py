@@ -24,12 +24,18 @@ than had the object been left alone; ``.share_better``: that end with a lower on
 ``.as_given``: worse, had the recorded posture, feet and all, been the start of the same person in
 the problem as it is.
 
+``wrong_outcomes``: recordings broken in some way (`benchmarks.recording_outcomes`; three seeds each
+with ``--full``) of which a frame is scored that is more than 12 deg from the truth, or that are not
+refused with the right sentence, or refused without need; ``.all_scored``: had every frame been
+scored that can be.
+
 ``centres_per_s``: frames per second and core, from joint centres to postures, fit error and what is
 not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
 """
 
 from __future__ import annotations
 
+import tempfile
 import time
 from pathlib import Path
 
@@ -41,10 +47,12 @@ from benchmarks.made_motions import (
     Places,
     fitted,
     leaning,
+    read_angles,
     shoulders,
     stoop,
     walk,
 )
+from benchmarks.recording_outcomes import broken_files, cases, silent_file
 from benchmarks.report import Report, run
 from ergoqp import reba
 from ergoqp.joints import INDEX, SIDES
@@ -104,19 +112,6 @@ def plain_angles(places: Places) -> dict[str, np.ndarray]:
     return {name: np.stack(each, axis=1) for name, each in found.items()}
 
 
-def read_angles(postures: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the same angles of postures."""
-    trunk = np.cos(postures[:, INDEX["trunk_flexion"]]) * np.cos(
-        postures[:, INDEX["trunk_side_bend"]]
-    )
-    sides = {
-        name: np.degrees(postures[:, [INDEX[f"{side}_{name}_flexion"] for side in SIDES]])
-        for name in ("elbow", "knee")
-    }
-    elevation = np.degrees(elevation_of(postures)[0])
-    return {"trunk": np.degrees(np.arccos(trunk))[:, None], "elevation": elevation, **sides}
-
-
 def geometry(report: Report, path: Path) -> None:
     """Print how far what is read from a file is from its plain geometry."""
     recording, places = load_recording(path), places_of(path)
@@ -172,6 +167,32 @@ def made_trunks(report: Report) -> None:
         trunk = np.degrees(recording.postures[:, INDEX["trunk_flexion"]])
         off.append(abs(trunk.max() - deepest))
     report.figure("made.stoop_off_deg", max(off))
+
+
+def outcomes(report: Report, paths: list[Path]) -> None:
+    """Print what becomes of recordings that are broken."""
+    walked, stooped = walk()[0], stoop()[0]
+    made = {centre: np.concatenate([walked[centre], stooped[centre]]) for centre in walked}
+    people = {"made": made, **{path.stem: places_of(path) for path in paths}}
+    seeds = report.pick((1000,), (1000, 1001, 1002))
+    found, every, count = 0, 0, 0
+    for name, places in people.items():
+        truth = fitted(places)
+        for seed in seeds:
+            for case in cases():
+                wrong, all_scored = case.wrong(places, truth, seed)
+                found, every, count = found + bool(wrong), every + bool(all_scored), count + 1
+                if wrong:
+                    report.say(f"{name}, {case.name}: {wrong}")
+    with tempfile.TemporaryDirectory() as folder:
+        for path in paths:
+            for what, text in broken_files(path.read_text(encoding="utf-8")):
+                wrong = silent_file(text, Path(folder))
+                found, every, count = found + bool(wrong), every + bool(wrong), count + 1
+                if wrong:
+                    report.say(f"{path.stem}, {what}: {wrong}")
+    report.figure("wrong_outcomes", found, f"of {count}")
+    report.figure("wrong_outcomes.all_scored", every)
 
 
 def speed(report: Report, paths: list[Path]) -> None:
@@ -241,6 +262,7 @@ def measure(report: Report) -> None:
         geometry(report, path)
     made_shoulders(report)
     made_trunks(report)
+    outcomes(report, paths)
     runs_from(report, paths)
     speed(report, paths)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from ergoqp.comparison.trial import SolverTrial, try_solver
 from ergoqp.errors import InputError
 from ergoqp.files.whole import write_whole
 from ergoqp.problem.problem import Problem
+from ergoqp.progress import Progress
 from ergoqp.solvers import SOLVERS, installed_solvers, open_session, solver_named
 from ergoqp.solvers.judge import tidy
 from ergoqp.solvers.sequence import QpSequence
@@ -29,8 +30,6 @@ MOST_STEPS: Final = 100_000
 
 _DERIVED: Final = 20
 _PASSES: Final = 2
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)

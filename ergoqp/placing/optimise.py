@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,13 +22,11 @@ from ergoqp.placing.program import smooth_cost
 from ergoqp.placing.start import FINAL_TAU_DEG, RESIDUAL, PlaceTask, begin_from
 from ergoqp.placing.workers import trials_of
 from ergoqp.problem.problem import Problem
+from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
 from ergoqp.simulation.inputs import read_posture
 from ergoqp.simulation.people.alike import Alike
 from ergoqp.simulation.starts import awkward_start
-
-Progress = Callable[[float], None]
-"""Told the share of the starts that is done, 0 to 1."""
 
 
 def optimise(

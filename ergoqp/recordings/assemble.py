@@ -12,6 +12,7 @@ import numpy as np
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
+from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.fitting.axes import axes_of, check_sides, find_unit, find_up, tilt_of
 from ergoqp.recordings.fitting.leaning import straightened
 from ergoqp.recordings.fitting.neutral import (
@@ -22,6 +23,7 @@ from ergoqp.recordings.fitting.neutral import (
 )
 from ergoqp.recordings.fitting.person import measured_lengths, measured_person, suggested_stature
 from ergoqp.recordings.fitting.posture_fit import fit
+from ergoqp.recordings.fitting.smoothing import smoothed
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import Naming, named_centres
 from ergoqp.recordings.recording import Recording
@@ -55,13 +57,16 @@ class Reading:
     window: tuple[float, float] | None = None
 
 
-def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording:
+def recording_of(
+    motion: JointMotion, where: str, reading: Reading, progress: Progress = unseen
+) -> Recording:
     """Return the postures behind the joints of a recording.
 
     Args:
         motion: the joints.
         where: its name, for messages.
         reading: how it is to be read.
+        progress: told the share of the frames that is fitted.
 
     Raises:
         RecordingError: the skeleton, the unit or the axes are not known.
@@ -85,6 +90,8 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
         path = paths.pop(name)
         world[name] = (path @ axes.T).astype(path.dtype)
     world = _with_both_hips(world, assumptions)
+    world, said = smoothed(world, time)
+    assumptions.extend(said)
     check_sides(where, world)
     posed = calibration_poses(world)
     neutral = _neutral(where, world, rest, axes, time, reading)
@@ -92,7 +99,7 @@ def recording_of(motion: JointMotion, where: str, reading: Reading) -> Recording
         assumptions.append(neutral.sentence)
         world = straightened(world, neutral.trunk, neutral.neck)
 
-    result = fit(body, world, time)
+    result = fit(body, world, time, progress)
     if posed.any() and not posed.all():
         result = replace(result, not_scored={CALIBRATION: posed, **result.not_scored})
     assumptions.extend(remarks(time, world, result))

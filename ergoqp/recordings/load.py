@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from numbers import Real
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ergoqp.arguments import path_of, shown
 from ergoqp.errors import InputError
+from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.axes import UPS
 from ergoqp.recordings.fitting.person import given_person
@@ -19,6 +21,9 @@ from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import read_mapping
 from ergoqp.recordings.readers import lacking, read_motion
 from ergoqp.recordings.recording import Recording
+
+_READ: Final = 0.6
+"""What reading a file is of the whole work."""
 
 
 def load_recording(
@@ -30,6 +35,7 @@ def load_recording(
     mapping: str | Path | None = None,
     neutral: float | str | Path | None = None,
     window: tuple[float, float] | None = None,
+    progress: Progress | None = None,
 ) -> Recording:
     """Read a motion-capture file and find the postures in it.
 
@@ -48,6 +54,7 @@ def load_recording(
             the vertical whatever the skeleton is like; None finds it, by the rule of
             `ergoqp.recordings.fitting.neutral`.
         window: first and last time to read [s]; None: all.
+        progress: told the share that is done.
 
     Returns:
         Postures, pelvis poses, what was observed, which frames show no posture and why, how well
@@ -60,7 +67,9 @@ def load_recording(
     """
     path = path_of("recording", path)
     reading = _reading(person, unit_to_m, up, mapping, neutral, window)
-    return recording_of(read_motion(path), path.name, reading)
+    progress = progress or unseen
+    motion = read_motion(path, part_of(progress, 0.0, _READ))
+    return recording_of(motion, path.name, reading, part_of(progress, _READ, 1.0))
 
 
 def fit_postures(

@@ -11,16 +11,21 @@ import numpy as np
 
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
+from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.bvh.read import read_bvh
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.registry import check_free, own_term, registered
 
-READERS: Final[dict[str, Callable[[Path], JointMotion]]] = {".bvh": read_bvh}
+READERS: Final[dict[str, Callable[[Path, Progress], JointMotion]]] = {".bvh": read_bvh}
 """File name ending -> reader. An own one is an entry point, see `ergoqp.registry`."""
 
 
-def read_motion(path: Path) -> JointMotion:
+def read_motion(path: Path, progress: Progress = unseen) -> JointMotion:
     """Read a motion-capture file by the reader of its ending.
+
+    Args:
+        path: the file.
+        progress: told how much of the file is read, if the reader tells.
 
     Raises:
         RecordingError: if there is none, or it cannot read the file, whatever it raises.
@@ -29,7 +34,7 @@ def read_motion(path: Path) -> JointMotion:
     ending = path.suffix.lower()
     if ending in READERS:
         check_free("reader", [ending[1:]])
-        return READERS[ending](path)
+        return READERS[ending](path, progress)
     own = [f".{name}" for name in registered("reader")]
     if ending in own:
         return _own_motion(path, own_term("reader", ending[1:]))

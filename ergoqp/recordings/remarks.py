@@ -45,7 +45,7 @@ def _not_scored(causes: Mapping[str, np.ndarray]) -> list[str]:
 def _bridged(result: Fit) -> list[str]:
     """Say where what was lost for a moment is taken from what is around it."""
     lacking = np.logical_or.reduce([np.zeros(len(result.error), bool), *result.not_scored.values()])
-    needed = [INDEX[joint] for _, joint in NEEDED if result.observed[:, INDEX[joint]].any()]
+    needed = [INDEX[joint] for _, joint, *_ in NEEDED if result.observed[:, INDEX[joint]].any()]
     count = int((~result.observed[:, needed].all(axis=1) & ~lacking).sum())
     if not count:
         return []

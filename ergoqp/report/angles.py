@@ -19,6 +19,7 @@ import numpy as np
 
 from ergoqp.files.whole import whole
 from ergoqp.joints import JOINTS, SIDES
+from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings import Recording
 from ergoqp.sheets.elevation import elevation_of
 
@@ -30,12 +31,15 @@ _ANGLES: Final = (
 )
 
 
-def write_angles(recording: Recording, folder: Path) -> tuple[Path, Path]:
+def write_angles(
+    recording: Recording, folder: Path, progress: Progress = unseen
+) -> tuple[Path, Path]:
     """Write ``angles.csv`` and ``angles.mot``.
 
     Args:
         recording: with n frames.
         folder: where to; it is there.
+        progress: told the share that is written.
 
     Returns:
         The two files.
@@ -48,7 +52,7 @@ def write_angles(recording: Recording, folder: Path) -> tuple[Path, Path]:
     head += [f"{centre}_error_mm" for centre in recording.errors]
     with whole(table) as scratch, scratch.open("w", encoding="utf-8") as file:
         file.write(",".join(head) + "\n")
-        for rows in _blocks(recording):
+        for rows in _blocks(recording, part_of(progress, 0.0, 0.5)):
             scored = recording.scored[rows].astype(float)[:, None]
             errors = [1e3 * each[rows, None] for each in recording.errors.values()]
             values = np.hstack(
@@ -61,15 +65,17 @@ def write_angles(recording: Recording, folder: Path) -> tuple[Path, Path]:
         size = (f"nRows={len(recording.time)}", f"nColumns={1 + len(_ANGLES)}")
         file.write("\n".join(["ergoqp", "version=1", *size, "inDegrees=yes", "endheader\n"]))
         file.write("\t".join(["time", *_ANGLES]) + "\n")
-        for rows in _blocks(recording):
+        for rows in _blocks(recording, part_of(progress, 0.5, 1.0)):
             values = np.hstack([recording.time[rows, None], _degrees(recording, rows)])
             file.write(_text(values, "\t".join(["%.6f", *["%.6f"] * len(_ANGLES)])))
     return table, motion
 
 
-def _blocks(recording: Recording) -> Iterator[slice]:
-    for start in range(0, len(recording.time), _BLOCK):
+def _blocks(recording: Recording, progress: Progress) -> Iterator[slice]:
+    count = len(recording.time)
+    for start in range(0, count, _BLOCK):
         yield slice(start, start + _BLOCK)
+        progress(min(1.0, (start + _BLOCK) / count))
 
 
 def _degrees(recording: Recording, rows: slice) -> np.ndarray:

@@ -20,26 +20,33 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ergoqp._version import __version__
 from ergoqp.files.whole import whole, write_json
 from ergoqp.joints import JOINTS
+from ergoqp.progress import Progress, unseen
 from ergoqp.recordings import Recording
 from ergoqp.report import palette
 from ergoqp.sheets import reba
 from ergoqp.sheets.reba import Assessment
 
+_BLOCK: Final = 4096
+"""Frames after which it is said how far it is."""
 
-def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> tuple[Path, Path]:
+
+def write_scores(
+    recording: Recording, assessment: Assessment, folder: Path, progress: Progress = unseen
+) -> tuple[Path, Path]:
     """Write ``scores.csv`` and ``scores.json``.
 
     Args:
         recording: what was scored.
         assessment: of its n postures.
         folder: where to; it is made if it is not there.
+        progress: told the share that is written.
 
     Returns:
         The two files.
@@ -80,6 +87,8 @@ def write_scores(recording: Recording, assessment: Assessment, folder: Path) -> 
                     " ".join(JOINTS[j] for j in np.flatnonzero(assessment.outside[i])),
                 ]
             )
+            if i % _BLOCK == 0:
+                progress(i / len(assessment.final))
     write_json(summary, summary_of(recording, assessment))
     return rows, summary
 

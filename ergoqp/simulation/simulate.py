@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
+from ergoqp.progress import Progress
 from ergoqp.responses.ik import IkResponse
 from ergoqp.seeking.seeker import Seeker
 from ergoqp.simulation.assumed import about_person, about_robot
@@ -31,9 +32,6 @@ from ergoqp.step.guide.place import read_guide
 from ergoqp.step.stepper import Stepper
 
 _SOLVER = "daqp"
-
-Progress = Callable[[float], None]
-"""Told the share of the loop that is done, 0 to 1."""
 
 
 def simulate(

@@ -32,7 +32,7 @@ def test_frames_that_are_missing_are_bridged_or_not_scored(work: Places) -> None
     plain = fitted(work)
     for share in (0.1, 0.6):
         recording = fitted(lost({c: path.copy() for c, path in work.items()}, share, True))
-        assert recording.scored.mean() > 0.95
+        assert recording.scored.mean() > 0.9
         off = np.abs(recording.postures - plain.postures)[recording.scored]
         assert np.degrees(np.median(off.max(axis=1))) < 3
         assert np.isnan(recording.fit_error).mean() == pytest.approx(share, abs=0.05)
@@ -159,7 +159,7 @@ def test_who_bends_beyond_what_anybody_can_is_not_scored(
 
 
 def test_a_bone_that_is_longer_for_a_while_is_not_scored(work: Places) -> None:
-    for share, expected in ((1.2, 0), (1.5, 20)):
+    for share, expected in ((1.015, 0), (1.04, 20)):
         places = {centre: path.copy() for centre, path in work.items()}
         knee, ankle = places["left_knee"], places["left_ankle"]
         ankle[30:50] = knee[30:50] + share * (ankle - knee)[30:50]

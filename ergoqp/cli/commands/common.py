@@ -68,8 +68,12 @@ class RecordingOptions:
                 " such as 2: or :10"
             ) from None
 
-    def load(self, path: Path) -> Recording:
+    def load(self, path: Path, progress: Callable[[float], None] | None = None) -> Recording:
         """Read a recording.
+
+        Args:
+            path: the recording.
+            progress: told the share that is done.
 
         Raises:
             ErgoqpError: if it cannot be read that way.
@@ -83,6 +87,7 @@ class RecordingOptions:
             mapping=self.mapping,
             neutral=neutral if neutral == "vertical" else _number_or_path(neutral),
             window=self.window_value,
+            progress=progress,
         )
 
     def refuse_without_recording(self) -> None:

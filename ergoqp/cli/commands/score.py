@@ -13,6 +13,7 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
+from ergoqp.progress import part_of
 from ergoqp.report.angles import write_angles
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_scores
@@ -33,14 +34,14 @@ def score(
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
-    with working(f"reading {recording_path.name}"):
-        recording = options.load(recording_path)
+    with working(f"reading {recording_path.name}") as done:
+        recording = options.load(recording_path, done)
     assessment = assess(recording.scored_postures, method, **task)
     folder = make_folder(out, recording_path.stem)
     screen = console()
-    with writing(folder):
-        write_scores(recording, assessment, folder)
-        write_angles(recording, folder)
+    with working("writing scores and angles") as done, writing(folder):
+        write_scores(recording, assessment, folder, part_of(done, 0.0, 0.5))
+        write_angles(recording, folder, part_of(done, 0.5, 1.0))
     print_assumptions(screen, recording.assumptions)
     screen.print(score_table(recording, assessment))
     write_report(

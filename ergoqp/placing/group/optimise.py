@@ -10,7 +10,7 @@ adjusted along one axis.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import get_args
 
@@ -25,6 +25,7 @@ from ergoqp.placing.group.search import Objective, PlaceSearch, Stay
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
+from ergoqp.progress import Progress
 from ergoqp.simulation.people.alike import Alike
 
 SPACING = 0.15
@@ -35,9 +36,6 @@ MOST_STARTS = 100
 """Beyond this a number of starts is a slip."""
 OWN_STARTS = 2
 """The same for the best place of one person."""
-
-Progress = Callable[[float], None]
-"""Told the share that is done, 0 to 1."""
 
 _NUMBERS = dict(
     zip(AXES, ((0,), (1,), (2,), (3, 4)), strict=True)

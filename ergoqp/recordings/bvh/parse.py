@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import BinaryIO, Final, NoReturn
 import numpy as np
 
 from ergoqp.errors import RecordingError
+from ergoqp.progress import Progress, unseen
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
 """The channel names of the format."""
@@ -120,11 +121,12 @@ class _Cursor:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BvhText]:
+def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
     """Read and check a BVH file without trusting any number it states.
 
     Args:
         path: the file.
+        progress: told how much of the file is read.
 
     Yields:
         The skeleton, the frame time, and the rows as numbers, block by block.
@@ -143,8 +145,10 @@ def opened(path: Path) -> Iterator[BvhText]:
         channels = sum(len(joint.channels) for joint in joints)
         stated, stated_line, frame_time = _read_motion(cursor)
         # A number and what parts it from the next are two bytes at least.
-        most = min(stated, path.stat().st_size // (2 * channels) + 1)
-        yield BvhText(joints, frame_time, most, _rows(cursor, channels, stated, stated_line))
+        size = path.stat().st_size
+        most = min(stated, size // (2 * channels) + 1)
+        rows = _rows(cursor, channels, stated, stated_line)
+        yield BvhText(joints, frame_time, most, _told(rows, lambda: progress(file.tell() / size)))
 
 
 @contextmanager
@@ -302,6 +306,12 @@ def _rows(cursor: _Cursor, channels: int, stated: int, stated_line: int) -> Iter
         )
     if block:
         yield np.array(block)
+
+
+def _told(blocks: Iterator[np.ndarray], after: Callable[[], None]) -> Iterator[np.ndarray]:
+    for block in blocks:
+        yield block
+        after()
 
 
 def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:

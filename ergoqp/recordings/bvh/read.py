@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.bvh.parse import Joint, opened
 from ergoqp.recordings.motion import JointMotion
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
-def read_bvh(path: Path) -> JointMotion:
+def read_bvh(path: Path, progress: Progress = unseen) -> JointMotion:
     """Read a BVH file.
 
     End sites are not joints: they say how long the last bone is drawn, not where something was
@@ -21,6 +22,7 @@ def read_bvh(path: Path) -> JointMotion:
 
     Args:
         path: the file.
+        progress: told how much of the file is read.
 
     Returns:
         The centres of all joints of the file's skeleton.
@@ -28,7 +30,7 @@ def read_bvh(path: Path) -> JointMotion:
     Raises:
         RecordingError: the file is not a complete, finite BVH file.
     """
-    with opened(path) as text:
+    with opened(path, progress) as text:
         # Single precision is finer than anybody measures, and an hour is half as much.
         positions = np.empty((text.most, len(text.joints), 3), dtype=np.float32)
         count = 0

@@ -156,8 +156,8 @@ def check_sides(where: str, places: Mapping[str, np.ndarray]) -> None:
     pair = next((name for name in ("hip", "shoulder") if f"left_{name}" in places), "hip")
     if f"left_{pair}" not in places or f"right_{pair}" not in places:
         return
-    rise = _middle(places, _UPPER) - _middle(places, _LOWER)
-    if not np.nanmedian(rise[:, 2]) > 0:
+    rise = (_middle(places, _UPPER) - _middle(places, _LOWER))[:, 2]
+    if not (np.isfinite(rise).any() and np.nanmedian(rise) > 0):
         return  # head down, nothing is known of left and right
     left = places[f"left_{pair}"] - places[f"right_{pair}"]
     ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1)

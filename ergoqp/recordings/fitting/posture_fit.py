@@ -14,10 +14,11 @@ import numpy as np
 
 from ergoqp.human import Body
 from ergoqp.joints import INDEX, JOINTS, SIDES
+from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.fitting.centres_of import centres_of, placed
 from ergoqp.recordings.fitting.limbs import arm_angles, leg_angles
 from ergoqp.recordings.fitting.spine import spine_of
-from ergoqp.recordings.fitting.validity import not_followed, not_seen, usual_lengths
+from ergoqp.recordings.fitting.validity import Usual, not_followed, not_seen, usual_lengths
 from ergoqp.recordings.naming import CENTRES
 
 _BLOCK: Final = 8192
@@ -55,7 +56,12 @@ class Fit:
         return np.sqrt(total / np.where(count, count, np.nan))
 
 
-def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
+def fit(
+    body: Body,
+    places: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    progress: Progress = unseen,
+) -> Fit:
     """Return the postures of a body whose joint centres are known.
 
     An angle that is never told is zero; one that is not told for a while goes on between those
@@ -65,6 +71,7 @@ def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
         body: the person.
         places: centre -> positions (n, 3) [m], NaN where not seen.
         time: when (n,) [s], increasing.
+        progress: told the share of the frames that is done.
     """
     count, usual = len(time), usual_lengths(places)
     whole = Fit(
@@ -98,7 +105,8 @@ def fit(body: Body, places: Mapping[str, np.ndarray], time: np.ndarray) -> Fit:
         for cause, frames in part.not_scored.items():
             known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
             known[rows] = frames[here]
-    causes = whole.not_scored | not_seen(whole.observed, time)
+        progress(stop / count)
+    causes = whole.not_scored | not_seen(whole.observed, whole.postures, time)
     return replace(whole, not_scored={name: each for name, each in causes.items() if each.any()})
 
 
@@ -107,7 +115,7 @@ def _fitted(
     places: Mapping[str, np.ndarray],
     time: np.ndarray,
     begin: Mapping[str, bool],
-    usual: Mapping[str, float],
+    usual: Mapping[str, Usual],
 ) -> tuple[Fit, dict[str, np.ndarray]]:
     """Return the fit of some frames, and which way the arms turn: side -> the second one (n,)."""
     lost = np.full((len(time), 3), np.nan)
@@ -146,5 +154,5 @@ def _fitted(
         if centre in fitted
     }
     found = Fit(spine.pelvis, postures, observed, errors, {})
-    causes = not_followed(places, fitted, found.error, usual)
+    causes = not_followed(places, fitted, found.error, usual, time)
     return replace(found, not_scored=causes), second

@@ -8,6 +8,7 @@ lost. Such frames are not scored, counted, and named.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,14 +17,22 @@ from ergoqp.joints import INDEX, SIDES, spoken
 
 _OFF: Final = np.radians(10.0)
 """By how much a bone of the body may point elsewhere [rad]: half a band of the sheet."""
-_STRETCHED: Final = 0.3
-"""By what share of its median a bone may be longer or shorter."""
+_RIGID: Final = 0.001
+"""A skeleton's bones vary by less than this share of their length."""
+_LEAST: Final = 0.02
+"""By what share those may be longer or shorter: aside, that is 12 degrees."""
+_USUALLY: Final = 6.0
+"""By how many times their usual deviation others may be."""
+_MOST: Final = 0.3
+"""By what share no bone may be."""
 _POOR: Final = 0.10
 """How far the body may be from the recording, RMS over the centres [m]."""
 _ASTRAY: Final = 0.20
 """How far one joint centre of the body may be [m]."""
 BRIDGED: Final = 0.2
 """For how long a joint may be lost: what is between is taken for it [s]."""
+_MEANWHILE: Final = np.radians(12.0)
+"""By how much it may turn meanwhile [rad]."""
 
 _DIRECTIONS: Final = (
     ("trunk", "hips", "neck"),
@@ -43,33 +52,52 @@ _CENTRES: Final = (
 )
 """Centres that nothing scored can be without."""
 NEEDED: Final = (
-    ("trunk", "trunk_flexion"),
-    ("neck", "neck_flexion"),
+    ("trunk", "trunk_flexion", "trunk_side_bend"),
+    ("neck", "neck_flexion", "neck_side_bend"),
     *(
-        (f"{side} {part}", f"{side}_{joint}")
+        (f"{side} {part}", *(f"{side}_{joint}" for joint in joints))
         for side in SIDES
-        for part, joint in (
-            ("upper arm", "shoulder_flexion"),
+        for part, *joints in (
+            ("upper arm", "shoulder_flexion", "shoulder_abduction"),
             ("forearm", "elbow_flexion"),
             ("knee", "knee_flexion"),
         )
     ),
 )
-"""What a score stands on, if the recording tells it at all."""
+"""What a score stands on, if the recording tells it at all, and the joints; told is the first."""
 
 
-def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return the median lengths of the bones that are scored [m]; only of those that are seen.
+@dataclass(frozen=True)
+class Usual:
+    """How long a bone usually is.
+
+    Attributes:
+        length: its median [m].
+        leeway: by how much it may be longer or shorter [m].
+    """
+
+    length: float
+    leeway: float
+
+
+def usual_lengths(places: Mapping[str, np.ndarray]) -> dict[str, Usual]:
+    """Return how long the bones are that tell of what is scored; only those that are seen.
+
+    A bone of a skeleton is rigid, one between measured points varies. So a bone may vary as many
+    times more than it usually does as makes it another posture.
 
     Args:
         places: centre -> positions (n, 3) [m], NaN where not seen.
     """
     places, found = _with_middles(places), {}
-    for name, start, end in _bones():
+    for name, start, end, least in _bones():
         if start in places and end in places:
             length = np.linalg.norm(places[end] - places[start], axis=1)
             if np.isfinite(length).any():
-                found[name] = float(np.nanmedian(length))
+                middle = float(np.nanmedian(length))
+                varies = 1.4826 * float(np.nanmedian(np.abs(length - middle))) / max(middle, 1e-9)
+                share = _LEAST if varies < _RIGID else min(max(_USUALLY * varies, least), _MOST)
+                found[name] = Usual(middle, share * middle)
     return found
 
 
@@ -77,7 +105,8 @@ def not_followed(
     places: Mapping[str, np.ndarray],
     fitted: Mapping[str, np.ndarray],
     error: np.ndarray,
-    usual: Mapping[str, float],
+    usual: Mapping[str, Usual],
+    time: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Return where the body does not follow the recording: cause -> those frames (n,) bool.
 
@@ -85,7 +114,8 @@ def not_followed(
         places: centre -> positions of the recording (n, 3) [m], NaN where not seen.
         fitted: the same of the body.
         error: RMS distance of the centres (n,) [m].
-        usual: lengths of the bones [m], see `usual_lengths`.
+        usual: lengths of the bones, see `usual_lengths`.
+        time: when (n,) [s].
     """
     causes = {}
     places, fitted = _with_middles(places), _with_middles(fitted)
@@ -99,11 +129,12 @@ def not_followed(
                 [_bone(each, *ends[:2]), _bone(each, *ends[1:])] for each in (places, fitted)
             )
             causes[f"{name} beyond its range"] = np.abs(_angle(*bones) - _angle(*own)) > _OFF
-    for name, start, end in _bones():
+    for name, start, end, _ in _bones():
         if name in usual:
             length = np.linalg.norm(places[end] - places[start], axis=1)
-            stretched = np.abs(length - usual[name]) > _STRETCHED * usual[name]
-            causes[f"{name} of another length"] = stretched
+            stretched = np.abs(length - usual[name].length) > usual[name].leeway
+            # Where it passes through its length on a way that is wrong before and after, too.
+            causes[f"{name} of another length"] = _closed(stretched, time)
     causes["body far from the recording"] = error > _POOR
     for centre in _CENTRES:
         if centre in places:
@@ -112,18 +143,19 @@ def not_followed(
     return causes
 
 
-def not_seen(observed: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
+def not_seen(observed: np.ndarray, postures: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
     """Return where what a score stands on is not seen: cause -> those frames (n,) bool.
 
     Args:
         observed: which joints are told (n, 32) bool.
+        postures: their angles (n, 32) [rad].
         time: when (n,) [s].
     """
     causes = {}
-    for name, joint in NEEDED:
-        told = observed[:, INDEX[joint]]
+    for name, *joints in NEEDED:
+        told, angles = observed[:, INDEX[joints[0]]], postures[:, [INDEX[each] for each in joints]]
         if told.any():
-            causes[f"{name} not seen"] = _lost(told, time)
+            causes[f"{name} not seen"] = _lost(told, angles, time)
     for name, joints in (
         ("trunk", ("trunk_flexion",)),
         ("arms", tuple(f"{side}_shoulder_flexion" for side in SIDES)),
@@ -133,22 +165,46 @@ def not_seen(observed: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
     return causes
 
 
-def _bones() -> Iterator[tuple[str, str, str]]:
-    """Return names and ends of all bones that are scored."""
-    yield from _DIRECTIONS
+def _bones() -> Iterator[tuple[str, str, str, float]]:
+    """Return names and ends of bones, and by what share they may vary if they are not rigid.
+
+    A trunk that bends is shorter, and a shoulder that is raised is nearer to the neck.
+    """
+    yield "trunk", "hips", "neck", _MOST
+    yield "neck", "neck", "skull", _MOST
+    yield "pelvis", "right_hip", "left_hip", 0.1
+    yield "shoulder girdle", "right_shoulder", "left_shoulder", 0.15
     for side in SIDES:
-        yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist"
-        yield f"{side} thigh", f"{side}_hip", f"{side}_knee"
-        yield f"{side} shank", f"{side}_knee", f"{side}_ankle"
+        yield f"{side} shoulder", "neck", f"{side}_shoulder", 0.2
+        yield f"{side} upper arm", f"{side}_shoulder", f"{side}_elbow", 0.1
+        yield f"{side} forearm", f"{side}_elbow", f"{side}_wrist", 0.06
+        yield f"{side} thigh", f"{side}_hip", f"{side}_knee", 0.06
+        yield f"{side} shank", f"{side}_knee", f"{side}_ankle", 0.06
 
 
-def _lost(told: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames of gaps that are longer than `BRIDGED`, or at an end (n,) bool."""
-    seen = time[told]
-    after = np.searchsorted(seen, time)
-    before = np.where(after > 0, seen[np.maximum(after - 1, 0)], -np.inf)
-    following = np.where(after < len(seen), seen[np.minimum(after, len(seen) - 1)], np.inf)
-    return ~told & (following - before > BRIDGED)
+def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames of gaps that cannot be bridged, and of those at an end (n,) bool."""
+    between, before, after = _gaps(told)
+    long = time[after] - time[before] > BRIDGED
+    turned = (np.abs(angles[after] - angles[before]) > _MEANWHILE).any(axis=1)
+    return ~told & ~(between & ~long & ~turned)
+
+
+def _closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames, and those between two of them that are less than `BRIDGED` apart."""
+    if not frames.any():
+        return frames
+    between, before, after = _gaps(frames)
+    return frames | (between & (time[after] - time[before] < BRIDGED))
+
+
+def _gaps(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which frames are between some (n,) bool, and the last before and next after them."""
+    known = np.flatnonzero(frames)
+    at = np.searchsorted(known, np.arange(len(frames)))
+    between = (at > 0) & (at < len(known))
+    before, after = known[np.maximum(at - 1, 0)], known[np.minimum(at, len(known) - 1)]
+    return between, before, after
 
 
 def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -9,7 +9,6 @@ of their cluster. What is left is due to the forearm.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -24,9 +23,9 @@ from ergoqp.datasets.sampler import balanced_postures
 from ergoqp.human import Body
 from ergoqp.human.forearm import forearm_length, forearm_points, read_points
 from ergoqp.learning.pipelines import sklearn
+from ergoqp.progress import Progress
 
 Array = NDArray[np.float64]
-Progress = Callable[[float], None]
 
 SCORES: Final = range(1, 11)
 """Scores of the base postures."""

@@ -5,7 +5,6 @@ This is how the shipped files were made.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +19,8 @@ from ergoqp.learning.features import Columns
 from ergoqp.learning.kernels import Kernel, KernelSum
 from ergoqp.learning.one_class import OneClass
 from ergoqp.learning.pipelines import sklearn
+from ergoqp.progress import Progress
 from ergoqp.studies.forearm.data import forearm_data
-
-Progress = Callable[[float], None]
 
 KERNELS = 800
 """Support vectors kept of the regression, enough for descents to end where the full one's do."""
