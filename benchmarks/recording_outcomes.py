@@ -99,7 +99,7 @@ def silent_file(text: str, folder: Path) -> str:
 
 def cases() -> Iterator[Case]:
     """Return what can be wrong with joint centres."""
-    yield Case("10 % of the frames missing", lost_frames(0.1), least=0.9)
+    yield Case("10 % of the frames missing", lost_frames(0.1), least=0.8)
     yield Case("60 % of the frames missing", lost_frames(0.6), least=0.2)
     yield Case("10 % of the points missing", lost_points(0.1), least=0.5)
     yield Case("60 % of the points missing", lost_points(0.6))
@@ -113,7 +113,7 @@ def cases() -> Iterator[Case]:
         for far in (0.05, 0.1, 0.15, 0.3):
             yield Case(f"{centre} jumps by {far:g} m", moved(centre, far), least=0.5)
             yield Case(f"{centre} drifts by {far:g} m", moved(centre, far, drift=True), least=0.5)
-    for size, least in ((0.003, 0.95), (0.01, 0.8), (0.02, 0.4)):
+    for size, least in ((0.003, 0.95), (0.01, 0.2), (0.02, 0.0)):
         yield Case(f"{1000 * size:g} mm of noise", noisy(size), least=least)
     legs = only("hip", "knee", "ankle")
     yield Case("legs alone", legs, "the upper trunk cannot be placed")

@@ -408,3 +408,14 @@ def test_wrong_shapes_are_not_written(tmp_path: Path):
     ):
         with pytest.raises(InputError):
             write_bvh(tmp_path / "no.bvh", wrong[0], wrong[1], Body(), wrong[2])
+
+
+def test_progress_moves_from_begin_to_end(tmp_path: Path) -> None:
+    poses, postures = np.tile(np.eye(4), (9000, 1, 1)), np.zeros((9000, 32))
+    path = write_bvh(tmp_path / "long.bvh", postures, poses, Body(), 1 / RATE)
+    told: list[float] = []
+    load_recording(path, progress=told.append)
+    assert len(told) >= 4
+    assert told == sorted(told)
+    assert max(np.diff([0.0, *told])) < 0.5
+    assert told[-1] == 1

@@ -157,6 +157,8 @@ def test_arms_to_the_sides_are_a_t_pose_of_who_stands() -> None:
         postures = posture(5, arms_shoulder_abduction=90.0, **angles)
         places = centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (5, 1)), postures)
         assert t_poses(places).all() == expected
+    low = posture(5, arms_shoulder_abduction=78.0)
+    assert t_poses(centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (5, 1)), low)).all()
     low = posture(5, arms_shoulder_abduction=60.0)
     assert not t_poses(centres_of(BODY, np.tile([0, 0, 0.9, 0.3], (5, 1)), low)).any()
 

@@ -25,6 +25,10 @@ _USUALLY: Final = 6.0
 """By how many times their usual deviation others may be."""
 _MOST: Final = 0.3
 """By what share no bone may be."""
+_LEAP: Final = 300.0
+"""A bone leaps whose turning changes by more within a frame [rad/s^2]; throwing, it is a third."""
+_MOVED: Final = 0.03
+"""And of which one end moves by more to the other [m]: short ones turn by noise."""
 _POOR: Final = 0.10
 """How far the body may be from the recording, RMS over the centres [m]."""
 _ASTRAY: Final = 0.20
@@ -134,7 +138,9 @@ def not_followed(
             length = np.linalg.norm(places[end] - places[start], axis=1)
             stretched = np.abs(length - usual[name].length) > usual[name].leeway
             # Where it passes through its length on a way that is wrong before and after, too.
-            causes[f"{name} of another length"] = _closed(stretched, time)
+            causes[f"{name} of another length"] = closed = _closed(stretched, time)
+            leaping = _after_leaps(places[end] - places[start], closed, time)
+            causes[f"{name} leaps"] = leaping & ~closed
     causes["body far from the recording"] = error > _POOR
     for centre in _CENTRES:
         if centre in places:
@@ -188,6 +194,24 @@ def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
     long = time[after] - time[before] > BRIDGED
     turned = (np.abs(angles[after] - angles[before]) > _MEANWHILE).any(axis=1)
     return ~told & ~(between & ~long & ~turned)
+
+
+def _after_leaps(bone: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the frames between leaps, or between one and what is wrong (n,) bool.
+
+    A single one is a cut: nothing tells which side of it is wrong, if any is.
+    """
+    since = np.diff(time)
+    turn = _angle(bone[:-1], bone[1:])
+    speed = np.pad(turn / since, 1, constant_values=np.nan)
+    faster = speed[1:-1] - np.fmax(speed[:-2], speed[2:])
+    moved = np.linalg.norm(np.diff(bone, axis=0), axis=1)
+    # Frames and the steps between them, in turn.
+    marks, at = np.zeros(2 * len(time) - 1, dtype=bool), np.empty(2 * len(time) - 1)
+    marks[::2], at[::2] = wrong, time
+    marks[1::2] = (faster > _LEAP * since) & (turn > _OFF) & (moved > _MOVED)
+    at[1::2] = (time[:-1] + time[1:]) / 2
+    return _closed(marks, at)[::2]
 
 
 def _closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
