@@ -9,7 +9,7 @@ from benchmarks.made_motions import BODY, Places, fitted, posture, stoop, walk
 from benchmarks.recording_outcomes import Case, cases
 from ergoqp import reba
 from ergoqp.errors import ErgoqpError, RecordingError
-from ergoqp.joints import INDEX
+from ergoqp.joints import INDEX, SIDES
 from ergoqp.recordings import fit_postures
 from ergoqp.recordings.fitting.centres_of import centres_of
 
@@ -195,6 +195,17 @@ def test_a_leap_and_back_is_not_scored_and_a_cut_is(work: Places) -> None:
     assert recording.causes(402) == ["left shank leaps"]
     work["left_ankle"][400:] = (knee + aside)[400:]
     assert fitted(work).scored.all()
+
+
+def test_keyframes_do_not_leap() -> None:
+    # Two postures in turn, as if nothing had been between.
+    limbs = [f"{side}_{joint}_flexion" for side in SIDES for joint in ("elbow", "shoulder", "knee")]
+    postures = posture(60, trunk_flexion=10.0)
+    postures[:, [INDEX[joint] for joint in limbs]] = np.radians(20.0)
+    postures[::2, INDEX["trunk_flexion"]] = np.radians(50.0)
+    postures[::2, [INDEX[joint] for joint in limbs]] = np.radians(70.0)
+    places = centres_of(BODY, np.tile([0, 0, 0.9, 0], (60, 1)), postures)
+    assert fitted(places, neutral="vertical").scored.all()
 
 
 def test_a_point_that_drifts_is_not_scored_from_where_it_shows(work: Places) -> None:

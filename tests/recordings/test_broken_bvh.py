@@ -75,6 +75,14 @@ BROKEN = {
         lambda t: t.replace(ROW, "0 1 zero 0 0 0 1 2 3", 1),
         "line 19: number 3 of the row: got 'zero'",
     ),
+    "digits joined": (
+        lambda t: t.replace(ROW, "0 1_0 0 0 0 0 1 2 3", 1),
+        "line 19: number 2 of the row: got '1_0'",
+    ),
+    "other digits": (
+        lambda t: t.replace("Time: 0.1", "Time: \u0660.1"),
+        "line 18: the frame time: got",
+    ),
     "narrow row": (
         lambda t: t.replace(ROW, "0 1 0 0 0 0 1 2", 1),
         "got a row of 8 numbers, allowed 9",

@@ -110,7 +110,7 @@ class _Cursor:
 
     def number(self, word: str, what: str) -> float:
         try:
-            value = float(word)
+            value = float(word if _plain(word) else "")
         except ValueError:
             self.fail(f"{what}: got {_short(word)}, allowed a number")
         if not abs(value) <= _LARGEST:  # also false for NaN
@@ -318,13 +318,18 @@ def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
     if len(words) != channels:
         cursor.fail(f"got a row of {len(words)} numbers, allowed {channels}, one for each channel")
     try:
-        values = [float(word) for word in words]
+        values = [float(word) for word in words] if _plain("".join(words)) else [math.nan]
     except ValueError:
         values = [math.nan]
     if not all(abs(value) <= _LARGEST for value in values):
         for column, word in enumerate(words, start=1):
             cursor.number(word, f"number {column} of the row")
     return values
+
+
+def _plain(text: str) -> bool:
+    """Return whether no number in it is one to Python alone, as 1_0 is."""
+    return text.isascii() and "_" not in text
 
 
 def _short(text: str) -> str:

@@ -14,6 +14,14 @@ from typing import Final
 import numpy as np
 
 from ergoqp.joints import INDEX, SIDES, spoken
+from ergoqp.recordings.fitting.leaps import (
+    BRIDGED,
+    angle_between,
+    between_leaps,
+    closed,
+    gaps,
+    leaps,
+)
 
 _OFF: Final = np.radians(10.0)
 """By how much a bone of the body may point elsewhere [rad]: half a band of the sheet."""
@@ -25,16 +33,10 @@ _USUALLY: Final = 6.0
 """By how many times their usual deviation others may be."""
 _MOST: Final = 0.3
 """By what share no bone may be."""
-_LEAP: Final = 300.0
-"""A bone leaps whose turning changes by more within a frame [rad/s^2]; throwing, it is a third."""
-_MOVED: Final = 0.03
-"""And of which one end moves by more to the other [m]: short ones turn by noise."""
 _POOR: Final = 0.10
 """How far the body may be from the recording, RMS over the centres [m]."""
 _ASTRAY: Final = 0.20
 """How far one joint centre of the body may be [m]."""
-BRIDGED: Final = 0.2
-"""For how long a joint may be lost: what is between is taken for it [s]."""
 _MEANWHILE: Final = np.radians(12.0)
 """By how much it may turn meanwhile [rad]."""
 
@@ -126,21 +128,23 @@ def not_followed(
     for name, *ends in _DIRECTIONS:
         if name in usual:
             bone, own = (_bone(each, *ends) for each in (places, fitted))
-            causes[f"{name} beyond its range"] = _angle(bone, own) > _OFF
+            causes[f"{name} beyond its range"] = angle_between(bone, own) > _OFF
     for name, *ends in _BENDS:
         if all(end in places for end in ends):
             bones, own = (
                 [_bone(each, *ends[:2]), _bone(each, *ends[1:])] for each in (places, fitted)
             )
-            causes[f"{name} beyond its range"] = np.abs(_angle(*bones) - _angle(*own)) > _OFF
-    for name, start, end, _ in _bones():
-        if name in usual:
-            length = np.linalg.norm(places[end] - places[start], axis=1)
-            stretched = np.abs(length - usual[name].length) > usual[name].leeway
-            # Where it passes through its length on a way that is wrong before and after, too.
-            causes[f"{name} of another length"] = closed = _closed(stretched, time)
-            leaping = _after_leaps(places[end] - places[start], closed, time)
-            causes[f"{name} leaps"] = leaping & ~closed
+            causes[f"{name} beyond its range"] = (
+                np.abs(angle_between(*bones) - angle_between(*own)) > _OFF
+            )
+    bones = {name: _bone(places, *ends) for name, *ends, _ in _bones() if name in usual}
+    leaping = leaps(bones, time)
+    for name, bone in bones.items():
+        off = np.abs(np.linalg.norm(bone, axis=1) - usual[name].length)
+        # Where it passes through its length on a way that is wrong before and after, too.
+        stretched = closed(off > usual[name].leeway, time)
+        causes[f"{name} of another length"] = stretched
+        causes[f"{name} leaps"] = between_leaps(leaping[name], stretched, time) & ~stretched
     causes["body far from the recording"] = error > _POOR
     for centre in _CENTRES:
         if centre in places:
@@ -190,45 +194,10 @@ def _bones() -> Iterator[tuple[str, str, str, float]]:
 
 def _lost(told: np.ndarray, angles: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return the frames of gaps that cannot be bridged, and of those at an end (n,) bool."""
-    between, before, after = _gaps(told)
+    between, before, after = gaps(told)
     long = time[after] - time[before] > BRIDGED
     turned = (np.abs(angles[after] - angles[before]) > _MEANWHILE).any(axis=1)
     return ~told & ~(between & ~long & ~turned)
-
-
-def _after_leaps(bone: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames between leaps, or between one and what is wrong (n,) bool.
-
-    A single one is a cut: nothing tells which side of it is wrong, if any is.
-    """
-    since = np.diff(time)
-    turn = _angle(bone[:-1], bone[1:])
-    speed = np.pad(turn / since, 1, constant_values=np.nan)
-    faster = speed[1:-1] - np.fmax(speed[:-2], speed[2:])
-    moved = np.linalg.norm(np.diff(bone, axis=0), axis=1)
-    # Frames and the steps between them, in turn.
-    marks, at = np.zeros(2 * len(time) - 1, dtype=bool), np.empty(2 * len(time) - 1)
-    marks[::2], at[::2] = wrong, time
-    marks[1::2] = (faster > _LEAP * since) & (turn > _OFF) & (moved > _MOVED)
-    at[1::2] = (time[:-1] + time[1:]) / 2
-    return _closed(marks, at)[::2]
-
-
-def _closed(frames: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return the frames, and those between two of them that are less than `BRIDGED` apart."""
-    if not frames.any():
-        return frames
-    between, before, after = _gaps(frames)
-    return frames | (between & (time[after] - time[before] < BRIDGED))
-
-
-def _gaps(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which frames are between some (n,) bool, and the last before and next after them."""
-    known = np.flatnonzero(frames)
-    at = np.searchsorted(known, np.arange(len(frames)))
-    between = (at > 0) & (at < len(known))
-    before, after = known[np.maximum(at - 1, 0)], known[np.minimum(at, len(known) - 1)]
-    return between, before, after
 
 
 def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -243,9 +212,3 @@ def _with_middles(places: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _bone(places: Mapping[str, np.ndarray], start: str, end: str) -> np.ndarray:
     return places[end] - places[start]
-
-
-def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the angle between vectors (n,) [rad]; NaN where one is not seen."""
-    across = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.arctan2(across, (one * other).sum(axis=1))
