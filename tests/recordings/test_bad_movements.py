@@ -198,11 +198,11 @@ def test_a_leap_and_back_is_not_scored_and_a_cut_is(work: Places) -> None:
 
 
 def test_keyframes_do_not_leap() -> None:
-    # Two postures in turn, five frames each, as if nothing had been between.
-    limbs = [f"{side}_{joint}_flexion" for side in SIDES for joint in ("elbow", "shoulder", "knee")]
+    # Two postures in turn, eleven frames each, as if nothing had been between.
+    limbs = [f"{side}_{joint}_flexion" for side in SIDES for joint in ("elbow", "hip", "knee")]
     postures = posture(60, trunk_flexion=10.0)
     postures[:, [INDEX[joint] for joint in limbs]] = np.radians(20.0)
-    other = np.arange(60) // 5 % 2 == 1
+    other = np.arange(60) // 11 % 2 == 1
     postures[other, INDEX["trunk_flexion"]] = np.radians(50.0)
     postures[np.ix_(other, [INDEX[joint] for joint in limbs])] = np.radians(70.0)
     places = centres_of(BODY, np.tile([0, 0, 0.9, 0], (60, 1)), postures)
