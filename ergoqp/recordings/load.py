@@ -68,8 +68,13 @@ def load_recording(
     path = path_of("recording", path)
     reading = _reading(person, unit_to_m, up, mapping, neutral, window)
     progress = progress or unseen
-    motion = read_motion(path, part_of(progress, 0.0, _READ))
-    return recording_of(motion, path.name, reading, part_of(progress, _READ, 1.0))
+    # Not kept here: of an hour it is much, and it is let go of as soon as its joints are named.
+    return recording_of(
+        read_motion(path, part_of(progress, 0.0, _READ)),
+        path.name,
+        reading,
+        part_of(progress, _READ, 1.0),
+    )
 
 
 def fit_postures(

@@ -67,9 +67,9 @@ def _poor(error: np.ndarray) -> list[str]:
 
 def _leaps(time: np.ndarray, targets: Mapping[str, np.ndarray]) -> list[str]:
     """Say when frames are too far apart for the stated frame time: calibration poses, keyframes."""
-    moved = np.fmax.reduce(
-        [np.linalg.norm(np.diff(path, axis=0), axis=1) for path in targets.values()]
-    )
+    moved = np.full(len(time) - 1, np.nan)
+    for path in targets.values():
+        moved = np.fmax(moved, np.linalg.norm(np.diff(path, axis=0), axis=1))
     places = np.flatnonzero(moved > _FASTEST * np.diff(time))
     if not len(places):
         return []

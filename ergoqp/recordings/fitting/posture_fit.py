@@ -103,6 +103,8 @@ def fit(
         for centre, errors in part.errors.items():
             whole.errors[centre][rows] = errors[here]
         for cause, frames in part.not_scored.items():
+            if not frames[here].any():
+                continue
             known = whole.not_scored.setdefault(cause, np.zeros(count, dtype=bool))
             known[rows] = frames[here]
         progress(stop / count)

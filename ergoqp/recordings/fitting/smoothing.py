@@ -31,6 +31,8 @@ _FASTEST: Final = 12.0
 """Nor over leaps that are faster [m/s]."""
 _FEW: Final = 50
 """Frames that do not tell how much a centre trembles."""
+_BLOCK: Final = 20_000
+"""Frames that are looked at at once: more would be much memory."""
 
 
 def smoothed(
@@ -71,6 +73,16 @@ def tremble_of(path: np.ndarray, time: np.ndarray) -> float:
     """
     if len(time) < _FEW:
         return 0.0
+    starts = range(0, len(time) - 4, _BLOCK)
+    blocks = [slice(start, min(start + _BLOCK + 4, len(time))) for start in starts]
+    return 1.4826 * float(np.median(np.concatenate([_off(path[b], time[b]) for b in blocks])))
+
+
+def _off(path: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return how far positions are from what their neighbours say (n - 4, 3) [m].
+
+    In units of what an independent tremble of all five would do.
+    """
     # Lagrange's weights of the four neighbours, at the time in the middle.
     around = np.stack([time[:-4], time[1:-3], time[3:-1], time[4:]])
     middle = time[2:-2]
@@ -81,8 +93,7 @@ def tremble_of(path: np.ndarray, time: np.ndarray) -> float:
                 weights[i] *= (middle - around[j]) / (around[i] - around[j])
     paths = np.stack([path[:-4], path[1:-3], path[3:-1], path[4:]])
     off = path[2:-2] - (weights[:, :, None] * paths).sum(axis=0)
-    sizes = np.abs(off) / np.sqrt(1 + (weights**2).sum(axis=0))[:, None]
-    return float(1.4826 * np.median(sizes))
+    return np.abs(off) / np.sqrt(1 + (weights**2).sum(axis=0))[:, None]
 
 
 def _spline(path: np.ndarray, time: np.ndarray, tremble: float) -> np.ndarray:
