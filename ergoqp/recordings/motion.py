@@ -1,27 +1,34 @@
-"""What every reader hands on: the centres of a recording's own joints over time.
+"""What every reader hands on: a recording's own joints, markers, segments and objects over time.
 
 They are in the recording's own unit and axes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Joint centres as the file states them, before any naming, unit or axis is chosen.
+    """What the file states, before any naming, unit or axis is chosen.
 
     Attributes:
-        names: the file's joint names, unique, shape (m,).
-        positions: joint centres in the file's unit and axes, shape (n, m, 3); NaN where a joint is
-            not seen.
+        names: of the file's joints or markers, unique, shape (m,).
+        positions: where they are in the file's unit and axes, shape (n, m, 3); NaN where not seen.
         time: time stamps from the file, increasing from zero, shape (n,) [s].
         rest: joint centres of the skeleton's rest pose, in the same unit and axes, shape (m, 3);
             None if the format has none.
         notes: sentences about how the file was read that its user should know.
+        turns: name of a joint or segment -> its orientation in the file's axes, unit quaternions
+            (x, y, z, w), shape (n, 4); NaN where not seen.
+        objects: name of a thing -> its pose in the file's unit and axes, shape (n, 4, 4).
+        angles: name of a joint angle that is ready in the file -> (n,) [rad].
+        markers: whether the positions are of markers on the skin and not of joint centres.
+        unit: the file's unit of length [m]; None if it does not say.
+        up: its vertical axis, as `ergoqp.recordings.fitting.axes.UPS`; None if it does not say.
     """
 
     names: tuple[str, ...]
@@ -29,6 +36,12 @@ class JointMotion:
     time: np.ndarray
     rest: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    objects: Mapping[str, np.ndarray] = field(default_factory=dict)
+    angles: Mapping[str, np.ndarray] = field(default_factory=dict)
+    markers: bool = False
+    unit: float | None = None
+    up: str | None = None
 
     def of(self, name: str) -> np.ndarray:
         """Return the path of one joint centre, shape (n, 3) [file unit].
@@ -40,3 +53,25 @@ class JointMotion:
             ValueError: there is no joint of that name.
         """
         return self.positions[:, self.names.index(name)]
+
+    def at(self, frames: np.ndarray) -> JointMotion:
+        """Return some of the frames, given as (n,) bool."""
+        return replace(
+            self,
+            positions=self.positions[frames],
+            time=self.time[frames],
+            turns={name: each[frames] for name, each in self.turns.items()},
+            objects={name: each[frames] for name, each in self.objects.items()},
+            angles={name: each[frames] for name, each in self.angles.items()},
+        )
+
+    def joints(self, keep: Mapping[str, str]) -> JointMotion:
+        """Return some of the joints, under other names: their name -> the new one."""
+        places = [i for i, name in enumerate(self.names) if name in keep]
+        return replace(
+            self,
+            names=tuple(keep[self.names[i]] for i in places),
+            positions=self.positions[:, places],
+            rest=None if self.rest is None else self.rest[places],
+            turns={keep[name]: each for name, each in self.turns.items() if name in keep},
+        )

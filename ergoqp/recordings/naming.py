@@ -17,6 +17,7 @@ import numpy as np
 
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.files.text import read_toml
+from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.motion import JointMotion
 
 CENTRES: Final[tuple[str, ...]] = (
@@ -146,7 +147,7 @@ def named_centres(motion: JointMotion, mapping: Naming | None, where: str) -> Na
             raise RecordingError(
                 f"{where}: the skeleton is of no known naming"
                 f" ({', '.join(n.title for n in known_namings())}); its joints are"
-                f" {_some(motion.names)}; give a mapping file with lines such as right_elbow ="
+                f" {some(motion.names)}; give a mapping file with lines such as right_elbow ="
                 " 'their joint' (mapping)"
             )
     else:
@@ -159,8 +160,8 @@ def named_centres(motion: JointMotion, mapping: Naming | None, where: str) -> Na
             for name in theirs
         ]:
             raise RecordingError(
-                f"{where}: the {naming.title} names {_some(tuple(missing))}, which the recording"
-                f" does not have; it has {_some(motion.names)}"
+                f"{where}: the {naming.title} names {some(tuple(missing))}, which the recording"
+                f" does not have; it has {some(motion.names)}"
             )
     for part, centres in (
         ("the pelvis", ("pelvis", "right_hip", "left_hip")),
@@ -203,8 +204,3 @@ def _shared_prefix(names: tuple[str, ...]) -> str:
     return next(
         (start for start in reversed(starts) if all(name.startswith(start) for name in names)), ""
     )
-
-
-def _some(names: tuple[str, ...]) -> str:
-    shown = ", ".join(name if len(name) <= 40 else name[:37] + "..." for name in names[:12])
-    return shown if len(names) <= 12 else f"{shown} and {len(names) - 12} more"

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.made_motions import Places, fitted, read_angles, stoop, walk
+from benchmarks.made_motions import BODY, Places, fitted, posture, read_angles, stoop, walk
+from ergoqp.joints import INDEX
+from ergoqp.recordings import fit_postures
+from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.smoothing import smoothed, tremble_of
 
 
@@ -81,10 +84,66 @@ def test_what_happened_in_a_long_gap_bends_nothing_around_it() -> None:
     shaken[200:300] = np.nan
     kept = smoothed({"neck": shaken}, time)[0]["neck"]
     alone = smoothed({"neck": shaken[:200]}, time[:200])[0]["neck"]
-    np.testing.assert_allclose(kept[:200], alone, atol=0.003)
+    np.testing.assert_allclose(kept[:200], alone, atol=0.006)
 
 
 def test_few_frames_tell_no_trembling() -> None:
     generator = np.random.default_rng(0)
     assert tremble_of(generator.standard_normal((49, 3)), np.arange(49) / 60) == 0
     assert tremble_of(generator.standard_normal((50, 3)), np.arange(50) / 60) > 0.5
+
+
+def hammering(rate: float, stands: float = 0.0) -> tuple[Places, np.ndarray]:
+    """Somebody who stands for some seconds and hammers for four, 2.5 blows a second."""
+    time = np.arange(int((stands + 4.0) * rate)) / rate
+    swing = np.where(time >= stands, 1.0, 0.0)
+    postures = posture(len(time), trunk_flexion=10.0, arms_elbow_flexion=40.0)
+    for joint, middle, far, late in (("elbow", 60, 35, 0.0), ("shoulder", 40, 25, 1.0)):
+        angle = middle + swing * far * np.sin(2 * np.pi * 2.5 * time + late)
+        postures[:, INDEX[f"right_{joint}_flexion"]] = np.radians(angle)
+    return centres_of(BODY, np.tile([0, 0, 0.9, 0.0], (len(time), 1)), postures), postures
+
+
+def worst(places: Places, truth: np.ndarray, rate: float) -> float:
+    """Return how far the angles are off [deg]."""
+    positions = np.stack(list(places.values()), axis=1)
+    found = fit_postures(list(places), positions, rate, neutral="vertical")
+    assert found.scored.mean() > 0.97
+    read, right = read_angles(found.postures), read_angles(truth)
+    return max(float(np.abs(read[each] - right[each])[found.scored].max()) for each in right)
+
+
+@pytest.mark.parametrize("stands", [0.0, 4.0])
+@pytest.mark.parametrize("rate", [10.0, 15.0, 30.0, 60.0, 200.0])
+def test_who_hammers_does_not_tremble(rate: float, stands: float) -> None:
+    places, truth = hammering(rate, stands)
+    assert worst(places, truth, rate) < 0.1
+
+
+@pytest.mark.parametrize("size", [0.0, 0.01])
+def test_frames_that_are_written_four_times_are_one_moment(size: float) -> None:
+    places, truth = hammering(120.0)
+    once = np.arange(len(truth)) // 4 * 4
+    shaken = {centre: path[once] for centre, path in trembling(places, size).items()}
+    assert worst(shaken, truth[once], 120.0) < (0.1 if not size else 14.0)
+
+
+def test_a_hand_that_trembles_and_hammers_is_not_smoothed_away() -> None:
+    places, truth = hammering(60.0, 30.0)
+    places["right_wrist"] = trembling({"it": places["right_wrist"]}, 0.015)["it"]
+    # 15 mm are 3.4 degrees of a forearm, and 12 in the worst of a thousand.
+    assert worst(places, truth, 60.0) < 11
+
+
+def test_who_hammers_before_a_slow_camera_is_smoothed_as_its_other_points_are() -> None:
+    places, truth = hammering(15.0)
+    shaken = trembling(places, 0.005)
+    assert worst(shaken, truth, 15.0) < 8
+    found, _ = smoothed(shaken, np.arange(len(truth)) / 15)
+    off = np.linalg.norm(found["right_wrist"] - places["right_wrist"], axis=1)
+    assert off.max() < 0.02
+
+
+def test_nobody_who_moves() -> None:
+    still = {"neck": np.zeros((100, 3)), "left_hip": np.ones((100, 3))}
+    assert smoothed(still, np.arange(100) / 60) == (still, [])

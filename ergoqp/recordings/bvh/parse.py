@@ -18,6 +18,7 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress, unseen
+from ergoqp.recordings.formats.opening import binary, short
 
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
 """The channel names of the format."""
@@ -102,7 +103,7 @@ class _Cursor:
         alone = keyword in "{}"
         if words[0] != keyword or (alone and len(words) > 1):
             allowed = f"{keyword} alone on its line" if alone else f"a line {keyword}"
-            self.fail(f"got {_short(' '.join(words))}, allowed here is {allowed}")
+            self.fail(f"got {short(' '.join(words))}, allowed here is {allowed}")
         return words[1:]
 
     def fail(self, problem: str) -> NoReturn:
@@ -112,10 +113,10 @@ class _Cursor:
         try:
             value = float(word if _plain(word) else "")
         except ValueError:
-            self.fail(f"{what}: got {_short(word)}, allowed a number")
+            self.fail(f"{what}: got {short(word)}, allowed a number")
         if not abs(value) <= _LARGEST:  # also false for NaN
             self.fail(
-                f"{what} is {_short(word)}; only finite numbers up to {_LARGEST:g} can be used"
+                f"{what} is {short(word)}; only finite numbers up to {_LARGEST:g} can be used"
             )
         return value
 
@@ -135,12 +136,12 @@ def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
         RecordingError: the file is missing, a folder, not text, or not a complete and finite BVH
             file; says which line, what was found and what is allowed.
     """
-    with _binary(path) as file:
+    with binary(path) as file:
         cursor = _Cursor(path, iter(()))
         cursor.lines = _lines(file, cursor)
         words = cursor.next("the line HIERARCHY")
         if words != ["HIERARCHY"]:
-            cursor.fail(f"a BVH file starts with the line HIERARCHY, got {_short(' '.join(words))}")
+            cursor.fail(f"a BVH file starts with the line HIERARCHY, got {short(' '.join(words))}")
         joints = _read_skeleton(cursor)
         channels = sum(len(joint.channels) for joint in joints)
         stated, stated_line, frame_time = _read_motion(cursor)
@@ -149,32 +150,6 @@ def opened(path: Path, progress: Progress = unseen) -> Iterator[BvhText]:
         most = min(stated, size // (2 * channels) + 1)
         rows = _rows(cursor, channels, stated, stated_line)
         yield BvhText(joints, frame_time, most, _told(rows, lambda: progress(file.tell() / size)))
-
-
-@contextmanager
-def _binary(path: Path) -> Iterator[BinaryIO]:
-    """Open a file, or say why not."""
-    try:
-        # Opening a pipe or a device would wait for someone to write.
-        if path.exists() and not path.is_file():
-            raise RecordingError(f"{str(path)!r} is not a file, allowed the recording file itself")
-        file = path.open("rb")
-    except FileNotFoundError:
-        raise RecordingError(
-            f"{path.name}: got no file {str(path)!r}, allowed a recording"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
-    with file:
-        try:
-            yield file
-        except OSError as error:
-            raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: Exception) -> RecordingError:
-    reason = getattr(error, "strerror", None) or error
-    return RecordingError(f"{_short(str(path))} cannot be read: {reason}, allowed a recording")
 
 
 def _lines(file: BinaryIO, cursor: _Cursor) -> Iterator[str]:
@@ -208,7 +183,7 @@ def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
             cursor.part("}")
         else:
             cursor.fail(
-                f"got {_short(' '.join(words))}, allowed inside joint {_short(inside[-1].name)} are"
+                f"got {short(' '.join(words))}, allowed inside joint {short(inside[-1].name)} are"
                 " JOINT, End Site and its closing brace alone on a line"
             )
     if len(joints) > _MOST_JOINTS:
@@ -221,15 +196,15 @@ def _read_skeleton(cursor: _Cursor) -> tuple[Joint, ...]:
 def _read_joint(cursor: _Cursor, words: list[str], depth: int, lines: dict[str, int]) -> Joint:
     """Read a joint down to its channels; `lines` tells where each name was used first."""
     if len(words) != 1:
-        cursor.fail(f"a joint: got {_short(' '.join(words))}, allowed one name without spaces")
+        cursor.fail(f"a joint: got {short(' '.join(words))}, allowed one name without spaces")
     name = words[0]
     if name in lines:
         cursor.fail(
-            f"joint {_short(name)} is already defined in line {lines[name]}; names must differ"
+            f"joint {short(name)} is already defined in line {lines[name]}; names must differ"
         )
     if depth >= _DEEPEST:
         cursor.fail(
-            f"joint {_short(name)} is nested too deeply; allowed are {_DEEPEST} joints, one inside"
+            f"joint {short(name)} is nested too deeply; allowed are {_DEEPEST} joints, one inside"
             " the other"
         )
     lines[name] = cursor.line
@@ -250,12 +225,12 @@ def _read_channels(cursor: _Cursor) -> tuple[str, ...]:
     count, *names = cursor.part("CHANNELS") or ["no count"]
     if count != str(len(names)):
         cursor.fail(
-            f"CHANNELS: got {len(names)} channels, allowed as many as it states, {_short(count)}"
+            f"CHANNELS: got {len(names)} channels, allowed as many as it states, {short(count)}"
         )
     for name in names:
         if name not in CHANNELS:
             cursor.fail(
-                f"channel {_short(name)} is not supported; allowed are {', '.join(CHANNELS)}"
+                f"channel {short(name)} is not supported; allowed are {', '.join(CHANNELS)}"
             )
     if len(set(names)) != len(names):
         cursor.fail("got a channel twice in one joint, allowed once")
@@ -266,14 +241,14 @@ def _read_motion(cursor: _Cursor) -> tuple[int, int, float]:
     """Return how many rows are stated, in which line, and the frame time [s]."""
     words = cursor.next("the line MOTION: it holds a skeleton but no movement")
     if words != ["MOTION"]:
-        cursor.fail(f"the line MOTION must follow the skeleton, got {_short(' '.join(words))}")
+        cursor.fail(f"the line MOTION must follow the skeleton, got {short(' '.join(words))}")
     words = cursor.next("the line 'Frames:'")
     if words[0] != "Frames:" or len(words) != 2 or not re.fullmatch(r"[0-9]{1,18}", words[1]):
-        cursor.fail(f"expected 'Frames: <whole number>', got {_short(' '.join(words))}")
+        cursor.fail(f"expected 'Frames: <whole number>', got {short(' '.join(words))}")
     stated, stated_line = int(words[1]), cursor.line
     words = cursor.next("the line 'Frame Time:'")
     if words[:2] != ["Frame", "Time:"] or len(words) != 3:
-        cursor.fail(f"expected 'Frame Time: <seconds>', got {_short(' '.join(words))}")
+        cursor.fail(f"expected 'Frame Time: <seconds>', got {short(' '.join(words))}")
     frame_time = cursor.number(words[2], "the frame time")
     if not _SHORTEST_FRAME <= frame_time <= _LONGEST_FRAME:
         cursor.fail(
@@ -330,8 +305,3 @@ def _row(cursor: _Cursor, words: list[str], channels: int) -> list[float]:
 def _plain(text: str) -> bool:
     """Return whether no number in it is one to Python alone, as 1_0 is."""
     return text.isascii() and "_" not in text
-
-
-def _short(text: str) -> str:
-    """Quote what was found, cut so that a message stays one readable sentence."""
-    return repr(text if len(text) <= 40 else text[:37] + "...")

@@ -30,15 +30,38 @@ def leaps(bones: Mapping[str, np.ndarray], time: np.ndarray) -> dict[str, np.nda
         bones: from one end to the other (n, 3) [m], NaN where not seen.
         time: when (n,) [s], increasing.
     """
-    found, since = {}, np.diff(time)
+    if not bones:
+        return {}
+    # A frame that is the one before once more is no moment of its own: slower sensors are written
+    # down several times.
+    new = moments(bones)
+    found, since = {}, np.diff(time[new])
     for name, bone in bones.items():
-        turn = angle_between(bone[:-1], bone[1:])
+        turn = angle_between(bone[new][:-1], bone[new][1:])
         speed = np.pad(turn / since, 1, constant_values=np.nan)
         faster = speed[1:-1] - np.fmax(speed[:-2], speed[2:])
-        moved = np.linalg.norm(np.diff(bone, axis=0), axis=1)
-        found[name] = (faster > _LEAP * since) & (turn > _TURNED) & (moved > _MOVED)
+        moved = np.linalg.norm(np.diff(bone[new], axis=0), axis=1)
+        steps = np.zeros(len(time) - 1, dtype=bool)
+        leaping = (faster > _LEAP * since) & (turn > _TURNED) & (moved > _MOVED)
+        steps[np.flatnonzero(new)[1:][leaping] - 1] = True
+        found[name] = steps
     cuts = np.sum(list(found.values()), axis=0) > _AT_ONCE
     return {name: steps & ~cuts for name, steps in found.items()}
+
+
+def moments(paths: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return which frames are not the one before once more (n,) bool.
+
+    Args:
+        paths: name -> positions (n, 3), NaN where not seen.
+    """
+    new = np.zeros(len(next(iter(paths.values()))), dtype=bool)
+    new[:1] = True
+    for path in paths.values():
+        one, other = path[:-1], path[1:]
+        same = (one == other) | (np.isnan(one) & np.isnan(other))
+        new[1:] |= ~same.all(axis=1)
+    return new
 
 
 def between_leaps(leaping: np.ndarray, wrong: np.ndarray, time: np.ndarray) -> np.ndarray:

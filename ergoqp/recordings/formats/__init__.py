@@ -1,0 +1,1 @@
+"""What motion-capture files are read, each by a reader of its own."""
