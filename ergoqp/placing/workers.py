@@ -119,15 +119,25 @@ def _on_cluster(key: str, task: PlaceTask, numbers: Sequence[int], address: str)
 
 
 def _check_address(address: str) -> None:
-    """Raise ValueError for an address without a host and a port.
+    """Raise what a client would for an address at which no scheduler answers.
 
-    A client would not get rid of such an address any more.
+    A client that failed is never quite closed: its thread goes on, and what the garbage collector
+    closes in the midst of the next client's start waits for that start for ever.
     """
     from distributed.comm.addressing import parse_address, parse_host_port
+    from distributed.core import rpc
+
+    async def ask() -> None:
+        async with rpc(address, timeout=TIMEOUT) as scheduler:
+            identity: Any = scheduler.identity
+            await asyncio.wait_for(identity(), TIMEOUT)
 
     scheme, place = parse_address(address)
     if scheme in ("tcp", "tls"):
         parse_host_port(place)
+    # In a thread of its own: a notebook's has a loop already.
+    with concurrent.futures.ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, ask()).result()
 
 
 def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import casadi as ca
@@ -75,6 +76,9 @@ def test_no_cluster_there(problem, alone, address, monkeypatch):
         InputError, match=r"scheduler: got .*, allowed the address of a Dask scheduler that answers"
     ):
         optimise(problem, alone.posture_before, starts=2, scheduler=address)
+    # A client that is left would be closed by the garbage collector, in the midst of the next
+    # client's start, and wait there for ever.
+    assert not [thread for thread in threading.enumerate() if thread.name == "IO loop"]
 
 
 def test_what_cannot_be_sent(problem, alone):

@@ -6,7 +6,7 @@ before the body's name in all files, and behind it, is no part of it.
 
 from __future__ import annotations
 
-import os
+import itertools
 import re
 from pathlib import Path
 from typing import Final
@@ -168,7 +168,10 @@ def _names(stems: list[str]) -> list[str]:
     most = max(
         set(_first(stem) for stem in stems), key=lambda w: sum(_first(s) == w for s in stems)
     )
-    shared = os.path.commonprefix([stem[::-1] for stem in stems])[::-1]
+    ends = itertools.takewhile(
+        lambda letters: len(set(letters)) == 1, zip(*map(reversed, stems), strict=False)
+    )
+    shared = "".join(letters[0] for letters in ends)[::-1]
     cut = re.search(r"[_\-. ].*", shared)
     behind = cut.group(0) if cut else ""
     names = [stem.removesuffix(behind) if behind else stem for stem in stems]

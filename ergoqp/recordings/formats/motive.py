@@ -1,8 +1,8 @@
 """OptiTrack Motive's export of a take: bones, rigid bodies and markers as CSV.
 
-Seven rows stand above the numbers: the take, a blank, the type of each column, the name, its ID, what it
-measures, and the axis (OptiTrack, "Data Export: CSV"; versions 1.21 and 1.23 were read as files of
-others).
+Seven rows stand above the numbers: the take, a blank, the type of each column, the name, its ID,
+what it measures, and the axis (OptiTrack, "Data Export: CSV"; versions 1.21 and 1.23 were read as
+files of others).
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         points = points if bones else {**points, **bodies}
         if not points:
             raise RecordingError(
-                f"{path.name}: got a take in which nothing is tracked, allowed bones, rigid bodies or"
-                " labelled markers; export the take with its skeletons and rigid bodies"
+                f"{path.name}: got a take in which nothing is tracked, allowed bones, rigid bodies"
+                " or labelled markers; export the take with its skeletons and rigid bodies"
             )
         oriented = bones if bones else bodies
         kept = {**points, **bodies}

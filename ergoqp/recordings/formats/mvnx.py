@@ -1,8 +1,8 @@
 """Xsens MVN's export of a recording as XML: poses of 23 segments, and joint angles.
 
 A segment's place is that of the joint it begins in; z is up, lengths are metres, quaternions are
-w, x, y, z (Xsens, "MVN User Manual", MVNX; version 3 was read as a file of others, version 4 is the same
-in what is read here).
+w, x, y, z (Xsens, "MVN User Manual", MVNX; version 3 was read as a file of others, version 4 is
+the same in what is read here).
 """
 
 from __future__ import annotations
@@ -108,8 +108,8 @@ def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any]]:
     except ElementTree.ParseError as error:
         line, column = error.position
         raise RecordingError(
-            f"{path.name}, line {line}: got no XML at column {column + 1} ({error.msg.split(':')[0]}),"
-            " allowed a whole MVNX file"
+            f"{path.name}, line {line}: got no XML at column {column + 1}"
+            f" ({error.msg.split(':')[0]}), allowed a whole MVNX file"
         ) from None
 
 

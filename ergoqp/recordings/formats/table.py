@@ -1,8 +1,8 @@
 """Tables of joint or marker positions: a column for each coordinate, a row for each frame.
 
 Depth cameras and body trackers write such tables (Kinect, Nuitrack, ZED, MediaPipe), and so do
-motion-capture programs. Names stand before the coordinate ("NECK.x", "neck_x", "neck x (mm)"), or in
-a row above the coordinates.
+motion-capture programs. Names stand before the coordinate ("NECK.x", "neck_x", "neck x (mm)"), or
+in a row above the coordinates.
 """
 
 from __future__ import annotations

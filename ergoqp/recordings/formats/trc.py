@@ -1,8 +1,8 @@
-"""Track Row Column files (.trc): marker positions, as motion-capture programs export them for OpenSim.
+"""Track Row Column files (.trc): marker positions, as programs export them for OpenSim.
 
 Three rows state rate, counts and unit; the fourth names the markers above their three columns; the
-fifth numbers the coordinates (Motion Analysis' format; OpenSim, "Marker (.trc) Files"). Spreadsheets
-save them with commas.
+fifth numbers the coordinates (Motion Analysis' format; OpenSim, "Marker (.trc) Files").
+Spreadsheets save them with commas.
 """
 
 from __future__ import annotations
