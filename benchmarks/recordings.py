@@ -63,7 +63,7 @@ from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.leaning import leans
 from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
-from ergoqp.recordings.naming import named_centres
+from ergoqp.recordings.joints import joints_of
 from ergoqp.recordings.readers import read_motion
 from ergoqp.sheets.elevation import elevation_of
 from ergoqp.simulation.people import person_of_kind
@@ -89,8 +89,7 @@ POLE = np.radians(3.0)
 
 def places_of(path: Path) -> Places:
     """Return a file's own joint centres [m], z up."""
-    motion = read_motion(path)
-    paths = named_centres(motion, None, path.name).paths
+    paths = joints_of(read_motion(path), path.name, None, None, None, {}).centres.paths
     stature, up = suggested_stature(measured_lengths(paths)), find_up(paths)
     assert stature is not None
     assert up is not None

@@ -32,6 +32,20 @@ class RecordingError(ErgoqpError):
     """A motion-capture file cannot be read as what it claims to be."""
 
 
+class UnknownNamesError(RecordingError):
+    """The joints or markers of a recording are of no known naming.
+
+    Args:
+        words: the sentence.
+        names: of the joints or markers, as the recording has them.
+    """
+
+    def __init__(self, words: str, names: tuple[str, ...]) -> None:
+        """Keep the names for whoever writes a mapping file."""
+        super().__init__(words)
+        self.names = names
+
+
 class ProblemError(ErgoqpError, ValueError):
     """A problem is not well posed: unknown or contradictory terms; lists every mistake found."""
 

@@ -102,7 +102,35 @@ Mapping = Annotated[
     typer.Option(
         "--mapping",
         metavar="FILE",
-        help="TOML file that names the recording's joints [known namings].",
+        help="TOML file that names the recording's joints or markers [known namings].",
+    ),
+]
+Subject = Annotated[
+    str | None,
+    typer.Option(
+        "--subject",
+        metavar="NAME",
+        help="Whose posture, where there are several people [the only one].",
+    ),
+]
+Thing = Annotated[
+    str | None,
+    typer.Option(
+        "--thing", metavar="NAME", help="The object that is held, where there are several."
+    ),
+]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        "--columns",
+        metavar="NAMES",
+        help="Names of the points of a table without any, three columns each: neck,right_elbow.",
+    ),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        "--rate", metavar="HZ", help="Frames per second of a recording that has no times."
     ),
 ]
 

@@ -9,12 +9,16 @@ import typer
 
 from ergoqp.cli.app import (
     At,
+    Columns,
     Guide,
     Mapping,
     Neutral,
     Person,
     ProblemName,
+    Rate,
     Side,
+    Subject,
+    Thing,
     Unit,
     UpAxis,
     UpperArm,
@@ -42,6 +46,8 @@ Examples:
 
 _ABOUT_SCORE = """Score every frame of a recording by REBA.
 
+Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive CSV, tables of joints, ROS bags and folders of poses.
+
 Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. What
 joint angles cannot tell is given by options. Frames that show no posture are not scored, and named.
 
@@ -51,6 +57,8 @@ Examples:
   ergoqp score take.bvh --load-kg 6 --coupling 1
   ergoqp score take.bvh --seated --unit-to-m 0.01 --up y
   ergoqp score take.bvh --upper-arm elevation
+  ergoqp score trial.c3d --neutral static.c3d
+  ergoqp score table.csv --rate 30 --columns neck,pelvis,right_shoulder,right_elbow,right_wrist
 """
 
 
@@ -84,6 +92,10 @@ def _run(
     mapping: Mapping = None,
     neutral: Neutral = None,
     window: Window = None,
+    subject: Subject = None,
+    thing: Thing = None,
+    columns: Columns = None,
+    rate: Rate = None,
     guide: Guide = None,
     seek: Annotated[
         bool,
@@ -136,7 +148,18 @@ def _run(
         out,
         seed,
         duration,
-        RecordingOptions(person, unit_to_m, up and up.value, mapping, neutral, window),
+        RecordingOptions(
+            person,
+            unit_to_m,
+            up and up.value,
+            mapping,
+            neutral,
+            window,
+            subject,
+            thing,
+            columns,
+            rate,
+        ),
         guide,
         simulated,
     )
@@ -189,12 +212,24 @@ def _score(
             help="Score its flexion, or its elevation, whichever way the joints got there.",
         ),
     ] = UpperArm.flexion,
+    save_person: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-person",
+            metavar="FILE",
+            help="Write the person as measured, with where their markers sit, for --person.",
+        ),
+    ] = None,
     person: Person = None,
     unit_to_m: Unit = None,
     up: UpAxis = None,
     mapping: Mapping = None,
     neutral: Neutral = None,
     window: Window = None,
+    subject: Subject = None,
+    thing: Thing = None,
+    columns: Columns = None,
+    rate: Rate = None,
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions
     from ergoqp.cli.commands.score import score
@@ -215,6 +250,18 @@ def _score(
         recording,
         out,
         task,
-        RecordingOptions(person, unit_to_m, up and up.value, mapping, neutral, window),
+        RecordingOptions(
+            person,
+            unit_to_m,
+            up and up.value,
+            mapping,
+            neutral,
+            window,
+            subject,
+            thing,
+            columns,
+            rate,
+        ),
         Method(upper_arm=upper_arm.value),
+        save_person,
     )

@@ -9,10 +9,14 @@ import typer
 
 from ergoqp.cli.app import (
     At,
+    Columns,
     Mapping,
     Neutral,
     Person,
     ProblemName,
+    Rate,
+    Subject,
+    Thing,
     Unit,
     UpAxis,
     Window,
@@ -103,6 +107,10 @@ def _optimise(
     mapping: Mapping = None,
     neutral: Neutral = None,
     window: Window = None,
+    subject: Subject = None,
+    thing: Thing = None,
+    columns: Columns = None,
+    rate: Rate = None,
 ) -> None:
     from ergoqp.cli.commands.common import RecordingOptions, SearchOptions
     from ergoqp.cli.commands.optimise import optimise_command
@@ -112,7 +120,18 @@ def _optimise(
         recording,
         at,
         out,
-        RecordingOptions(person, unit_to_m, up and up.value, mapping, neutral, window),
+        RecordingOptions(
+            person,
+            unit_to_m,
+            up and up.value,
+            mapping,
+            neutral,
+            window,
+            subject,
+            thing,
+            columns,
+            rate,
+        ),
         SearchOptions(starts, jobs, seed, mode, solver, scheduler),
     )
 

@@ -19,6 +19,7 @@ from ergoqp.costs.smooth_reba import SmoothReba
 from ergoqp.errors import ErgoqpError, InputError, ProblemError
 from ergoqp.files.text import read_toml
 from ergoqp.human import Body
+from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
 from ergoqp.limits import (
     ArmLength,
@@ -67,9 +68,16 @@ def _keep_out(name: str, tolerance: float, recovery_time: float, **regions: Any)
     return KeepOut(_REGIONS[kind](**values), tolerance, recovery_time, name)
 
 
-def _ik(stature: float, **keys: Any) -> IkResponse:
-    """Return a person of average proportions who follows."""
-    return IkResponse(body=Body.of_stature(stature), **keys)
+def _ik(folder: Path, stature: float | None, person: str | None, **keys: Any) -> IkResponse:
+    """Return a person who follows: of average proportions, or of a person file."""
+    if person is None:
+        return IkResponse(body=Body() if stature is None else Body.of_stature(stature), **keys)
+    return IkResponse(body=given_person(folder / person), **keys)
+
+
+def _points(folder: Path) -> LinearResponse:
+    """Return elbow and wrist that follow; their file needs no folder."""
+    return LinearResponse()
 
 
 @dataclass(frozen=True)
@@ -110,8 +118,8 @@ COSTS: Final[dict[str, Callable[..., Any]]] = {
 }
 """Costs by the names of their tables; each takes first what else the file says."""
 
-RESPONSES: Final[dict[str, Callable[..., Response]]] = {"ik": _ik, "points": LinearResponse}
-"""Responses by the names of their tables."""
+RESPONSES: Final[dict[str, Callable[..., Response]]] = {"ik": _ik, "points": _points}
+"""Responses by the names of their tables; each takes first what paths are relative to."""
 
 LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "twist": TwistLimit,
@@ -179,7 +187,7 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
 
 
 def _build(file: FileTable, name: str, folder: Path) -> Problem:
-    response = _response(file.response)
+    response = _response(file.response, folder)
     # Who sits is scored as one who sits: one key, not two.
     seated = getattr(response, "stance", None) == "seated"
     task = file.task.model_dump() | {"seated": seated}
@@ -198,11 +206,11 @@ def _build(file: FileTable, name: str, folder: Path) -> Problem:
     )
 
 
-def _response(table: ResponseTable) -> Response:
+def _response(table: ResponseTable, folder: Path) -> Response:
     for name, own in own_tables(table).items():
         return build_own("response", name, own)
     ((name, keys),) = given_tables(table).items()
-    return RESPONSES[name](**keys.model_dump())
+    return RESPONSES[name](folder, **keys.model_dump())
 
 
 def _cost(file: FileTable, sheet: dict[str, Any], folder: Path) -> Any:

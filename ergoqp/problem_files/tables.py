@@ -44,7 +44,8 @@ Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 class IkTable(Table):
     """How the person follows, see `ergoqp.responses.IkResponse`."""
 
-    stature: Annotated[float, Field(ge=1.2, le=2.3)] = 1.75
+    stature: Annotated[float, Field(ge=1.2, le=2.3)] | None = None
+    person: str | None = None
     stance: Literal["standing", "seated"] = "standing"
     seat_height: Annotated[float, Field(ge=0.2, le=1.2)] | None = None
     hands: Annotated[
@@ -60,6 +61,12 @@ class IkTable(Table):
     looks: bool = True
     attention: Annotated[float, Field(ge=1e-3, le=1e6)] = 8.0
     free_arm: Literal["hangs", "rests"] | None = None
+
+    @model_validator(mode="after")
+    def _one_person(self) -> Self:
+        if self.stature is not None and self.person is not None:
+            raise ValueError("stature and person are both given, allowed one of them")
+        return self
 
 
 class PointsTable(Table):

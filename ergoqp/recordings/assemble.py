@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
-from ergoqp.progress import Progress, unseen
+from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings.fitting.axes import axes_of, check_sides, find_unit, find_up, tilt_of
 from ergoqp.recordings.fitting.leaning import straightened
 from ergoqp.recordings.fitting.neutral import (
@@ -24,14 +24,19 @@ from ergoqp.recordings.fitting.neutral import (
 from ergoqp.recordings.fitting.person import measured_lengths, measured_person, suggested_stature
 from ergoqp.recordings.fitting.posture_fit import fit
 from ergoqp.recordings.fitting.smoothing import smoothed
+from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.joints import joints_of
+from ergoqp.recordings.markers.fit import markers_on
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.naming import Naming, named_centres
+from ergoqp.recordings.naming import Naming
 from ergoqp.recordings.recording import Recording
 from ergoqp.recordings.remarks import remarks
 
 CALIBRATION = "calibration pose"
 """Why the frames of a T-pose at the begin or end of a recording are not scored."""
 _ROUNDED: Final = 1e-3  # s
+_FOUND: Final = 0.3
+"""What finding the joint centres is of the whole work."""
 _SAMPLE: Final = 10_000
 """Frames by which an axis is found."""
 
@@ -42,6 +47,9 @@ class Reading:
 
     Attributes:
         body: the person.
+        shapes: marker -> where it is on its segment (3,) [m], as a person file has it.
+        subject: whose joints, by the prefix of their names.
+        thing: which object the person holds.
         unit: size of the unit of length [m].
         up: the vertical axis.
         naming: how the joints are called.
@@ -50,6 +58,9 @@ class Reading:
     """
 
     body: Body | None = None
+    shapes: Mapping[str, np.ndarray] = field(default_factory=dict)
+    subject: str | None = None
+    thing: str | None = None
     unit: float | None = None
     up: str | None = None
     naming: Naming | None = None
@@ -74,17 +85,30 @@ def recording_of(
     """
     if reading.window is not None:
         motion = _windowed(motion, reading.window)
-    named = named_centres(motion, reading.naming, where)
-    assumptions = [f"The joints are named as in the {named.title} skeleton.", *motion.notes]
+    found = joints_of(
+        motion,
+        where,
+        reading.naming,
+        reading.subject,
+        reading.unit,
+        reading.shapes,
+        reading.body,
+        part_of(progress, 0.0, _FOUND),
+    )
+    named, motion = found.centres, found.motion
+    assumptions = list(found.said)
     lengths = measured_lengths(named.paths)
     stature = suggested_stature(lengths)
-    unit = _unit(where, stature, reading.unit, assumptions)
-    axes = unit * _axes(where, named.paths, reading.up, assumptions)
+    unit = found.unit or _unit(where, stature, assumptions)
+    axes = unit * _axes(where, named.paths, reading.up or motion.up, assumptions)
+    held = _held(where, motion.objects, reading.thing, axes, assumptions)
+    markers = {name: path @ axes.T / unit for name, path in found.markers.items()}
     body = reading.body or _measured_body(where, lengths, stature, unit, assumptions)
     # An hour of it is much: what is not needed any more goes, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in named.rest.items()}
-    paths = dict(named.paths)
-    del motion, named
+    paths, frames, landmarks = dict(named.paths), found.frames, found.landmarks
+    upright = found.upright
+    del motion, named, found
     world = {}
     for name in list(paths):
         path = paths.pop(name)
@@ -94,12 +118,13 @@ def recording_of(
     assumptions.extend(said)
     check_sides(where, world)
     posed = calibration_poses(world)
-    neutral = _neutral(where, world, rest, axes, time, reading)
+    straight = upright and reading.neutral is None
+    neutral = None if straight else _neutral(where, world, rest, axes, time, reading)
     if neutral is not None:
         assumptions.append(neutral.sentence)
         world = straightened(world, neutral.trunk, neutral.neck)
 
-    result = fit(body, world, time, progress)
+    result = fit(body, world, time, part_of(progress, _FOUND, 1.0))
     if posed.any() and not posed.all():
         result = replace(result, not_scored={CALIBRATION: posed, **result.not_scored})
     assumptions.extend(remarks(time, world, result))
@@ -111,11 +136,14 @@ def recording_of(
         base_poses=_poses(result.pelvis),
         observed=result.observed,
         fit_error=result.error,
-        object_poses=None,
+        object_poses=held,
         assumptions=tuple(assumptions),
         person=body,
         errors=result.errors,
         not_scored=result.not_scored,
+        markers=markers_on(
+            body, result.pelvis[frames], result.postures[frames], markers, landmarks
+        ),
     )
 
 
@@ -147,13 +175,11 @@ def _windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
             f"window: got {window[0]:g} to {window[1]:g} s, allowed times from"
             f" {motion.time[0]:.2f} to {motion.time[-1]:.2f} s"
         )
-    return replace(motion, positions=motion.positions[inside], time=motion.time[inside])
+    return motion.at(inside)
 
 
-def _unit(where: str, stature: float | None, stated: float | None, assumptions: list[str]) -> float:
-    """Return the size of the unit of length [m]."""
-    if stated is not None:
-        return stated
+def _unit(where: str, stature: float | None, assumptions: list[str]) -> float:
+    """Return the size of the unit of length [m], by how tall people are."""
     if stature is None:
         raise RecordingError(
             f"{where}: no limb is complete enough to tell the unit of length; state unit_to_m"
@@ -213,8 +239,15 @@ def _neutral(
     if stated == "vertical":
         return None
     if isinstance(stated, JointMotion):
-        trial = named_centres(stated, reading.naming, f"{where}: neutral")
-        there = {centre: path @ axes.T for centre, path in trial.paths.items()}
+        trial = joints_of(
+            stated,
+            f"{where}: neutral",
+            reading.naming,
+            reading.subject,
+            reading.unit,
+            reading.shapes,
+        )
+        there = {centre: path @ axes.T for centre, path in trial.centres.paths.items()}
         every = np.ones(len(stated.time), dtype=bool)
         return stated_neutral(there, every, "in the recording that is stated to be neutral")
     if isinstance(stated, float):
@@ -225,6 +258,35 @@ def _neutral(
         frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
         return stated_neutral(world, frame, f"at {stated:g} s, as stated")
     return neutral_of(world, rest, time)
+
+
+def _held(
+    where: str,
+    objects: Mapping[str, np.ndarray],
+    thing: str | None,
+    axes: np.ndarray,
+    assumptions: list[str],
+) -> np.ndarray | None:
+    """Return the poses (n, 4, 4) [m] of the object that is meant, or the only one."""
+    if thing is not None and thing not in objects:
+        raise InputError(
+            f"{where}: thing: got {thing!r}, allowed"
+            f" {some([repr(name) for name in objects]) or 'None: the recording has no object'}"
+        )
+    if thing is None and len(objects) > 1:
+        assumptions.append(
+            f"The recording has {len(objects)} objects ({some(list(objects))}) and it is not stated"
+            " which one is held (thing): none is shown."
+        )
+    name = thing if thing is not None or len(objects) != 1 else next(iter(objects))
+    if name is None:
+        return None
+    assumptions.append(f"The object that is held is {name}.")
+    turn = axes / np.cbrt(np.linalg.det(axes))
+    poses = objects[name].astype(float)
+    poses[:, :3, 3] = poses[:, :3, 3] @ axes.T
+    poses[:, :3, :3] = turn @ poses[:, :3, :3]
+    return poses
 
 
 def _measured_body(

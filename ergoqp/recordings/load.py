@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from typing import Final
@@ -13,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import path_of, shown
 from ergoqp.errors import InputError
+from ergoqp.human.person_file import given_markers, given_person
 from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.axes import UPS
-from ergoqp.recordings.fitting.person import given_person
+from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import read_mapping
 from ergoqp.recordings.readers import lacking, read_motion
@@ -35,25 +37,36 @@ def load_recording(
     mapping: str | Path | None = None,
     neutral: float | str | Path | None = None,
     window: tuple[float, float] | None = None,
+    subject: str | None = None,
+    thing: str | None = None,
+    columns: Sequence[str] = (),
+    rate: float | None = None,
     progress: Progress | None = None,
 ) -> Recording:
     """Read a motion-capture file and find the postures in it.
 
     Args:
-        path: the recording; its ending tells the format (see `ergoqp.recordings.readers`).
-        person: stature [m], path of a person file (see `ergoqp.recordings.fitting.person`), or None
+        path: the recording, or a folder with a table for each body; what is in it tells the format
+            (see `ergoqp.recordings.formats.kinds`).
+        person: stature [m], path of a person file (see `ergoqp.human.person_file`), or None
             to measure the segment lengths in the recording itself.
-        unit_to_m: size of the file's unit of length [m]; None finds the one that yields the stature
-            of an adult.
+        unit_to_m: size of the file's unit of length [m]; None takes what the file says, or finds
+            the one that yields the stature of an adult.
         up: the file's vertical axis, one of ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"``,
-            ``"-z"``; None finds it, and how a camera is tilted, from people who stand upright.
+            ``"-z"``; None takes what the file says, or finds it, and how a camera is tilted, from
+            people who stand upright.
         mapping: TOML file with lines ``our_centre = "their joint"`` for skeletons of no known
-            naming (see `ergoqp.recordings.naming.CENTRES`); None tries the known namings.
+            naming (see `ergoqp.recordings.naming.CENTRES`), or ``our_landmark = "their marker"``
+            (see `ergoqp.recordings.markers.landmarks.LANDMARKS`); None tries the known ones.
         neutral: when the person stands straight, as time in the recording [s]; path of a recording
             of the same skeleton in which the person does; ``"vertical"`` to measure the trunk to
             the vertical whatever the skeleton is like; None finds it, by the rule of
             `ergoqp.recordings.fitting.neutral`.
         window: first and last time to read [s]; None: all.
+        subject: whose posture, where there are several people: the prefix of their joints' names.
+        thing: the object that is held, by its name, where there are several.
+        columns: names of the points of a table without names, three columns each.
+        rate: frames per second of a file without times [Hz].
         progress: told the share that is done.
 
     Returns:
@@ -66,11 +79,13 @@ def load_recording(
         InputError: another argument is not usable.
     """
     path = path_of("recording", path)
-    reading = _reading(person, unit_to_m, up, mapping, neutral, window)
+    asked = Asked(_names("columns", columns), None if rate is None else _rate(rate))
+    reading = _reading(person, unit_to_m, up, mapping, neutral, window, asked)
+    reading = replace(reading, subject=_name("subject", subject), thing=_name("thing", thing))
     progress = progress or unseen
     # Not kept here: of an hour it is much, and it is let go of as soon as its joints are named.
     return recording_of(
-        read_motion(path, part_of(progress, 0.0, _READ)),
+        read_motion(path, part_of(progress, 0.0, _READ), asked),
         path.name,
         reading,
         part_of(progress, _READ, 1.0),
@@ -88,7 +103,7 @@ def fit_postures(
     mapping: str | Path | None = None,
     neutral: float | str | Path | None = None,
 ) -> Recording:
-    """Find the postures behind joint centres that are at hand as arrays.
+    """Find the postures behind joint centres or markers that are at hand as arrays.
 
     >>> import numpy as np
     >>> from ergoqp.human import Body
@@ -100,7 +115,8 @@ def fit_postures(
 
     Args:
         names: of the joints, in any order: those of `ergoqp.recordings.naming.CENTRES`, of a known
-            naming, or of the mapping.
+            naming, or of the mapping; or of markers, likewise
+            (`ergoqp.recordings.markers.landmarks.LANDMARKS`).
         positions: where they are (n, m, 3) [m]; NaN where not seen.
         rate: frames per second [Hz].
         person: as in `load_recording`.
@@ -113,20 +129,17 @@ def fit_postures(
         InputError: for an argument that is not usable.
         RecordingError: if too little of a person is there.
     """
-    if isinstance(rate, bool) or not isinstance(rate, Real) or not 0 < float(rate) < math.inf:
-        raise InputError(f"rate: got {shown(rate)}, allowed frames per second above 0")
+    hertz = _rate(rate)
     try:
         places = np.array(positions, dtype=float)
     except (TypeError, ValueError):
         raise InputError(
             f"positions: got {shown(positions)}, allowed numbers of shape (n, m, 3)"
         ) from None
-    motion = JointMotion(
-        tuple(names), places, np.arange(len(places) if places.ndim else 0) / float(rate)
-    )
+    motion = JointMotion(tuple(names), places, np.arange(len(places) if places.ndim else 0) / hertz)
     if wrong := lacking(motion):
         raise InputError(f"fit_postures: got {wrong}, allowed names (m,) and positions (n, m, 3)")
-    reading = _reading(person, unit_to_m, up, mapping, neutral, None)
+    reading = _reading(person, unit_to_m, up, mapping, neutral, None, Asked())
     return recording_of(motion, "positions", reading)
 
 
@@ -137,6 +150,7 @@ def _reading(
     mapping: str | Path | None,
     neutral: float | str | Path | None,
     window: tuple[float, float] | None,
+    asked: Asked,
 ) -> Reading:
     """Check what can be checked before anything is read."""
     if unit_to_m is not None and not (
@@ -149,10 +163,11 @@ def _reading(
         _check_window(window)
     return Reading(
         body=None if person is None else given_person(person),
+        shapes={name: np.array(each.offset) for name, each in given_markers(person).items()},
         unit=unit_to_m,
         up=up,
         naming=None if mapping is None else read_mapping(Path(mapping)),
-        neutral=_neutral(neutral),
+        neutral=_neutral(neutral, asked),
         window=window,
     )
 
@@ -170,12 +185,30 @@ def _check_window(window: tuple[float, float]) -> None:
         )
 
 
-def _neutral(neutral: float | str | Path | None) -> float | str | JointMotion | None:
+def _rate(rate: float) -> float:
+    if isinstance(rate, bool) or not isinstance(rate, Real) or not 0 < float(rate) < math.inf:
+        raise InputError(f"rate: got {shown(rate)}, allowed frames per second above 0")
+    return float(rate)
+
+
+def _name(what: str, name: str | None) -> str | None:
+    if name is not None and not isinstance(name, str):
+        raise InputError(f"{what}: got {shown(name)}, allowed a name or None")
+    return name
+
+
+def _names(what: str, names: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(names, str) or not all(isinstance(name, str) and name for name in names):
+        raise InputError(f"{what}: got {shown(names)}, allowed a list of names")
+    return tuple(names)
+
+
+def _neutral(neutral: float | str | Path | None, asked: Asked) -> float | str | JointMotion | None:
     """Return when or how the person is straight; another recording as it is read."""
     if neutral is None or neutral == "vertical":
         return None if neutral is None else "vertical"
     if isinstance(neutral, str | Path):
-        return read_motion(path_of("neutral", neutral))
+        return read_motion(path_of("neutral", neutral), asked=asked)
     if isinstance(neutral, bool) or not isinstance(neutral, Real) or not math.isfinite(neutral):
         raise InputError(
             f"neutral: got {shown(neutral)}, allowed a time in seconds, a recording, 'vertical' or"

@@ -28,6 +28,8 @@ class JointMotion:
         angles: name of a joint angle that is ready in the file -> (n,) [rad].
         markers: whether the positions are of markers on the skin and not of joint centres.
         unit: the file's unit of length [m]; None if it does not say.
+        measures: what was measured at the person, by the name that the file has in small letters
+            [m].
         up: its vertical axis, as `ergoqp.recordings.fitting.axes.UPS`; None if it does not say.
     """
 
@@ -42,6 +44,7 @@ class JointMotion:
     markers: bool = False
     unit: float | None = None
     up: str | None = None
+    measures: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, name: str) -> np.ndarray:
         """Return the path of one joint centre, shape (n, 3) [file unit].

@@ -6,8 +6,8 @@ The known namings are data; mapping files serve all others.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -15,29 +15,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.errors import InputError, RecordingError
+from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.files.text import read_toml
 from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.guess import guessed
+from ergoqp.recordings.markers.landmarks import LANDMARKS
 from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.names import CENTRES as CENTRES
+from ergoqp.recordings.names import squashed
 
-CENTRES: Final[tuple[str, ...]] = (
-    "pelvis",
-    "neck",
-    "head",
-    "head_top",
-    "nose",
-    *(
-        f"{side}_{name}"
-        for side in ("right", "left")
-        for name in ("shoulder", "elbow", "wrist", "knuckles", "thumb")
-    ),
-    *(f"{side}_{name}" for side in ("right", "left") for name in ("hip", "knee", "ankle", "toe")),
-)
-"""The joint centres that a recording can be mapped to: frames of `ergoqp.human.FRAMES`.
-
-``pelvis`` is the middle of the hip centres, ``neck`` the base of the neck, ``head`` the base of the
-skull."""
-
+_EXAMPLE: Final = 'right_elbow = "theirs"'
 _LEAST_MATCHED = 8  # fewer named centres are chance: every skeleton has a "Neck" and a "Head"
 
 
@@ -50,26 +37,32 @@ class Naming:
         centres: our centre -> the names of their joints whose middle it is.
         upright_rest: whether a skeleton of this naming stands upright and looks straight ahead in
             its rest pose.
+        turned: our centre -> the segment by whose orientation it can be told, and where it is in
+            its axes, as a share of the length of the trunk.
     """
 
     title: str
     centres: Mapping[str, tuple[str, ...]]
     upright_rest: bool = False
+    turned: Mapping[str, tuple[str, tuple[float, ...]]] = field(default_factory=dict)
 
     def found_in(self, names: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
         """Return, for each centre whose joints are all among `names`, the places of these joints.
 
-        Upper and lower case do not count, nor does a prefix that all names share ("mixamorig:",
-        "Character1_").
+        Upper and lower case and what parts words do not count, nor does a prefix that all names
+        share ("mixamorig:", "Character1_").
         """
         prefix = _shared_prefix(names)
-        places = {name.removeprefix(prefix).casefold(): i for i, name in enumerate(names)}
-        places |= {name.casefold(): i for i, name in enumerate(names)}
-        return {
-            centre: tuple(places[name.casefold()] for name in theirs)
+        # The first of several that differ only in how they are written; as written before all.
+        named = [(i, name) for i, name in reversed(list(enumerate(names)))]
+        places = {squashed(name.removeprefix(prefix)): i for i, name in named}
+        places |= {squashed(name): i for i, name in named}
+        exactly = dict(zip(names, range(len(names)), strict=True))
+        found = {
+            centre: tuple(exactly.get(name, places.get(squashed(name), -1)) for name in theirs)
             for centre, theirs in self.centres.items()
-            if all(name.casefold() in places for name in theirs)
         }
+        return {centre: which for centre, which in found.items() if min(which) >= 0}
 
 
 @dataclass(frozen=True)
@@ -93,7 +86,12 @@ def known_namings() -> tuple[Naming, ...]:
     """Return the namings of ``namings.toml``, in its order."""
     text = resources.files("ergoqp.recordings").joinpath("namings.toml").read_text(encoding="utf-8")
     return tuple(
-        Naming(entry["title"], _listed(entry["centres"]), entry["upright_rest"])
+        Naming(
+            entry["title"],
+            _listed(entry["centres"]),
+            entry.get("upright_rest", False),
+            {name: (part, tuple(place)) for name, (part, place) in entry.get("turned", {}).items()},
+        )
         for entry in tomllib.loads(text).values()
     )
 
@@ -111,10 +109,10 @@ def read_mapping(path: Path) -> Naming:
     """
     entries = read_toml(path, "mapping file")
     for centre, theirs in entries.items():
-        if centre not in CENTRES:
+        if centre not in CENTRES and centre not in LANDMARKS:
             raise InputError(
                 f"mapping file {path.name}: got the centre {centre!r}, allowed are"
-                f" {', '.join(CENTRES)}"
+                f" {', '.join(CENTRES)}; for markers on the skin {', '.join(LANDMARKS)}"
             )
         listed = theirs if isinstance(theirs, list) else [theirs]
         if not listed or not all(isinstance(name, str) for name in listed):
@@ -125,16 +123,15 @@ def read_mapping(path: Path) -> Naming:
     return Naming(f"mapping file {path.name}", _listed(entries))
 
 
-def named_centres(motion: JointMotion, mapping: Naming | None, where: str) -> NamedCentres:
-    """Return the body's joint centres that a recording holds.
+def naming_of(
+    motion: JointMotion, mapping: Naming | None, where: str
+) -> tuple[Naming, dict[str, tuple[int, ...]]]:
+    """Return how a recording's joints are called, and our centre -> the places of its joints.
 
     Args:
         motion: the recording's own joints.
         mapping: how its joints are called; None tries the known namings.
         where: the file's name, for messages.
-
-    Returns:
-        The centres under our names, and the naming that gave them.
 
     Raises:
         RecordingError: the skeleton is of no known naming, the mapping names joints that are not
@@ -143,43 +140,91 @@ def named_centres(motion: JointMotion, mapping: Naming | None, where: str) -> Na
     if mapping is None:
         naming = max(known_namings(), key=lambda known: _agreement(known, motion.names))
         found = naming.found_in(motion.names)
-        if len(found) < min(_LEAST_MATCHED, len(motion.names)):
-            raise RecordingError(
-                f"{where}: the skeleton is of no known naming"
-                f" ({', '.join(n.title for n in known_namings())}); its joints are"
-                f" {some(motion.names)}; give a mapping file with lines such as right_elbow ="
-                " 'their joint' (mapping)"
-            )
+        if len(found) < min(_LEAST_MATCHED, len(motion.names)) or not found:
+            raise _unknown(motion.names, where)
     else:
         naming = mapping
         found = naming.found_in(motion.names)
-        if missing := [
-            name
-            for centre, theirs in naming.centres.items()
-            if centre not in found
-            for name in theirs
-        ]:
-            raise RecordingError(
-                f"{where}: the {naming.title} names {some(tuple(missing))}, which the recording"
-                f" does not have; it has {some(motion.names)}"
-            )
-    for part, centres in (
-        ("the pelvis", ("pelvis", "right_hip", "left_hip")),
-        ("the upper trunk", ("neck", "right_shoulder", "left_shoulder")),
-    ):
-        if not any(centre in found for centre in centres):
-            raise RecordingError(
-                f"{where}: {part} cannot be placed; the recording needs at least one of"
-                f" {', '.join(centres)}"
-            )
-    paths = {centre: motion.positions[:, places].mean(axis=1) for centre, places in found.items()}
+        check_all_there(naming, found, motion.names, where)
+    check_placed(tuple(found), where)
+    return naming, found
+
+
+def named_centres(
+    motion: JointMotion,
+    naming: Naming,
+    found: Mapping[str, tuple[int, ...]],
+    more: Mapping[str, np.ndarray],
+) -> NamedCentres:
+    """Return the body's joint centres under our names.
+
+    Args:
+        motion: the recording's own joints.
+        naming: how they are called.
+        found: our centre -> the places of its joints.
+        more: further centres -> positions (n, 3).
+    """
+    paths = {
+        centre: motion.positions[:, which[0]]
+        if len(which) == 1
+        else motion.positions[:, list(which)].mean(axis=1)
+        for centre, which in found.items()
+    }
+    kind = motion.positions.dtype
+    paths |= {centre: path.astype(kind) for centre, path in more.items()}
     if motion.rest is None or not naming.upright_rest:
         return NamedCentres(naming.title, paths, {})
     return NamedCentres(
         naming.title,
         paths,
-        {centre: motion.rest[list(places)].mean(axis=0) for centre, places in found.items()},
+        {centre: motion.rest[list(which)].mean(axis=0) for centre, which in found.items()},
     )
+
+
+def _unknown(names: tuple[str, ...], where: str) -> UnknownNamesError:
+    """Return what to say of names that nobody knows, with the nearest guess."""
+    guess = guessed(names)
+    nearest = ", ".join(f'{centre} = "{name}"' for centre, name in list(guess.items())[:3])
+    return UnknownNamesError(
+        f"{where}: got the joints or markers {some(names, 8)}, which no known naming has; give a"
+        f" mapping file with lines such as {nearest or _EXAMPLE}"
+        " (mapping)",
+        names,
+    )
+
+
+def check_all_there(
+    naming: Naming, found: Collection[str], names: tuple[str, ...], where: str
+) -> None:
+    """Raise if a mapping names what the recording does not have.
+
+    Raises:
+        RecordingError: naming it.
+    """
+    if missing := [
+        name for centre, theirs in naming.centres.items() if centre not in found for name in theirs
+    ]:
+        raise RecordingError(
+            f"{where}: the {naming.title} names {some(tuple(missing))}, which the recording does"
+            f" not have; it has {some(names)}"
+        )
+
+
+def check_placed(centres: Collection[str], where: str) -> None:
+    """Raise if a recording of these centres can place neither pelvis nor upper trunk.
+
+    Raises:
+        RecordingError: saying what it needs.
+    """
+    for part, needed in (
+        ("the pelvis", ("pelvis", "right_hip", "left_hip")),
+        ("the upper trunk", ("neck", "right_shoulder", "left_shoulder")),
+    ):
+        if not any(centre in centres for centre in needed):
+            raise RecordingError(
+                f"{where}: {part} cannot be placed; the recording needs at least one of"
+                f" {', '.join(needed)}"
+            )
 
 
 def _listed(entries: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:

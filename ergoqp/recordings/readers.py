@@ -1,9 +1,8 @@
-"""Which reader reads a motion-capture file, by the file's ending; what an own one hands on."""
+"""Which reader reads a motion-capture file; what an own one hands on."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,37 +11,45 @@ import numpy as np
 from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.progress import Progress, unseen
-from ergoqp.recordings.bvh.read import read_bvh
+from ergoqp.recordings.formats.kinds import KINDS, TABLE, kind_of
+from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.registry import check_free, own_term, registered
 
-READERS: Final[dict[str, Callable[[Path, Progress], JointMotion]]] = {".bvh": read_bvh}
-"""File name ending -> reader. An own one is an entry point, see `ergoqp.registry`."""
+READERS: Final = tuple(
+    ending[1:] for kind in KINDS if kind is not TABLE for ending in kind.endings if ending != ".csv"
+)
+"""Endings that no reader of one's own may have; tables are anybody's."""
 
 
-def read_motion(path: Path, progress: Progress = unseen) -> JointMotion:
-    """Read a motion-capture file by the reader of its ending.
+def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = None) -> JointMotion:
+    """Read a motion-capture file.
+
+    A reader of the user's own reads the files of its ending; else what is in a file decides.
 
     Args:
         path: the file.
         progress: told how much of the file is read, if the reader tells.
+        asked: what the file may not say.
 
     Raises:
         RecordingError: if there is none, or it cannot read the file, whatever it raises.
         InputError: if an own reader cannot be imported, or its name is another's too.
     """
     ending = path.suffix.lower()
-    if ending in READERS:
+    if ending[1:] in READERS:
         check_free("reader", [ending[1:]])
-        return READERS[ending](path, progress)
-    own = [f".{name}" for name in registered("reader")]
-    if ending in own:
+    elif ending in [f".{name}" for name in registered("reader")]:
         return _own_motion(path, own_term("reader", ending[1:]))
-    if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
-        raise RecordingError(f"{str(path)!r} is a folder, allowed the recording file itself")
-    raise RecordingError(
-        f"{path.name}: got the ending {path.suffix!r}, allowed {', '.join([*READERS, *own])}"
-    )
+    kind = kind_of(path)
+    motion = kind.read(path, progress, asked or Asked())
+    if kind.endings and ending not in kind.endings:
+        said = (
+            f"The file is read as {kind.title}, by what is in it, although its ending is"
+            f" {ending or 'none'}."
+        )
+        return replace(motion, notes=(said, *motion.notes))
+    return motion
 
 
 def _own_motion(path: Path, reader: Any) -> JointMotion:

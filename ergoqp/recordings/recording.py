@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ergoqp.human import Body
+from ergoqp.human.marker import Marker
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Recording:
         errors: centre -> how far the fitted body's is from the recording's, shape (n,) [m].
         not_scored: why frames are not to be scored (see `ergoqp.recordings.fitting.validity`) ->
             those frames, shape (n,) bool.
+        markers: marker on the skin -> where it sits on the fitted body and how well.
     """
 
     time: np.ndarray
@@ -44,6 +46,7 @@ class Recording:
     person: Body
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     not_scored: Mapping[str, np.ndarray] = field(default_factory=dict)
+    markers: Mapping[str, Marker] = field(default_factory=dict)
 
     @property
     def scored(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ergoqp.errors import InputError
-from ergoqp.recordings.fitting.person import given_person
+from ergoqp.human.person_file import given_person
 
 
 def test_a_person_file_is_the_body_it_describes(tmp_path: Path) -> None:

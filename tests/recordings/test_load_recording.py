@@ -388,8 +388,15 @@ def test_leaps_are_told(demo: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["recording.c3d", "recording", "recording.txt"])
-def test_another_ending_is_told(name: str, tmp_path: Path):
-    with pytest.raises(RecordingError, match=r"got the ending.*allowed .bvh"):
+def test_no_file_is_told(name: str, tmp_path: Path):
+    with pytest.raises(RecordingError, match=r"got no file.*allowed a recording"):
+        load_recording(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["recording.wav", "recording"])
+def test_another_format_is_told(name: str, tmp_path: Path):
+    (tmp_path / name).write_bytes(b"RIFF\0\0\0\0WAVE")
+    with pytest.raises(RecordingError, match=r"got the ending.*content of no known.*allowed .bvh"):
         load_recording(tmp_path / name)
 
 

@@ -34,6 +34,10 @@ class RecordingOptions:
         mapping: path of a naming of joints.
         neutral: when the person stands straight, as written.
         window: seconds to read, as written.
+        subject: whose posture, by the prefix of the names.
+        thing: the object that is held.
+        columns: names of the points of a table without names, parted by commas.
+        rate: frames per second of a file without times [Hz].
     """
 
     person: str | None
@@ -42,6 +46,10 @@ class RecordingOptions:
     mapping: Path | None
     neutral: str | None = None
     window: str | None = None
+    subject: str | None = None
+    thing: str | None = None
+    columns: str | None = None
+    rate: float | None = None
 
     @property
     def person_value(self) -> float | Path | None:
@@ -68,6 +76,11 @@ class RecordingOptions:
                 " such as 2: or :10"
             ) from None
 
+    @property
+    def columns_value(self) -> tuple[str, ...]:
+        """The names of a table's points."""
+        return tuple(name.strip() for name in self.columns.split(",")) if self.columns else ()
+
     def load(self, path: Path, progress: Callable[[float], None] | None = None) -> Recording:
         """Read a recording.
 
@@ -87,6 +100,10 @@ class RecordingOptions:
             mapping=self.mapping,
             neutral=neutral if neutral == "vertical" else _number_or_path(neutral),
             window=self.window_value,
+            subject=self.subject,
+            thing=self.thing,
+            columns=self.columns_value,
+            rate=self.rate,
             progress=progress,
         )
 
@@ -102,6 +119,10 @@ class RecordingOptions:
             "--mapping": self.mapping,
             "--neutral": self.neutral,
             "--window": self.window,
+            "--subject": self.subject,
+            "--thing": self.thing,
+            "--columns": self.columns,
+            "--rate": self.rate,
         }
         for option, value in given.items():
             if value is not None:

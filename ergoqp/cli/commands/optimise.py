@@ -24,10 +24,10 @@ from ergoqp.cli.commands.common import (
 from ergoqp.cli.commands.run import frame_of_recording
 from ergoqp.errors import InputError
 from ergoqp.human import Body
+from ergoqp.human.person_file import given_person
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
-from ergoqp.recordings.fitting.person import given_person
 from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.sheets.reba import ACTION_LEVELS
 

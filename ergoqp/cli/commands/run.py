@@ -24,11 +24,11 @@ from ergoqp.cli.commands.common import (
 )
 from ergoqp.cli.commands.guide import guide_named, places_to_try
 from ergoqp.errors import InputError
+from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.mistakes import nearest_first
 from ergoqp.recordings import Recording
-from ergoqp.recordings.fitting.person import given_person
 from ergoqp.report.run_page import write_run_page
 from ergoqp.report.tables import run_table
 from ergoqp.seeking.tries import Place

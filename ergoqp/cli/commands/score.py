@@ -13,7 +13,12 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
+from ergoqp.errors import RecordingError, UnknownNamesError
+from ergoqp.human.person_file import write_person
 from ergoqp.progress import part_of
+from ergoqp.recordings.guess import template
+from ergoqp.recordings.markers.landmarks import LANDMARKS
+from ergoqp.recordings.naming import CENTRES
 from ergoqp.report.angles import write_angles
 from ergoqp.report.score_page import write_score_page
 from ergoqp.report.scores import write_scores
@@ -28,14 +33,37 @@ def score(
     task: TaskOptions,
     options: RecordingOptions,
     method: Method,
+    save_person: Path | None = None,
 ) -> None:
     """Score a recording, print the table; write its files and ``report.html``.
+
+    Where joints are of no known naming, a mapping file with the nearest guesses is written.
+
+    Args:
+        recording_path: the recording.
+        out: folder for the results.
+        task: what joint angles cannot tell.
+        options: how it is to be read.
+        method: how the sheet is read.
+        save_person: where to write the person, or None.
 
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
-    with working(f"reading {recording_path.name}") as done:
-        recording = options.load(recording_path, done)
+    try:
+        with working(f"reading {recording_path.name}") as done:
+            recording = options.load(recording_path, done)
+    except UnknownNamesError as unknown:
+        folder = make_folder(out, recording_path.stem)
+        with writing(folder):
+            mapping = folder / "mapping.toml"
+            mapping.write_text(template(unknown.names, (*CENTRES, *LANDMARKS)), encoding="utf-8")
+        raise RecordingError(
+            f"{unknown}; a file with the nearest guesses, to be looked through, is {mapping}"
+        ) from None
+    if save_person is not None:
+        with writing(save_person):
+            write_person(save_person, recording.person, recording.markers)
     assessment = assess(recording.scored_postures, method, **task)
     folder = make_folder(out, recording_path.stem)
     screen = console()

@@ -37,17 +37,19 @@ def centres_of(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> dict[str
     Returns:
         Centre -> positions (n, 3) [m].
     """
+    z, function, growth = np.hstack([pelvis, postures]), _function(), growth_of(body)
+    parts = [np.array(function(z[at : at + _BLOCK].T, growth)) for at in range(0, len(z), _BLOCK)]
+    places = np.hstack(parts).reshape(len(_MEASURED), 3, -1)
+    return {centre: place.T for centre, place in zip(_MEASURED, places, strict=True)}
+
+
+def growth_of(body: Body) -> np.ndarray:
+    """Return by how much a body is larger than the nominal one (14,), in the order of `GROWTH`."""
     nominal = Body()
     whole = body.stature / nominal.stature
     growth = [whole - 1]
     growth += [body.lengths[name] / nominal.lengths[name] - whole for name in FRACTIONS]
-    z, function = np.hstack([pelvis, postures]), _function()
-    parts = [
-        np.array(function(z[at : at + _BLOCK].T, np.array(growth)))
-        for at in range(0, len(z), _BLOCK)
-    ]
-    places = np.hstack(parts).reshape(len(_MEASURED), 3, -1)
-    return {centre: place.T for centre, place in zip(_MEASURED, places, strict=True)}
+    return np.array(growth)
 
 
 @cache

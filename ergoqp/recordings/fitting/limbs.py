@@ -21,7 +21,7 @@ Angles = dict[str, np.ndarray]
 
 _TOE: Final = 0.01
 """How much the foot says about the turn of a thigh, beside a knee bent by 90 degrees."""
-_THUMB: Final = np.arctan2(0.02, 0.05)
+THUMB: Final = np.arctan2(0.02, 0.05)
 """How far the thumb of `models/human.xml` is turned inward about the hand [rad]."""
 
 
@@ -167,7 +167,7 @@ def _wrist_angles(
     up = -hand
     beside = _unit(thumb - (thumb * up).sum(axis=1, keepdims=True) * up)
     across = np.cross(up, beside)
-    ahead = np.cos(_THUMB) * beside + out * np.sin(_THUMB) * across
+    ahead = np.cos(THUMB) * beside + out * np.sin(THUMB) * across
     # The axis of deviation is not moved by it: it is left of the hand.
     left = np.cross(up, ahead)
     pronation = _inside(side, "forearm_pronation", out * np.arctan2(left[:, 0], left[:, 1]), time)

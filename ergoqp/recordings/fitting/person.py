@@ -1,30 +1,13 @@
-"""Whose body is fitted: a stature, a person file, or what the recording itself says.
-
-The recording says something about the lengths between its joints.
-
-A person file is TOML with a stature, measured segment lengths, or both (`ergoqp.human.FRACTIONS`
-names the segments; what is not given follows from the stature, and the stature from the lengths)::
-
-    stature = 1.68        # m
-    mass = 62             # kg, optional
-
-    [lengths]             # m, optional
-    upper_arm = 0.30
-    forearm = 0.25
-"""
+"""Whose body is fitted, where nobody says: what the recording itself says of the lengths."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from numbers import Real
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from ergoqp.errors import InputError
-from ergoqp.files.text import read_toml
 from ergoqp.human import FRACTIONS, Body
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
@@ -50,44 +33,6 @@ _BELIEVABLE: Final = (
     0.6,
     1.6,
 )  # measured over average length; outside, the file's joint is not the anatomical one
-
-
-def given_person(person: float | str | Path) -> Body:
-    """Return the body of a person that the user describes.
-
-    Args:
-        person: stature [m], or path of a person file.
-
-    Raises:
-        InputError: the value is neither, or the file does not describe a person.
-    """
-    if isinstance(person, Real) and not isinstance(person, bool):
-        return Body.of_stature(_float(person))
-    if not isinstance(person, str | Path):
-        raise InputError(f"person: got {person!r}, allowed a stature in m, a person file or None")
-    path = Path(person)
-    entries = read_toml(path, "person file")
-    if unknown := set(entries) - {"stature", "mass", "lengths"}:
-        raise InputError(
-            f"person file {path.name}: got {sorted(unknown)}, allowed stature, mass and the table"
-            " lengths"
-        )
-    lengths = entries.get("lengths", {})
-    if not isinstance(lengths, dict) or not (lengths or "stature" in entries):
-        raise InputError(
-            f"person file {path.name}: got neither, required are a stature in m, a table lengths in"
-            " m, or both"
-        )
-    measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
-    mass = _number(path, "mass", entries.get("mass", 0.0))
-    try:
-        if "stature" not in entries:
-            return Body.of_lengths(measured, mass)
-        return Body(_number(path, "stature", entries["stature"]), measured, mass)
-    except InputError as error:
-        raise InputError(
-            str(error) if path.name in str(error) else f"person file {path.name}: {error}"
-        ) from None
 
 
 def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -178,22 +123,3 @@ def _median_distance(a: np.ndarray, b: np.ndarray) -> float:
 def _median(values: np.ndarray) -> float:
     values = values[np.isfinite(values)]
     return float(np.median(values)) if len(values) else 0.0
-
-
-def _number(path: Path, name: str, value: Any) -> float:
-    number = (
-        _float(value)
-        if isinstance(value, int | float) and not isinstance(value, bool)
-        else math.nan
-    )
-    if not math.isfinite(number):
-        raise InputError(f"person file {path.name}: {name} is {value!r:.40}, allowed a number")
-    return number
-
-
-def _float(value: float | Real) -> float:
-    """Return a number; infinity for an integer of hundreds of digits."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf

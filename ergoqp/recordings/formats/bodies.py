@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -15,10 +16,10 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress, part_of
-from ergoqp.recordings.formats.opening import binary
+from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.poses import poses_of, unit_turns
-from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, gathered
-from ergoqp.recordings.formats.stamps import repeated, seconds
+from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, cells, gathered, separator_of
+from ergoqp.recordings.formats.stamps import repeated, steady
 from ergoqp.recordings.motion import JointMotion
 
 ENDINGS: Final = frozenset({".csv", ".txt"})
@@ -28,8 +29,10 @@ _ORDERS: Final = (
     (("qx", "qy", "qz", "qw"), (0, 1, 2, 3)),
     (("qw", "qx", "qy", "qz"), (1, 2, 3, 0)),
 )
-_BONDED: Final = 0.05
-"""A body's place in another's frame that varies by less belongs to a joint between them [m]."""
+_LONGEST: Final = 2000
+"""Letters in the row of names, at most."""
+_LOOKED_AT: Final = 500
+"""Frames by which the order of quaternions is found, about."""
 
 
 def is_folder_of_bodies(folder: Path) -> bool:
@@ -49,17 +52,22 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
         RecordingError: tables differ in length, or are no poses.
     """
     paths = [path for path in _tables(folder) if _head_of(path) is not None]
+    if not paths:
+        raise RecordingError(
+            f"{folder.name}: got no table of poses, allowed one with the columns x, y, z, q0, q1,"
+            " q2, q3 for each body"
+        )
     if asked.rate is None:
         raise RecordingError(
             f"{folder.name}: got tables of poses without times, allowed with the frames per second"
             " stated (rate)"
         )
-    places, quaternions, ordered = {}, {}, None
-    names = _names([path.stem for path in paths])
-    for i, (name, path) in enumerate(zip(names, paths, strict=True)):
+    places: dict[str, np.ndarray] = {}
+    quaternions: dict[str, np.ndarray] = {}
+    ordered = None
+    for i, (name, path) in enumerate(zip(_names(paths), paths, strict=True)):
         share = part_of(progress, i / len(paths), (i + 1) / len(paths))
-        place, turn, order = _read(path, share)
-        places[name], quaternions[name] = place, turn
+        places[name], quaternions[name], order = _read(path, share)
         ordered = order if order is not None else ordered
     counts = {len(place) for place in places.values()}
     if len(counts) > 1:
@@ -71,42 +79,47 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
             f"{folder.name}: got {len(places[least])} rows for {least} and {len(places[most])} for"
             f" {most}, allowed as many for each body"
         )
-    notes = [f"There are {asked.rate:g} frames per second, as stated."]
+    positions = np.stack(list(places.values()), axis=1)
+    time, notes = steady(folder.name, len(positions), asked.rate)
     if ordered is None:
         ordered, said = _order(places, quaternions)
         notes.append(said)
-    turns = {name: unit_turns(each[:, ordered]) for name, each in quaternions.items()}
-    positions = np.stack(list(places.values()), axis=1)
-    time, _, _ = seconds(folder.name, np.arange(len(positions)) / asked.rate, 1.0)
+    turns = {name: unit_turns(quaternions.pop(name)[:, ordered]) for name in places}
+    names = tuple(places)
+    places.clear()
     return JointMotion(
-        tuple(places),
+        names,
         positions,
         time,
         None,
         (*notes, *repeated(positions)),
         turns=turns,
-        objects={name: poses_of(places[name], turns[name]) for name in places},
+        objects={name: poses_of(positions[:, i], turns[name]) for i, name in enumerate(names)},
     )
 
 
 def _tables(folder: Path) -> list[Path]:
     try:
         found = sorted(folder.iterdir())
-    except OSError as error:
+        return [path for path in found if path.suffix.lower() in ENDINGS and path.is_file()]
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise RecordingError(
-            f"{folder.name} cannot be read: {error.strerror}, allowed a folder"
+            f"{short(folder.name or str(folder))} cannot be read: {reason}, allowed a folder"
         ) from None
-    return [path for path in found if path.suffix.lower() in ENDINGS and path.is_file()]
 
 
-def _head_of(path: Path) -> list[str] | None:
+def _head_of(path: Path) -> tuple[list[str], str | None] | None:
+    """Return the names of a table's columns and what parts them; None if it has no poses."""
     with binary(path) as file:
-        words = file.readline(2000).decode("utf-8-sig", "replace").strip().lower()
-    columns = [word.strip() for word in re.split(r"[,;\t ]+", words)]
-    return columns if set(_PLACE) <= set(columns) and _turn(columns) else None
+        row = file.readline(_LONGEST).decode("utf-8-sig", "replace").strip().lower()
+    separator = separator_of(row)
+    columns = cells(row, separator)
+    return (columns, separator) if set(_PLACE) <= set(columns) and _turn(columns) else None
 
 
 def _turn(columns: list[str]) -> tuple[tuple[str, ...], tuple[int, ...] | None] | None:
+    """Return the names of the quaternion's columns and their order x, y, z, w, if they tell it."""
     for names, order in _ORDERS:
         if set(names) <= set(columns):
             return names, order
@@ -114,20 +127,25 @@ def _turn(columns: list[str]) -> tuple[tuple[str, ...], tuple[int, ...] | None] 
 
 
 def _read(path: Path, progress: Progress) -> tuple[np.ndarray, np.ndarray, tuple[int, ...] | None]:
+    """Return the places and quaternions of a table, and the order of the latter if it is told."""
+    head = _head_of(path)
+    if head is None or (turn := _turn(head[0])) is None:
+        raise RecordingError(f"{path.name}, line 1: got other names than x, y, z, q0, q1, q2, q3")
+    (columns, separator), (names, order) = head, turn
+    parts = []
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
-        head = lines.next("the names of the columns")
-        separator = next((mark for mark in ",;\t" if mark in head), None)
-        columns = [word.strip().lower() for word in head.split(separator)]
-        found = _turn(columns)
-        assert found is not None
-        names, order = found
-        parts = list(blocks(lines, separator, len(columns)))
+        lines.next("the names of the columns")
+        chosen = [*_PLACE, *names]
+        if twice := [name for name in chosen if columns.count(name) > 1]:
+            lines.fail(f"got the column {twice[0]} twice, allowed each once")
+        taken = [columns.index(name) for name in chosen]
+        for values in blocks(lines, separator, len(columns), blanks=True):
+            parts.append(values[:, taken].astype(np.float32))
     if not parts:
         raise RecordingError(f"{path.name}: got no row below the names, allowed poses")
     values = gathered(parts)
-    place = values[:, [columns.index(name) for name in _PLACE]]
-    return place, values[:, [columns.index(name) for name in names]], order
+    return values[:, :3].copy(), values[:, 3:].copy(), order
 
 
 def _order(
@@ -137,22 +155,21 @@ def _order(
 
     In the right order the place of a neighbour in a bone's frame is fixed.
     """
-    from scipy.spatial.transform import Rotation
-
     orders = {"x, y, z, w": (0, 1, 2, 3), "w, x, y, z": (1, 2, 3, 0)}
-    every = max(1, len(next(iter(places.values()))) // 500)
+    if len(places) < 2:
+        return orders["x, y, z, w"], (
+            "The quaternions are taken as x, y, z, w: with one body nothing tells their order."
+        )
+    every = max(1, len(next(iter(places.values()))) // _LOOKED_AT)
+    near = {name: place[::every].astype(float) for name, place in places.items()}
     spread = {}
     for words, order in orders.items():
         least = []
         for name, turn in turns.items():
-            bone = Rotation.from_quat(turn[::every][:, order]).inv()
-            fixed = [
-                np.std(bone.apply(places[other][::every] - places[name][::every]), axis=0).max()
-                for other in places
-                if other != name
-            ]
-            least.append(min(fixed, default=0.0))
-        spread[words] = float(np.median(least))
+            bone = unit_turns(turn[::every][:, order].astype(float))
+            least.append(min(_wanders(bone, near[n] - near[name]) for n in places if n != name))
+        known = [each for each in least if each < np.inf]
+        spread[words] = float(np.median(known)) if known else 0.0
     best = min(spread, key=lambda words: spread[words])
     return orders[best], (
         f"The quaternions are taken as {best}: a bone's neighbour moves by"
@@ -161,13 +178,26 @@ def _order(
     )
 
 
-def _names(stems: list[str]) -> list[str]:
+def _wanders(turns: np.ndarray, offsets: np.ndarray) -> float:
+    """Return by how much a point moves in the frame of a body; infinite if it is not seen."""
+    from scipy.spatial.transform import Rotation
+
+    seen = np.isfinite(turns).all(axis=1) & np.isfinite(offsets).all(axis=1)
+    if np.count_nonzero(seen) < 2:
+        return np.inf
+    fixed = Rotation.from_quat(turns[seen]).inv().apply(offsets[seen])
+    return float(np.std(fixed, axis=0).max())
+
+
+def _names(paths: list[Path]) -> list[str]:
     """Return what distinguishes file names: without a shared begin and end, up to a mark."""
+    stems = [path.stem for path in paths]
+    if len(set(stems)) < len(stems):
+        return [path.name for path in paths]
     if len(stems) < 2:
         return stems
-    most = max(
-        set(_first(stem) for stem in stems), key=lambda w: sum(_first(s) == w for s in stems)
-    )
+    begins = Counter(map(_first, stems))
+    most = max(begins, key=lambda begin: begins[begin])
     ends = itertools.takewhile(
         lambda letters: len(set(letters)) == 1, zip(*map(reversed, stems), strict=False)
     )

@@ -7,7 +7,7 @@ files of others).
 
 from __future__ import annotations
 
-import csv
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,12 +19,32 @@ from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.poses import poses_of, unit_turns
-from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, gathered
+from ergoqp.recordings.formats.rows import (
+    Asked,
+    TextLines,
+    blocks,
+    cells,
+    count_of,
+    gathered,
+    is_number,
+)
 from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.motion import JointMotion
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
 _AXES: Final = {"Position": "XYZ", "Rotation": "XYZW"}
+
+
+_STATED: Final = (
+    "Format Version",
+    "Export Frame Rate",
+    "Total Exported Frames",
+    "Rotation Type",
+    "Length Units",
+    "Coordinate Space",
+)
+_ROUNDED: Final = 0.6e-3
+"""Some takes have their times in whole milliseconds [s]."""
 
 
 @dataclass
@@ -33,11 +53,15 @@ class _Thing:
 
     Attributes:
         kind: Motive's type.
+        name: Motive's name; things of different types may share it.
         columns: "Position" or "Rotation" -> axis -> column.
+        twice: whether a column of it is there twice.
     """
 
     kind: str
+    name: str
     columns: dict[str, dict[str, int]] = field(default_factory=dict)
+    twice: bool = False
 
     def of(self, what: str) -> list[int] | None:
         """Return the columns of its position or rotation; None if there are none."""
@@ -61,52 +85,53 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         lines = TextLines(path, file, path.stat().st_size, progress)
         stated = _stated(lines)
         things, width = _things(lines)
-        bones = {name: thing for name, thing in things.items() if thing.kind == "Bone"}
-        bodies = {name: thing for name, thing in things.items() if thing.kind == "Rigid Body"}
-        points = bones or {
-            name: thing
-            for name, thing in things.items()
-            if thing.kind in {"Marker", "Bone Marker"} and not name.startswith("Unlabeled")
+        bones = {t.name: t for t in things if t.kind == "Bone"}
+        bodies = {t.name: t for t in things if t.kind == "Rigid Body"}
+        markers = {
+            t.name: t
+            for t in things
+            if t.kind in {"Marker", "Bone Marker"} and not t.name.startswith("Unlabeled")
         }
-        points = points if bones else {**points, **bodies}
+        points = bones or {**markers, **bodies}
         if not points:
             raise RecordingError(
                 f"{path.name}: got a take in which nothing is tracked, allowed bones, rigid bodies"
                 " or labelled markers; export the take with its skeletons and rigid bodies"
             )
-        oriented = bones if bones else bodies
-        kept = {**points, **bodies}
-        rows = blocks(lines, ",", width)
-        columns = [c for thing in kept.values() for c in thing.of("Position") or ()]
-        turning = {n: t.of("Rotation") for n, t in {**oriented, **bodies}.items()}
-        quats = [c for each in turning.values() if each for c in each]
-        stamps, places, turns = [], [], []
-        for values in rows:
-            stamps.append(values[:, 1])
+        others = {n: t for n, t in bodies.items() if points.get(n) is not t}
+        taken = [*points.values(), *others.values()]
+        if twice := [thing.name for thing in taken if thing.twice]:
+            lines.fail(f"got the columns of {short(twice[0])} twice, allowed each once")
+        oriented = [thing for thing in taken if thing.of("Rotation")]
+        columns = [c for thing in taken for c in thing.of("Position") or ()]
+        turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
+        numbered, places, turns = [], [], []
+        for values in blocks(lines, ",", width):
+            numbered.append(values[:, :2].copy())
             places.append(values[:, columns].astype(np.float32).reshape(len(values), -1, 3))
-            turns.append(values[:, quats].astype(np.float32).reshape(len(values), -1, 4))
-        if not stamps:
-            raise RecordingError(f"{path.name}: got no frame, allowed a take with movement in it")
+            quaternions = unit_turns(values[:, turning].reshape(len(values), -1, 4))
+            turns.append(quaternions.astype(np.float32))
+    if not numbered:
+        raise RecordingError(f"{path.name}: got no frame, allowed a take with movement in it")
+    notes = _counted(path, stated, sum(map(len, places)))
     positions, quaternions = gathered(places), gathered(turns)
-    time, good, notes = seconds(path.name, np.concatenate(stamps), 1.0)
-    positions, quaternions = positions[good], quaternions[good]
-    have = [name for name, each in turning.items() if each]
-    oriented_turns = {name: unit_turns(quaternions[:, i]) for i, name in enumerate(have)}
-    names = list(kept)
+    time, kept, said = seconds(path.name, _times(gathered(numbered), stated), 1.0)
+    if not kept.all():
+        positions, quaternions = positions[kept], quaternions[kept]
+    units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}
     objects = {
-        name: poses_of(positions[:, names.index(name)], oriented_turns[name])
-        for name in bodies
-        if name in oriented_turns
+        thing.name: poses_of(positions[:, i], units[id(thing)])
+        for i, thing in enumerate(taken)
+        if thing.kind == "Rigid Body" and id(thing) in units
     }
-    notes += _counted(path, stated, len(good))
-    places_kept = [names.index(name) for name in points]
+    positions = positions[:, : len(points)]
     return JointMotion(
         tuple(points),
-        positions[:, places_kept],
+        positions,
         time,
         None,
-        (*notes, *repeated(positions)),
-        turns={name: each for name, each in oriented_turns.items() if name in points},
+        (*said, *notes, *repeated(positions)),
+        turns={n: units[id(thing)] for n, thing in points.items() if id(thing) in units},
         objects=objects,
         markers=not bones and any(t.kind != "Rigid Body" for t in points.values()),
         unit=_UNITS.get(stated.get("Length Units", "").lower()),
@@ -115,8 +140,9 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 def _stated(lines: TextLines) -> Mapping[str, str]:
     """Return what the first row says."""
-    words = next(csv.reader([lines.next("the row 'Format Version'")]))
-    stated = dict(zip(words[::2], words[1::2], strict=False))
+    words = cells(lines.next("the row 'Format Version'"), ",")
+    # Names and notes of takes may have commas: not every second word is a key.
+    stated = {key: value for key, value in itertools.pairwise([*words, ""]) if key in _STATED}
     if "Format Version" not in stated:
         lines.fail(f"got {short(words[0])}, allowed 'Format Version'")
     rotation = stated.get("Rotation Type", "Quaternion")
@@ -131,37 +157,50 @@ def _stated(lines: TextLines) -> Mapping[str, str]:
     return stated
 
 
-def _things(lines: TextLines) -> tuple[dict[str, _Thing], int]:
-    """Return what is tracked, by name, and how many columns there are."""
+def _things(lines: TextLines) -> tuple[list[_Thing], int]:
+    """Return what is tracked and has a position, and how many columns there are."""
     head: list[list[str]] = []
     while not head or head[-1][:1] != ["Frame"]:
-        row = next(csv.reader([lines.next("the row 'Frame'")]), [])
+        row = cells(lines.next("the row 'Frame'"), ",")
         if any(row):
-            head.append([word.strip() for word in row])
+            head.append(row)
         if len(head) > 8:
             lines.fail("got more than 8 rows above the numbers, allowed a take's")
     if len(head) < 4:
         lines.fail("got too few rows above the numbers, allowed type, name, ID, what and axis")
     axes, what = head[-1], head[-2]
     kinds, names = head[0], head[1]
-    things: dict[str, _Thing] = {}
-    for column in range(2, len(axes)):
-        if column >= min(len(kinds), len(names), len(what)) or not axes[column]:
+    if not "".join(axes[1:2]).startswith("Time"):
+        lines.fail(f"got the second column {short(''.join(axes[1:2]))}, allowed Time (Seconds)")
+    things: dict[tuple[str, str], _Thing] = {}
+    for column in range(2, min(map(len, (kinds, names, what, axes)))):
+        kind, name = kinds[column], names[column]
+        if not axes[column] or not name:
             continue
-        thing = things.setdefault(names[column], _Thing(kinds[column]))
-        # A rigid body's solved markers and a marker may share its name.
-        if thing.kind == kinds[column]:
-            thing.columns.setdefault(what[column], {})[axes[column]] = column
-    return {n: t for n, t in things.items() if t.of("Position")}, len(axes)
+        thing = things.setdefault((kind, name), _Thing(kind, name))
+        places = thing.columns.setdefault(what[column], {})
+        thing.twice = thing.twice or axes[column] in places
+        places[axes[column]] = column
+    return [thing for thing in things.values() if thing.of("Position")], len(axes)
+
+
+def _times(numbered: np.ndarray, stated: Mapping[str, str]) -> np.ndarray:
+    """Return the times of frames, given with their numbers (n, 2), as exactly as they are known."""
+    frames, stamps = numbered.T
+    rate = stated.get("Export Frame Rate", "").replace(",", ".")
+    if is_number(rate) and 1.0 <= float(rate) <= 10_000.0:
+        exact = stamps[0] + (frames - frames[0]) / float(rate)
+        if (np.abs(exact - stamps) < _ROUNDED).all():
+            return exact
+    return stamps
 
 
 def _counted(path: Path, stated: Mapping[str, str], found: int) -> list[str]:
-    total = stated.get("Total Exported Frames", "")
-    if total.isdigit() and int(total) != found:
-        if int(total) > found:
-            raise RecordingError(
-                f"{path.name}: got {found} frames, allowed {total}, as is stated; the recording is"
-                " cut"
-            )
-        return [f"The file states {total} frames and has {found}: all are read."]
-    return []
+    total = count_of(stated.get("Total Exported Frames", ""))
+    if total is None or total == found:
+        return []
+    if total > found:
+        raise RecordingError(
+            f"{path.name}: got {found} frames, allowed {total}, as is stated; the recording is cut"
+        )
+    return [f"The file states {total} frames and has {found}: all are read."]

@@ -8,9 +8,11 @@ the same in what is read here).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -18,13 +20,17 @@ from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.poses import unit_turns
-from ergoqp.recordings.formats.rows import Asked, gathered
+from ergoqp.recordings.formats.rows import LARGEST, Asked, count_of, gathered
 from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.motion import JointMotion
 
 _AXES: Final = ("abduction", "rotation", "flexion")
 """Of the three angles of a joint, in Xsens' order z, x, y of axes."""
 _BLOCK: Final = 4000
+_PROLOG: Final = 4096
+"""Bytes that are read at once of what stands above the first element."""
+_DEEPEST: Final = 50
+"""Elements in elements; Xsens has seven."""
 
 
 def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
@@ -38,49 +44,50 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     Raises:
         RecordingError: it is no whole MVNX file, or holds several people.
     """
-    size = max(path.stat().st_size, 1) if path.is_file() else 1
     with binary(path) as file:
+        size = max(path.stat().st_size, 1)
+        _check_declarations(path, file)
         segments: list[str] = []
         joints: list[str] = []
         indices, places, turns, angles = [], [], [], []
         block: list[list[float]] = []
-        rate, posed, subjects = None, 0, 0
-        for event, element in _elements(path, file):
-            tag = element.tag.rpartition("}")[2]
-            if event == "start":
+        rate, posed = None, 0
+        for parent, element, begins in _elements(path, file):
+            tag = _tag(element)
+            if begins:
                 if tag == "subject":
-                    subjects += 1
-                    rate = _rate(path, element.get("frameRate"))
-                    if subjects > 1:
+                    if rate is not None:
                         raise RecordingError(
                             f"{path.name}: got several people, allowed one: export them one by one"
                         )
-                continue
-            if tag == "segment":
-                segments.append(str(element.get("label")))
-            elif tag == "joint":
-                joints.append(str(element.get("label")))
+                    rate = _rate(path, element.get("frameRate"))
+                # The segments of hands have the same tag, and elsewhere their places.
+                elif tag == "segment" and parent == "segments":
+                    _append(path, segments, element, behind=bool(indices))
+                elif tag == "joint" and parent == "joints":
+                    _append(path, joints, element, behind=bool(indices))
             elif tag == "frame":
                 if element.get("type", "normal") == "normal":
+                    if not segments:
+                        raise _lacking(path)
                     index, row = _frame(path, element, len(segments), len(joints))
                     indices.append(index)
                     block.append(row)
                 else:
                     posed += 1
                 if len(block) == _BLOCK:
-                    _take(block, len(segments), places, turns, angles)
+                    _take(path, block, len(segments), places, turns, angles)
                     progress(min(file.tell() / size, 1.0))
-            if tag in {"frame", "segment", "joint"}:
-                element.clear()
         if block:
-            _take(block, len(segments), places, turns, angles)
+            _take(path, block, len(segments), places, turns, angles)
     if not segments or rate is None:
-        raise RecordingError(f"{path.name}: got no segments, allowed an MVNX file with a subject")
+        raise _lacking(path)
     if not indices:
         raise RecordingError(f"{path.name}: got no frame of movement, allowed normal frames")
     positions, quaternions, bent = gathered(places), gathered(turns), gathered(angles)
     time, kept, notes = seconds(path.name, np.array(indices) / rate, 1.0)
-    positions, quaternions, bent = positions[kept], quaternions[kept], bent[kept]
+    if not kept.all():
+        positions, quaternions, bent = positions[kept], quaternions[kept], bent[kept]
     if posed:
         notes.append(f"{posed} calibration poses (N-pose, T-pose) of the file are left out.")
     return JointMotion(
@@ -89,9 +96,9 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         time,
         None,
         (*notes, *repeated(positions)),
-        turns={name: unit_turns(quaternions[:, i]) for i, name in enumerate(segments)},
+        turns={name: quaternions[:, i] for i, name in enumerate(segments)},
         angles={
-            f"{joint} {axis}": np.radians(bent[:, 3 * i + j])
+            f"{joint} {axis}": bent[:, 3 * i + j]
             for i, joint in enumerate(joints)
             for j, axis in enumerate(_AXES)
             if bent.shape[1]
@@ -101,16 +108,75 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     )
 
 
-def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any]]:
-    """Return the elements of an XML file as they begin and end, or say where it is none."""
+def _check_declarations(path: Path, file: BinaryIO) -> None:
+    """Refuse a file that declares what stands for other text: a kilobyte can become gigabytes."""
+    parser = expat.ParserCreate()
+    begun: list[bool] = []
+
+    def declared(name: str, system: str | None, public: str | None, own: int) -> None:
+        if own:
+            raise RecordingError(
+                f"{path.name}, line {parser.CurrentLineNumber}: got declarations of its own"
+                " (DOCTYPE), allowed an MVNX file without"
+            )
+
+    parser.StartDoctypeDeclHandler = declared
+    parser.StartElementHandler = lambda *_: begun.append(True)
+    # What is no XML is told when it is read.
+    with suppress(expat.ExpatError, ValueError, LookupError):
+        while not begun and (text := file.read(_PROLOG)):
+            parser.Parse(text)
+    file.seek(0)
+
+
+def _lacking(path: Path) -> RecordingError:
+    return RecordingError(f"{path.name}: got no segments, allowed an MVNX file with a subject")
+
+
+def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any, bool]]:
+    """Return the elements of an XML file as they begin (True) and end, and the parent's tag.
+
+    When an element ends its children are gone, but a frame's.
+    """
+    above: list[Any] = []
     try:
-        yield from ElementTree.iterparse(file, events=("start", "end"))
+        for event, element in ElementTree.iterparse(file, events=("start", "end")):
+            if event == "end":
+                above.pop()
+            yield _tag(above[-1]) if above else "", element, event == "start"
+            if event == "start":
+                above.append(element)
+                if len(above) > _DEEPEST:
+                    raise RecordingError(f"{path.name}: got elements nested too deeply")
+            elif above and not any(_tag(each) == "frame" for each in above):
+                above[-1].clear()
     except ElementTree.ParseError as error:
         line, column = error.position
         raise RecordingError(
             f"{path.name}, line {line}: got no XML at column {column + 1}"
             f" ({error.msg.split(':')[0]}), allowed a whole MVNX file"
         ) from None
+    except (ValueError, LookupError) as error:
+        raise RecordingError(
+            f"{path.name}, line 1: got an encoding that is not read ({error}), allowed UTF-8"
+        ) from None
+
+
+def _tag(element: Any) -> str:
+    """Return an element's tag without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def _append(path: Path, labels: list[str], element: Any, behind: bool) -> None:
+    """Add the label of a segment or joint, which may not stand behind a frame."""
+    label = element.get("label") or ""
+    if not label or label in labels or behind:
+        problem = "behind a frame" if behind else "twice" if label else "without a name"
+        raise RecordingError(
+            f"{path.name}: got the {_tag(element)} {short(label)} {problem}, allowed each once and"
+            " above the frames"
+        )
+    labels.append(label)
 
 
 def _rate(path: Path, stated: str | None) -> float:
@@ -120,14 +186,15 @@ def _rate(path: Path, stated: str | None) -> float:
         rate = 0.0
     if not 1.0 <= rate <= 10_000.0:
         raise RecordingError(
-            f"{path.name}: frameRate: got {stated!r}, allowed frames per second from 1 to 10000"
+            f"{path.name}: frameRate: got {short(stated or '')}, allowed frames per second from 1"
+            " to 10000"
         )
     return rate
 
 
 def _frame(path: Path, element: Any, segments: int, joints: int) -> tuple[int, list[float]]:
     """Return a frame's index, and its places, quaternions and joint angles in a row."""
-    found = {child.tag.rpartition("}")[2]: child.text or "" for child in element}
+    found = {_tag(child): child.text or "" for child in element}
     row: list[float] = []
     index = str(element.get("index"))
     for what, width in (
@@ -137,35 +204,43 @@ def _frame(path: Path, element: Any, segments: int, joints: int) -> tuple[int, l
     ):
         if what == "jointAngle" and what not in found:
             continue
-        words = found.get(what, "").split()
+        text = found.get(what, "")
+        words = text.split()
         try:
             values = [float(word) for word in words]
         except ValueError:
             values = []
-        if len(values) != width or not np.isfinite(values).all():
+        if len(values) != width or "_" in text or not all(abs(v) <= LARGEST for v in values):
             raise RecordingError(
                 f"{path.name}: frame {short(index)}: got {len(words)} words for {what}, allowed"
                 f" {width} numbers"
             )
         row += values
-    if not index.lstrip("-").isdigit():
+    if (number := count_of(index)) is None:
         raise RecordingError(
             f"{path.name}: got a frame with the index {short(index)}, allowed a whole number"
         )
-    return int(index), row
+    return number, row
 
 
 def _take(
+    path: Path,
     block: list[list[float]],
     segments: int,
     places: list[np.ndarray],
     turns: list[np.ndarray],
     angles: list[np.ndarray],
 ) -> None:
-    """Move rows into arrays; what cannot be in one is a mistake of the file."""
+    """Move rows into arrays."""
+    width = 7 * segments + (angles[0].shape[1] if angles else len(block[0]) - 7 * segments)
+    if any(len(row) != width for row in block):
+        raise RecordingError(
+            f"{path.name}: got joint angles (jointAngle) in some of the frames, allowed in all or"
+            " none"
+        )
     values = np.array(block)
     block.clear()
     places.append(values[:, : 3 * segments].reshape(len(values), -1, 3).astype(np.float32))
     quaternions = values[:, 3 * segments : 7 * segments].reshape(len(values), -1, 4)
-    turns.append(quaternions[:, :, [1, 2, 3, 0]].astype(np.float32))
-    angles.append(values[:, 7 * segments :].astype(np.float32))
+    turns.append(unit_turns(quaternions[:, :, [1, 2, 3, 0]]).astype(np.float32))
+    angles.append(np.radians(values[:, 7 * segments :]).astype(np.float32))

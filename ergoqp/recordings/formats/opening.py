@@ -50,4 +50,6 @@ def some(names: tuple[str, ...] | list[str], most: int = 12) -> str:
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:
     reason = getattr(error, "strerror", None) or error
-    return RecordingError(f"{short(str(path))} cannot be read: {reason}, allowed a recording")
+    return RecordingError(
+        f"{short(path.name or str(path))} cannot be read: {reason}, allowed a recording"
+    )

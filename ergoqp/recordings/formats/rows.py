@@ -5,10 +5,10 @@ A blank is a place that was not seen. A word where a number belongs is a mistake
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Sequence
+import csv
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, Final, NoReturn
 
@@ -20,9 +20,19 @@ from ergoqp.recordings.formats.opening import short
 
 _BLOCK: Final = 4000
 """Lines that are read at once."""
-_NOTHING: Final = frozenset({"", "nan", "na", "null", "none", "-nan", "1.#qnan", "-1.#ind"})
+_LONGEST: Final = 4 << 20
+"""Bytes in a line, at most: what has longer ones is no text."""
+_MOST: Final = 16 << 20
+"""Bytes that are read at once, about."""
+_MARKS: Final = "\t;,"
+"""What parts columns, the surest first: a decimal comma is no mark of columns."""
+_EMPTY: Final = " \t,;"
+_NOTHING: Final = frozenset(
+    {"", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)"}
+    | {"1.#qnan", "-1.#ind"}
+)
 """Words for a place that was not seen."""
-_LARGEST: Final = 1e30
+LARGEST: Final = 1e30
 """Nothing that anybody measures is larger."""
 
 
@@ -49,7 +59,7 @@ class TextLines:
         size: its size [bytes].
         progress: told how much of it is read.
         line: number of the last line that was read.
-        comma: whether numbers have a decimal comma.
+        ends: whether that line has an end; the last one of a file that is cut has none.
     """
 
     path: Path
@@ -57,13 +67,21 @@ class TextLines:
     size: int
     progress: Progress
     line: int = 0
-    comma: bool = False
+    ends: bool = True
     _again: list[str] = field(default_factory=list)
 
     def put_back(self, row: str) -> None:
         """Let the last line be read once more."""
         self._again.append(row)
         self.line -= 1
+
+    def peek(self) -> str:
+        """Return the next line that is not empty, which stays to be read; "" if there is none."""
+        while rows := self.take(1):
+            if rows[0].strip(_EMPTY):
+                self.put_back(rows[0])
+                return rows[0]
+        return ""
 
     def next(self, wanted: str) -> str:
         """Return the next line, without what ends it.
@@ -83,19 +101,36 @@ class TextLines:
         if self._again:
             self.line += 1
             return [self._again.pop()]
-        raw = list(islice(self.file, count))
+        raw: list[bytes] = []
+        size = 0
+        while len(raw) < count and size < _MOST and (row := self.file.readline(_LONGEST)):
+            raw.append(row)
+            size += len(row)
+            if len(row) >= _LONGEST:
+                break
+        if not raw:
+            return []
         first = not self.line
+        self.line += len(raw)
+        self.ends = raw[-1].endswith(b"\n")
+        self._check(raw[0], raw[-1], first)
         try:
             text = b"".join(raw).decode("utf-8-sig" if first else "utf-8")
         except UnicodeDecodeError:
             # What Windows programs write where names have accents; every byte is a letter of it.
             text = b"".join(raw).decode("latin-1")
-        self.line += len(raw)
-        if self.comma:
-            text = text.replace(",", ".")
         if self.size:
             self.progress(min(self.file.tell() / self.size, 1.0))
-        return text.splitlines() if "\x0b" not in text else text.split("\n")
+        # Not splitlines: for it more than these end a line, and lines would be counted wrongly.
+        return text.replace("\r\n", "\n").removesuffix("\n").split("\n")
+
+    def _check(self, begin: bytes, end: bytes, first: bool) -> None:
+        if first and begin.startswith((b"\xff\xfe", b"\xfe\xff")):
+            self.fail("got text in UTF-16, allowed UTF-8: save the file as such", 1)
+        if first and b"\n" not in begin and begin.count(b"\r") > 1:
+            self.fail("got lines that end in a carriage return alone, allowed line feeds", 1)
+        if len(end) >= _LONGEST and not self.ends:
+            self.fail(f"got a line of more than {_LONGEST >> 20} MB, allowed a text with rows")
 
     def fail(self, problem: str, line: int | None = None) -> NoReturn:
         """Say what is wrong with a line, the last one if no other is given."""
@@ -104,87 +139,107 @@ class TextLines:
 
 
 def blocks(
-    lines: TextLines, separator: str | None, width: int, ended: Callable[[str], bool] | None = None
+    lines: TextLines, separator: str | None, width: int, blanks: bool = False
 ) -> Iterator[np.ndarray]:
     """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
 
-    Blanks at the end of a row may be left out. Empty lines are skipped.
+    Blanks at the end of a row may be left out. Empty lines are skipped. Where columns are parted
+    by tabs or semicolons, a comma is a decimal one.
 
     Args:
         lines: what is not read yet.
         separator: what parts numbers; None for any white space.
         width: numbers in a row.
-        ended: whether a line is no row any more; None: all are.
+        blanks: whether a row of nothing but separators is a frame, in which nothing was seen.
     """
+    decimal = separator in {"\t", ";"}
     while text := lines.take(_BLOCK):
         first = lines.line - len(text) + 1
-        rows = [(i, row) for i, row in enumerate(text, first) if row.strip(" \t,;")]
-        if ended is not None and (cut := [k for k, (_, row) in enumerate(rows) if ended(row)]):
-            rows = rows[: cut[0]]
+        rows = [
+            (i, row.replace(",", ".") if decimal else row)
+            for i, row in enumerate(text, first)
+            if row.strip(_EMPTY) or (blanks and separator is not None and separator in row)
+        ]
         if not rows:
             continue
-        values = _quickly([row for _, row in rows], separator, width)
-        if values is None:
-            values = np.array([_slowly(lines, i, row, separator, width) for i, row in rows])
-        if (large := np.flatnonzero((np.abs(values) > _LARGEST).any(axis=1))).size:
+        values = np.array([_values(lines, i, row, separator, width) for i, row in rows])
+        if (large := np.flatnonzero((np.abs(values) > LARGEST).any(axis=1))).size:
             lines.fail("got a number that is not finite, allowed finite ones", rows[large[0]][0])
         yield values
 
 
-def gathered(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return blocks as one array; they are let go of meanwhile."""
-    parts = list(parts)
+def gathered(parts: list[np.ndarray]) -> np.ndarray:
+    """Return blocks as one array; they are taken out of the list and let go of meanwhile."""
     whole = np.empty((sum(map(len, parts)), *parts[0].shape[1:]), dtype=parts[0].dtype)
     at = 0
-    for i, part in enumerate(parts):
+    parts.reverse()
+    while parts:
+        part = parts.pop()
         whole[at : at + len(part)] = part
         at += len(part)
-        parts[i] = part[:0]
     return whole
 
 
-def _quickly(rows: list[str], separator: str | None, width: int) -> np.ndarray | None:
-    """Return rows of plain numbers and blanks; None if they are not that plain."""
-    text = "\n".join(rows)
-    if "_" in text or not text.isascii():
-        return None
-    if separator is not None:
-        mark = re.escape(separator)
-        blank = rf"(?:(?<={mark})|^)[ ]*(?={mark}|$)"
-        if re.search(blank, text, re.MULTILINE):
-            text = re.sub(blank, "nan", text, flags=re.MULTILINE)
+def separator_of(*rows: str) -> str | None:
+    """Return what parts the columns of the first row that has such a mark; None: white space."""
+    return next((mark for row in rows for mark in _MARKS if mark in row), None)
+
+
+def cells(row: str, separator: str | None) -> list[str]:
+    """Return the words of a row above the numbers, without quotes and the space around them."""
+    words = row.split(separator)
+    if separator is not None and '"' in row:
+        with suppress(csv.Error):  # of a stray carriage return, or a cell beyond all reason
+            words = next(csv.reader([row], delimiter=separator, skipinitialspace=True), words)
+    return [word.strip().strip('"').strip() for word in words]
+
+
+def count_of(text: str) -> int | None:
+    """Return the whole number that a file states; None if it states none."""
+    return int(text[:18]) if text.isascii() and text.isdigit() else None
+
+
+def is_number(word: str) -> bool:
+    """Return whether a word is a number, with a decimal comma or point."""
     try:
-        values = np.loadtxt(
-            text.split("\n"), delimiter=separator, ndmin=2, comments=None, dtype=float
-        )
+        float(word.replace(",", "."))
     except ValueError:
-        return None
-    return values if values.shape[1] == width and not np.isinf(values).any() else None
+        return False
+    return "_" not in word and word.isascii()
 
 
-def _slowly(
+def is_nothing(word: str) -> bool:
+    """Return whether a word stands for a place that was not seen."""
+    return word.lower() in _NOTHING
+
+
+def _values(
     lines: TextLines, line: int, row: str, separator: str | None, width: int
 ) -> list[float]:
-    words = [word.strip().strip('"') for word in row.split(separator)]
-    while len(words) > width and not words[-1]:
+    """Return the numbers of a row."""
+    words = row.split(separator)
+    while len(words) > width and not words[-1].strip():
         words.pop()
-    if len(words) > width:
+    # `float` takes more for numbers than anybody writes into files: 1_0, and digits of all scripts.
+    if len(words) == width and "_" not in row and row.isascii():
+        try:
+            return list(map(float, [word or "nan" for word in words] if "" in words else words))
+        except ValueError:
+            pass  # words for blanks, quotes, or a mistake that is to be named
+    if len(words) > width or (separator is None and len(words) < width):
         lines.fail(f"got a row of {len(words)} numbers, allowed {width}", line)
-    if separator is None and len(words) < width:
-        lines.fail(f"got a row of {len(words)} numbers, allowed {width}", line)
-    values = [_number(lines, line, word) for word in words]
+    if len(words) < width and line == lines.line and not lines.ends:
+        lines.fail(f"got a row of {len(words)} numbers, allowed {width}: the file is cut", line)
+    values = [_number(lines, line, word.strip().strip('"').strip()) for word in words]
     return values + [np.nan] * (width - len(words))
 
 
 def _number(lines: TextLines, line: int, word: str) -> float:
-    if word.lower() in _NOTHING:
+    if is_nothing(word):
         return float("nan")
-    try:
-        if "_" in word or not word.isascii():
-            raise ValueError
-        value = float(word)
-    except ValueError:
+    if not is_number(word) or "," in word:
         lines.fail(f"got {short(word)}, allowed a number", line)
-    if not abs(value) <= _LARGEST:
+    value = float(word)
+    if not abs(value) <= LARGEST:
         lines.fail(f"got {short(word)}, allowed a finite number", line)
     return value

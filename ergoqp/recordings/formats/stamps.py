@@ -9,8 +9,12 @@ import numpy as np
 from ergoqp.errors import RecordingError
 
 _UNITS: Final = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
-_SHORTEST, _LONGEST = 1e-3, 0.7
+_SHORTEST, _LONGEST = 0.9e-3, 0.7
 """Between these is the usual step between frames [s]: no two units do."""
+_SLOWEST, _FASTEST = 0.01, 10_000.0
+"""Rates that may be stated [Hz]."""
+_BLOCK: Final = 4000
+"""Frames that are compared at once."""
 
 
 def seconds(
@@ -34,41 +38,61 @@ def seconds(
         raise RecordingError(
             f"{where}: frame {lost[0] + 1} has no time, allowed a time for each frame"
         )
-    steps = np.diff(stamps)
+    time = stamps - stamps[0]
+    steps = np.diff(time)
     if len(back := np.flatnonzero(steps < 0)):
         at = int(back[0])
         raise RecordingError(
             f"{where}: time runs backwards from frame {at + 1} to {at + 2}, from"
             f" {stamps[at]:.10g} to {stamps[at + 1]:.10g}, allowed times that increase"
         )
-    kept = np.concatenate([[True], steps > 0])
     notes = []
-    if not kept.all():
-        notes.append(
-            f"{int((~kept).sum())} of {len(kept)} frames have the time of the frame before and are"
-            " left out."
-        )
-    steps = np.diff(stamps[kept])
     if unit is None:
-        usual = float(np.median(steps)) if len(steps) else 1.0
+        usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.01
         fitting = [each for each in _UNITS if _SHORTEST <= each * usual < _LONGEST]
-        if len(steps) and not fitting:
+        if not fitting:
             raise RecordingError(
                 f"{where}: the frames are {usual:g} apart in time, allowed is what is a thousandth"
                 " to 0.7 of a second in seconds, milli-, micro- or nanoseconds"
             )
-        unit = fitting[0] if fitting else 1.0
+        unit = fitting[0]
         if unit != 1.0:
             notes.append(f"Times are taken as {_UNITS[unit]}.")
-    time = unit * (stamps[kept] - stamps[kept][0])
+    time = unit * time
+    kept = np.concatenate([[True], np.diff(time) > 0])
+    if not kept.all():
+        notes.insert(
+            0,
+            f"{int((~kept).sum())} of {len(kept)} frames have the time of the frame before and are"
+            " left out.",
+        )
+        time = time[kept]
     notes.append(_spacing(time))
     return time, kept, notes
 
 
+def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
+    """Return times from zero [s] of frames whose rate was stated [Hz], and sentences.
+
+    Raises:
+        RecordingError: the rate is none.
+    """
+    if not _SLOWEST <= rate <= _FASTEST:
+        raise RecordingError(
+            f"{where}: rate: got {rate:g}, allowed frames per second from {_SLOWEST:g} to"
+            f" {_FASTEST:g}"
+        )
+    return np.arange(count) / rate, [f"There are {rate:g} frames per second, as stated."]
+
+
 def repeated(positions: np.ndarray) -> list[str]:
     """Say how many frames are those before them once more."""
-    same = (positions[1:] == positions[:-1]) | (np.isnan(positions[1:]) & np.isnan(positions[:-1]))
-    count = int(same.all(axis=(1, 2)).sum())
+    count = 0
+    for at in range(1, len(positions), _BLOCK):
+        now = positions[at : at + _BLOCK]
+        before = positions[at - 1 : at - 1 + len(now)]
+        same = (now == before) | (np.isnan(now) & np.isnan(before))
+        count += int(same.all(axis=(1, 2)).sum())
     if count < 0.01 * len(positions):
         return []
     return [f"{count} of {len(positions)} frames are the frame before once more."]

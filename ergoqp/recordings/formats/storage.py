@@ -1,7 +1,8 @@
 """OpenSim's motion files (.mot, .sto): joint angles that are ready.
 
 Ten or so rows stand above the numbers and end with "endheader"; the next row names the columns
-(OpenSim, "Storage (.sto) and Motion (.mot) Files"). Spreadsheets save them with commas.
+(OpenSim, "Storage (.sto) and Motion (.mot) Files"). Spreadsheets save them with commas. What SIMM
+wrote states no version, and has degrees.
 """
 
 from __future__ import annotations
@@ -14,12 +15,22 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
-from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, gathered
+from ergoqp.recordings.formats.rows import (
+    Asked,
+    TextLines,
+    blocks,
+    cells,
+    count_of,
+    gathered,
+    separator_of,
+)
 from ergoqp.recordings.formats.stamps import seconds
 from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 200
 """Rows above the numbers, at most."""
+_SPACE: Final = " \t,;"
+"""What spreadsheets put around the rows above the numbers."""
 LENGTHS: Final = ("_tx", "_ty", "_tz", "transx", "transy", "transz")
 """How names of columns end that are lengths and no angles."""
 
@@ -33,37 +44,43 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         asked: unused, the file has times.
 
     Raises:
-        RecordingError: it is no such file, or has fewer rows than it states.
+        RecordingError: it is no such file, or a number is missing.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
         stated: dict[str, str] = {}
-        while (row := lines.next("the line endheader").strip(", \t")).lower() != "endheader":
+        while (row := lines.next("the line endheader").strip(_SPACE)).lower() != "endheader":
             key, mark, value = row.partition("=")
             if mark:
                 stated[key.strip().lower()] = value.strip().lower()
             if lines.line > _HEAD:
                 lines.fail(f"got {_HEAD} rows without endheader, allowed a motion file")
         head = ""
-        while not head.strip(", \t"):
+        while not head.strip(_SPACE):
             head = lines.next("the names of the columns")
-        separator = next((mark for mark in "\t," if mark in head), None)
-        names = [word.strip() for word in head.strip().split(separator)]
+        # Names are parted by tabs and numbers by spaces in some files.
+        separator = separator_of(first) if (first := lines.peek()) else separator_of(head)
+        names = cells(head.strip(" \t"), separator)
         while names and not names[-1]:
             names.pop()
-        if names[0].lower() != "time":
-            lines.fail(f"got the first column {short(names[0])}, allowed time")
+        if not names or names[0].lower() != "time":
+            lines.fail(f"got the first column {short(names[0] if names else '')}, allowed time")
+        if "" in names:
+            lines.fail(f"got no name for column {names.index('') + 1}, allowed one for each")
         if len(set(names)) < len(names):
             lines.fail("got a column twice, allowed each once")
         parts = list(blocks(lines, separator, len(names)))
     if not parts:
         raise RecordingError(f"{path.name}: got no row below the names, allowed a movement")
     values = gathered(parts)
-    notes = []
-    if (total := stated.get("nrows", "")).isdigit() and int(total) != len(values):
-        notes.append(f"The file states {total} rows and has {len(values)}: all are read.")
-    time, kept, said = seconds(path.name, values[:, 0], 1.0)
+    time, kept, notes = seconds(path.name, values[:, 0], 1.0)
+    if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
+        notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")
     degrees = stated.get("indegrees", "no") in {"yes", "true", "1"}
+    if "indegrees" not in stated:
+        degrees = "version" not in stated and path.suffix.lower() == ".mot"
+        unit = "degrees, as in SIMM's files" if degrees else "radians"
+        notes.append(f"The file does not state the unit of its angles: they are taken as {unit}.")
     angles = {
         name: values[kept, i] * (np.pi / 180 if degrees and not is_length(name) else 1.0)
         for i, name in enumerate(names)
@@ -71,14 +88,14 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     }
     if lost := [name for name, each in angles.items() if not np.isfinite(each).all()]:
         raise RecordingError(
-            f"{path.name}: column {lost[0]} has blanks, allowed a number for each frame"
+            f"{path.name}: column {short(lost[0])} has blanks, allowed a number for each frame"
         )
     return JointMotion(
         (),
         np.empty((len(time), 0, 3)),
         time,
         None,
-        (*notes, *said),
+        tuple(notes),
         angles=angles,
         unit=1.0,
         up="y",
@@ -87,4 +104,16 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
 
 def is_length(name: str) -> bool:
     """Return whether a column is a length, by its name."""
-    return name.lower().endswith(LENGTHS)
+    return (coordinate_of(name) or name).lower().endswith(LENGTHS)
+
+
+def coordinate_of(name: str) -> str | None:
+    """Return the coordinate whose value a column has; None for speeds and others with a path.
+
+    >>> coordinate_of("/jointset/hip_r/hip_flexion_r/value")
+    'hip_flexion_r'
+    """
+    if "/" not in name:
+        return name
+    path, _, last = name.rpartition("/")
+    return path.rpartition("/")[2] if last.lower() == "value" else None

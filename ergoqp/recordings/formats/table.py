@@ -17,27 +17,47 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short, some
-from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, gathered
-from ergoqp.recordings.formats.stamps import repeated, seconds
+from ergoqp.recordings.formats.rows import (
+    Asked,
+    TextLines,
+    blocks,
+    cells,
+    gathered,
+    is_nothing,
+    is_number,
+    separator_of,
+)
+from ergoqp.recordings.formats.stamps import repeated, seconds, steady
 from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 12
 """Lines in which the numbers begin at the latest."""
+_LONGEST: Final = 200
+"""Letters in a name, at most: what is longer is no name, and slow to be taken apart."""
+_AXIS: Final = re.compile(r"t?(?P<axis>[xyz])\d*", re.IGNORECASE)
 _COLUMN: Final = re.compile(
-    r"(?:(?P<name>.*?)[\s._:/-]*)??(?:pos(?:ition)?[\s._:/-]*)?t?(?P<axis>[xyz])\d*"
+    r"(?P<name>.*?)[\s._:/-]*(?:pos(?:ition)?[\s._:/-]*|(?<=[\s._:/-])t)?(?P<axis>[xyz])\d*"
     r"\s*(?:[\[(](?P<unit>[a-zµ]*)[\])])?",
     re.IGNORECASE,
 )
+_NO_PLACE: Final = re.compile(
+    r"(?:(?:.*[\s._:/-])?(?i:q|quat|quaternion|rot|rotation|ori|orient|orientation|euler|angles?|"
+    r"vel|velocity|acc|accel|acceleration|gyro|mag)|.*(?:Quat|Quaternion|Rot|Rotation|Orientation|"
+    r"Vel|Velocity|Acc|Acceleration))"
+)
+"""How names of columns with x, y and z end that are no places."""
+_UNIT: Final = r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds"
 _TIMES: Final = re.compile(
-    r"(?:time|timestamp|time[\s_]?stamps?|t|sec|seconds)\s*(?:[\s_.\[(]*(?P<unit>s|sec|seconds|ms|"
-    r"msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds)[\])]?)?",
+    r"(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
+    rf"(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|[\s_.]+(?P<tail>{_UNIT}))?",
     re.IGNORECASE,
 )
 _SURE: Final = re.compile(
     r"(?P<name>.*?)[\s._:/-]*(?:confidence|visibility|likelihood|score|quality)"
 )
-SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
-METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+_SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
+"""First letter of a unit of time -> it [s]; the letter my is the Greek one, as `casefold` says."""
+_METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 
 
 @dataclass(frozen=True)
@@ -77,34 +97,37 @@ def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
         head, first = _head(lines)
-        separator = _separator(head[-1] if head else first)
-        if separator == ";" and "," in first:
-            lines.comma = True
-            first = first.replace(",", ".")
-        head = [[word.strip().strip('"') for word in row.split(separator)] for row in head]
-        layout = _layout(lines, head, first.split(separator), asked)
+        separator = separator_of(first, *reversed(head))
+        width = len(first.split(separator))
+        layout = (
+            _layout(lines, [cells(row, separator) for row in head], width)
+            if head
+            else _asked(lines, cells(first, separator), asked)
+        )
+        if layout.time is None and asked.rate is None:
+            raise RecordingError(
+                f"{path.name}: got no column of times, allowed one that is called time or"
+                " timestamp; or state the frames per second (rate)"
+            )
         points = [column for columns in layout.points.values() for column in columns]
         sure = [layout.sure.get(name, -1) for name in layout.points]
         places, stamps = [], []
-        lines.put_back(first)
-        for values in blocks(lines, separator, layout.width):
+        for values in blocks(lines, separator, layout.width, blanks=layout.time is None):
             block = values[:, points].astype(np.float32).reshape(len(values), -1, 3)
             for i, column in enumerate(sure):
                 if column >= 0:
                     block[~(values[:, column] > 0), i] = np.nan
             places.append(block)
             if layout.time is not None:
-                stamps.append(values[:, layout.time])
-        positions = gathered(places)
-        del places
-    tick = layout.tick
+                stamps.append(values[:, layout.time].copy())
+    positions = gathered(places)
     if layout.time is None:
-        stamps = [np.arange(len(positions)) / _rate(path, asked)]
-        tick = 1.0
-    time, kept, notes = seconds(path.name, np.concatenate(stamps), tick)
-    positions = positions if kept.all() else positions[kept]
-    if layout.time is None:
-        notes = [f"There are {asked.rate:g} frames per second, as stated."]
+        assert asked.rate is not None
+        positions = positions[: _seen(positions)]
+        time, notes = steady(path.name, len(positions), asked.rate)
+    else:
+        time, kept, notes = seconds(path.name, np.concatenate(stamps), layout.tick)
+        positions = positions if kept.all() else positions[kept]
     return JointMotion(
         tuple(layout.points),
         positions,
@@ -115,68 +138,73 @@ def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     )
 
 
-def _rate(path: Path, asked: Asked) -> float:
-    if asked.rate is None:
-        raise RecordingError(
-            f"{path.name}: got no column of times, allowed one that is called time or timestamp;"
-            " or state the frames per second (rate)"
-        )
-    return asked.rate
+def _seen(positions: np.ndarray) -> int:
+    """Return how many frames there are up to the last in which anything is seen, at least one."""
+    count = len(positions)
+    while count > 1 and np.isnan(positions[count - 1]).all():
+        count -= 1
+    return count
 
 
 def _head(lines: TextLines) -> tuple[list[str], str]:
-    """Return the rows above the numbers that are not empty, and the first row of numbers."""
+    """Return the rows above the numbers that are not empty, and the first row of numbers.
+
+    That one stays to be read.
+    """
     head: list[str] = []
     while len(head) < _HEAD:
         row = lines.next("a row of numbers")
         if not row.strip(" \t,;"):
             continue
-        words = [word for word in re.split(r"[\s,;]+", row.strip(" \t,;")) if word]
-        if all(_is_number(word) for word in words):
+        words = [word.strip('"') for word in re.split(r"[\s,;]+", row.strip(" \t,;"))]
+        seen = [word for word in words if not is_nothing(word)]
+        if seen and all(map(is_number, seen)):
+            lines.put_back(row)
             return head, row
         head.append(row)
     lines.fail(f"got {_HEAD} lines without a row of numbers, allowed a table of positions")
 
 
-def _separator(row: str) -> str | None:
-    """Return what parts the columns of a row; None for any white space."""
-    counts = {mark: row.count(mark) for mark in "\t;,"}
-    best = max(counts, key=lambda mark: counts[mark])
-    return best if counts[best] else None
-
-
-def _layout(lines: TextLines, head: list[list[str]], first: list[str], asked: Asked) -> Layout:
-    width = len(first)
-    if not head:
-        return _asked(lines, width, asked)
-    row = head[-1]
+def _layout(lines: TextLines, head: list[list[str]], width: int) -> Layout:
+    """Return the layout that the rows above the numbers state."""
+    row, unit, tick = head[-1], None, None
     # Units below the coordinates, as some programs write them.
-    units = [METRES.get(word.lower()) for word in row if word]
-    if len(head) > 1 and units and all(units):
-        head, unit = head[:-1], units[-1]
+    units = [word.strip("[]()").lower() for word in row if word]
+    lengths = [_METRES[word] for word in units if word in _METRES]
+    ticks = [word for word in units if word not in _METRES and re.fullmatch(_UNIT, word, re.I)]
+    if len(head) > 1 and lengths and len(lengths) + len(ticks) == len(units):
+        head, unit = head[:-1], lengths[-1]
+        tick = _SECONDS[ticks[0].casefold()[0]] if ticks else None
         row = head[-1]
-    else:
-        unit = None
-    bare = [word.lower() for word in row if word]
-    if len(head) > 1 and sum(word in {"x", "y", "z"} for word in bare) >= 3:
-        names = _spread(head[-2], len(row))
+    axes = [_AXIS.fullmatch(word) for word in row]
+    if len(head) > 1 and sum(map(bool, axes)) >= 3:
+        above = [*head[-2], *[""] * len(row)][: len(row)]
         row = [
-            f"{name}.{word}" if word.lower() in {"x", "y", "z"} else word
-            for name, word in zip(names, row, strict=True)
+            f"{name}.{axis['axis'] if axis else word}"
+            if axis or _SURE.fullmatch(word.lower())
+            else word or over
+            for name, over, word, axis in zip(_spread(above), above, row, axes, strict=True)
         ]
     found: dict[str, dict[str, int]] = {}
     sure: dict[str, int] = {}
-    time, tick = None, None
+    twice: dict[str, str] = {}
+    time = None
     for column, word in enumerate(row):
+        if len(word) > _LONGEST:
+            continue
         if times := _TIMES.fullmatch(word):
             if time is None:
                 time = column
-                tick = SECONDS[times["unit"][0].lower()] if times["unit"] else None
+                stated = times["unit"] or times["tail"]
+                tick = _SECONDS[stated.casefold()[0]] if stated else tick
         elif sureness := _SURE.fullmatch(word.lower()):
             sure[sureness["name"]] = column
-        elif (match := _COLUMN.fullmatch(word)) and match["name"]:
-            found.setdefault(match["name"], {})[match["axis"].lower()] = column
-            unit = METRES.get((match["unit"] or "").lower(), unit)
+        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
+            axes_found = found.setdefault(name, {})
+            if match["axis"].lower() in axes_found:
+                twice.setdefault(name, word)
+            axes_found[match["axis"].lower()] = column
+            unit = _METRES.get((match["unit"] or "").lower(), unit)
     points = {
         name: (axes["x"], axes["y"], axes["z"]) for name, axes in found.items() if len(axes) == 3
     }
@@ -185,40 +213,43 @@ def _layout(lines: TextLines, head: list[list[str]], first: list[str], asked: As
             f"got the columns {some([short(word) for word in row if word], 6)}, allowed three for"
             " each joint, such as neck.x, neck.y, neck.z"
         )
+    if again := [word for name, word in twice.items() if name in points]:
+        lines.fail(f"got the column {short(again[0])} twice, allowed each once")
     sure = {name: sure[name.lower()] for name in points if name.lower() in sure}
     return Layout(points, sure, time, tick, unit, max(width, len(row)))
 
 
-def _asked(lines: TextLines, width: int, asked: Asked) -> Layout:
+def _is_place(name: str) -> bool:
+    return bool(name) and not _NO_PLACE.fullmatch(name)
+
+
+def _asked(lines: TextLines, first: list[str], asked: Asked) -> Layout:
     """Return the layout of a table without names."""
+    line, width = lines.line + 1, 3 * len(asked.columns)
+    while len(first) > width and not first[-1]:
+        first.pop()
     if not asked.columns:
         lines.fail(
-            f"got {width} numbers and no names above them, allowed a row of names; or state the"
-            " names of the points in their order (columns)"
+            f"got {len(first)} numbers and no names above them, allowed a row of names; or state"
+            " the names of the points in their order (columns)",
+            line,
         )
     if len(set(asked.columns)) < len(asked.columns):
-        lines.fail("columns: got a name twice, allowed different ones")
-    if 3 * len(asked.columns) != width:
+        lines.fail("columns: got a name twice, allowed different ones", line)
+    if width != len(first):
         lines.fail(
-            f"got {width} numbers and {len(asked.columns)} names (columns), allowed three numbers"
-            " for each name"
+            f"got {len(first)} numbers and {len(asked.columns)} names (columns), allowed three"
+            " numbers for each name",
+            line,
         )
     points = {name: (3 * i, 3 * i + 1, 3 * i + 2) for i, name in enumerate(asked.columns)}
     return Layout(points, {}, None, None, None, width)
 
 
-def _spread(names: list[str], width: int) -> list[str]:
+def _spread(names: list[str]) -> list[str]:
     """Return the names above the coordinates, one for each column: blanks belong to the last."""
     found, last = [], ""
-    for name in [*names, *[""] * (width - len(names))][:width]:
+    for name in names:
         last = name or last
         found.append(last.removeprefix("Name:"))
     return found
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word.replace(",", "."))
-    except ValueError:
-        return False
-    return True

@@ -7,6 +7,7 @@ Spreadsheets save them with commas.
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +16,15 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
-from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, gathered
+from ergoqp.recordings.formats.rows import (
+    Asked,
+    TextLines,
+    blocks,
+    cells,
+    count_of,
+    gathered,
+    separator_of,
+)
 from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.motion import JointMotion
 
@@ -37,37 +46,43 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
         first = lines.next("the line PathFileType")
-        separator = "\t" if "\t" in first else "," if "," in first else None
         if not first.startswith("PathFileType"):
             lines.fail(f"got {short(first)}, allowed PathFileType")
-        keys = lines.next("the names of what is stated").split(separator)
-        values = lines.next("what is stated").split(separator)
-        stated = {k.strip().lower(): v.strip() for k, v in zip(keys, values, strict=False)}
-        head = [word.strip() for word in lines.next("the names of the markers").split(separator)]
+        keys, values = lines.next("the names of what is stated"), lines.next("what is stated")
+        row = lines.next("the names of the markers")
+        separator = separator_of(row)
+        named = zip(cells(keys, separator), cells(values, separator), strict=False)
+        stated = {key.lower(): value for key, value in named}
+        head = cells(row, separator)
         if [word.lower() for word in head[:1]] != ["frame#"]:
             lines.fail(f"got {short(head[0] if head else '')}, allowed Frame#")
-        lines.next("the names of the coordinates")
         names = [word for word in head[2:] if word]
         if not names:
             lines.fail("got no marker, allowed a name above each three columns")
-        if twice := {name for name in names if names.count(name) > 1}:
-            lines.fail(f"got the marker {short(min(twice))} twice, allowed each once")
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
+            lines.fail(f"got the marker {short(twice[0])} twice, allowed each once")
+        at = [i for i, word in enumerate(head[2:]) if word]
+        # Some programs write the names one behind the other.
+        if at != list(range(0, 3 * len(at), 3)) and at != list(range(len(at))):
+            lines.fail("got names that are not three columns apart, allowed one for each marker")
+        if "x" not in (below := lines.next("the names of the coordinates")).lower():
+            lines.fail(f"got {short(below)}, allowed X1, Y1, Z1 and so on")
         width = 2 + 3 * len(names)
         stamps, places = [], []
         for rows in blocks(lines, separator, width):
-            stamps.append(rows[:, 1])
+            stamps.append(rows[:, 1].copy())
             places.append(rows[:, 2:].astype(np.float32).reshape(len(rows), -1, 3))
     if not stamps:
         raise RecordingError(f"{path.name}: got no row of numbers, allowed a movement")
     positions = gathered(places)
     time, kept, notes = seconds(path.name, np.concatenate(stamps), 1.0)
-    positions = positions[kept]
+    positions = positions if kept.all() else positions[kept]
     for key, found, what in (
         ("numframes", len(kept), "frames"),
         ("nummarkers", len(names), "markers"),
     ):
-        if stated.get(key, "").isdigit() and int(stated[key]) != found:
-            notes.append(f"The file states {stated[key]} {what} and has {found}: all are read.")
+        if (count := count_of(stated.get(key, ""))) not in {None, found}:
+            notes.append(f"The file states {count} {what} and has {found}: all are read.")
     unit = stated.get("units", "").lower()
     return JointMotion(
         tuple(names),

@@ -1,0 +1,151 @@
+"""A person as a file has them: stature, measured segments, and where markers sit.
+
+A person file is TOML with a stature, measured segment lengths, or both (`ergoqp.human.FRACTIONS`
+names the segments; what is not given follows from the stature, and the stature from the lengths)::
+
+    stature = 1.68        # m
+    mass = 62             # kg, optional
+
+    [lengths]             # m, optional
+    upper_arm = 0.30
+    forearm = 0.25
+
+    [markers.LASI]        # where a marker sits on the person, optional: of a calibration
+    frame = "pelvis"
+    offset = [0.09, 0.12, 0.08]   # m, along the frame's axes
+    residual = 0.004              # m
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from ergoqp.errors import InputError
+from ergoqp.files.text import read_toml
+from ergoqp.human.body import Body
+from ergoqp.human.kinematics import FRAMES
+from ergoqp.human.marker import Marker
+
+
+def given_person(person: float | str | Path) -> Body:
+    """Return the body of a person that the user describes.
+
+    Args:
+        person: stature [m], or path of a person file.
+
+    Raises:
+        InputError: the value is neither, or the file does not describe a person.
+    """
+    if isinstance(person, Real) and not isinstance(person, bool):
+        return Body.of_stature(_float(person))
+    if not isinstance(person, str | Path):
+        raise InputError(f"person: got {person!r}, allowed a stature in m, a person file or None")
+    path = Path(person)
+    entries = read_toml(path, "person file")
+    if unknown := set(entries) - {"stature", "mass", "lengths", "markers"}:
+        raise InputError(
+            f"person file {path.name}: got {sorted(unknown)}, allowed stature, mass and the tables"
+            " lengths and markers"
+        )
+    lengths = entries.get("lengths", {})
+    if not isinstance(lengths, dict) or not (lengths or "stature" in entries):
+        raise InputError(
+            f"person file {path.name}: got neither, required are a stature in m, a table lengths in"
+            " m, or both"
+        )
+    measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
+    mass = _number(path, "mass", entries.get("mass", 0.0))
+    try:
+        if "stature" not in entries:
+            return Body.of_lengths(measured, mass)
+        return Body(_number(path, "stature", entries["stature"]), measured, mass)
+    except InputError as error:
+        raise InputError(
+            str(error) if path.name in str(error) else f"person file {path.name}: {error}"
+        ) from None
+
+
+def given_markers(person: float | str | Path | None) -> dict[str, Marker]:
+    """Return where a person's markers sit, if a person file says so; nothing if not.
+
+    Args:
+        person: as in `given_person`, or None.
+
+    Raises:
+        InputError: the table of markers is not one.
+    """
+    if not isinstance(person, str | Path):
+        return {}
+    path = Path(person)
+    table = read_toml(path, "person file").get("markers", {})
+    where, found = f"person file {path.name}: markers", {}
+    if not isinstance(table, dict):
+        raise InputError(f"{where} is {table!r:.40}, allowed a table for each marker")
+    for name, entry in table.items():
+        if not isinstance(entry, dict) or set(entry) - {"frame", "offset", "residual"}:
+            raise InputError(
+                f"{where}.{name} is {entry!r:.40}, allowed a table of frame, offset and residual"
+            )
+        frame, offset = entry.get("frame"), entry.get("offset")
+        if frame not in FRAMES:
+            raise InputError(
+                f"{where}.{name}.frame is {frame!r:.40}, allowed one of {', '.join(FRAMES)}"
+            )
+        if not isinstance(offset, list) or len(offset) != 3:
+            raise InputError(f"{where}.{name}.offset is {offset!r:.40}, allowed three lengths in m")
+        x, y, z = (_number(path, f"markers.{name}.offset", each) for each in offset)
+        residual = _number(path, f"markers.{name}.residual", entry.get("residual", 0.0))
+        found[name] = Marker(frame, (x, y, z), residual)
+    return found
+
+
+def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
+    """Write a person file: what a recording has told of somebody.
+
+    Args:
+        path: where to.
+        body: the person.
+        markers: where the markers sit.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    rows = [f"stature = {body.stature:.4f}"]
+    if body.mass:
+        rows.append(f"mass = {body.mass:.1f}")
+    rows += ["", "[lengths]", *(f"{name} = {size:.4f}" for name, size in body.lengths.items())]
+    for name, marker in markers.items():
+        if not math.isfinite(marker.residual):
+            continue
+        rows += [
+            "",
+            f"[markers.{json.dumps(name)}]",
+            f'frame = "{marker.frame}"',
+            f"offset = [{', '.join(f'{each:.4f}' for each in marker.offset)}]",
+            f"residual = {marker.residual:.4f}",
+        ]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def _number(path: Path, name: str, value: Any) -> float:
+    number = (
+        _float(value)
+        if isinstance(value, int | float) and not isinstance(value, bool)
+        else math.nan
+    )
+    if not math.isfinite(number):
+        raise InputError(f"person file {path.name}: {name} is {value!r:.40}, allowed a number")
+    return number
+
+
+def _float(value: float | Real) -> float:
+    """Return a number; infinity for an integer of hundreds of digits."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf

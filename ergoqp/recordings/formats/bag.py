@@ -1,0 +1,212 @@
+"""ROS bags: bodies, coordinate frames, poses and joint angles that ROS nodes published.
+
+ROS 1 writes a file (.bag), ROS 2 a folder with metadata.yaml and its files (.db3 or .mcap). Most
+bags define their messages themselves; those of ROS 2 before Iron do not.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError, in_words
+from ergoqp.progress import Progress
+from ergoqp.recordings.formats.bag_series import plain
+from ergoqp.recordings.formats.bag_topics import MARKERS, TYPES, Topics
+from ergoqp.recordings.formats.opening import beginning, binary, short
+from ergoqp.recordings.formats.rows import Asked
+from ergoqp.recordings.motion import JointMotion
+
+ENDINGS: Final = frozenset({".bag", ".db3", ".mcap"})
+_STORAGES: Final = frozenset({".db3", ".mcap"})
+_METADATA: Final = "metadata.yaml"
+_LONGEST: Final = 1_000_000
+"""Markers or points that one message may have; more would be made of a few broken bytes."""
+_EMPTY: Final = 12
+"""Bytes of a message that holds an empty list."""
+_NAMED: Final = 8
+"""Topics that a message names."""
+_EVERY: Final = 100
+"""Messages between two calls of the progress."""
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a file or folder is a ROS bag, by its ending or its metadata."""
+    if not os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
+        return path.suffix.lower() in ENDINGS
+    metadata = path / _METADATA
+    if metadata.is_file() and b"rosbag2_bagfile_information" in beginning(metadata):
+        return True
+    return bool(_storages(path))
+
+
+def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
+    """Return who is shown in a bag, the poses of objects, and joint angles.
+
+    A person is what markers of body tracking or moving coordinate frames show. Poses and angles
+    are sampled at the person's frames, or at those of the busiest topic if nobody is shown: each
+    is the last one that was told, NaN where there is none or it is older than half a second. A
+    message of joints does not say which of them slide: their "angles" are in metres.
+
+    Args:
+        path: the file or folder.
+        progress: told how much of it is read.
+        asked: unused, messages have times.
+
+    Raises:
+        RecordingError: it is no whole bag, or nothing in it is of a person or objects.
+        MissingExtraError: rosbags is not installed.
+    """
+    topics = Topics(path.name)
+    with ExitStack() as stack:
+        reader, notes = _opened(path, stack)
+        with _faults(path):  # SQLite and YAML may have anything where text or a number belongs
+            connections = [each for each in reader.connections if each.msgtype in TYPES]
+            found = {str(each.topic): _spoken(str(each.msgtype)) for each in reader.connections}
+            stated = sum(int(each.msgcount) for each in connections)
+        count = 0
+        for connection, recorded, message in _messages(path, reader, connections):
+            with _faults(path):
+                topics.take(connection.topic, connection.msgtype, message, recorded)
+            count += 1
+            if count % _EVERY == 0:
+                progress(min(count / max(stated, 1), 1.0))
+    progress(1.0)
+    if count < stated:
+        notes.append(f"The bag states {stated} messages on its topics and has {count}.")
+    person, said = topics.person()
+    frames = topics.clock() if person is None else person.frames
+    if frames is None:
+        why = f" ({' '.join(said)})" if said else ""
+        raise RecordingError(
+            f"{path.name}: got no movement in {_listed(found)}{why}, allowed messages of"
+            f" {', '.join(map(_spoken, TYPES))}"
+        )
+    objects, within = topics.objects(frames)
+    return JointMotion(
+        () if person is None else person.names,
+        np.empty((len(frames.time), 0, 3)) if person is None else person.positions,
+        frames.time,
+        None,
+        (*notes, *(frames.notes if person is None else person.notes), *said, *within),
+        turns={} if person is None else person.turns,
+        objects=objects,
+        angles=topics.angles(frames),
+        unit=1.0,
+    )
+
+
+def _opened(path: Path, stack: ExitStack) -> tuple[Any, list[str]]:
+    """Return rosbags' reader of a bag, which the stack closes, and sentences."""
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise MissingExtraError("reading ROS bags", "bags", "rosbags") from None
+    sources = _sources(path)
+    # Markers got further fields in Humble.
+    for store in (Stores.LATEST, Stores.ROS2_FOXY):
+        with _faults(path), ExitStack() as trial:
+            reader = trial.enter_context(AnyReader(sources, default_typestore=get_typestore(store)))
+            reader.typestore.max_sequence_length = _LONGEST
+            undefined = [each for each in reader.connections if not each.msgdef.format.value]
+            if store is Stores.ROS2_FOXY or _decodes(reader, undefined):
+                stack.push(trial.pop_all())
+                break
+    used = [each for each in undefined if each.msgtype in TYPES]
+    name = "Foxy" if store is Stores.ROS2_FOXY else "Humble and later"
+    return reader, [f"The bag defines no messages: those of ROS 2 {name} are taken."] * bool(used)
+
+
+def _decodes(reader: Any, connections: list[Any]) -> bool:
+    """Return whether the first markers, if there are any, are what the reader takes them for."""
+    from rosbags.highlevel import AnyReaderError
+
+    markers = [each for each in connections if each.msgtype == MARKERS]
+    if not markers:  # without any the reader would take all
+        return True
+    for connection, _, raw in reader.messages(markers):
+        if len(raw) > _EMPTY:
+            try:
+                reader.deserialize(raw, connection.msgtype)
+            except AnyReaderError:
+                return False
+            return True
+    return True
+
+
+def _messages(path: Path, reader: Any, connections: list[Any]) -> Iterator[tuple[Any, int, Any]]:
+    """Return the messages of some topics, each with its connection and time [ns]."""
+    if not connections:
+        return
+    stream = reader.messages(connections)
+    while True:
+        with _faults(path):
+            found = next(stream, None)
+            if found is None:
+                return
+            connection, recorded, raw = found
+            message = reader.deserialize(raw, connection.msgtype)
+        yield connection, recorded, message
+
+
+@contextmanager
+def _faults(path: Path) -> Iterator[None]:
+    """Say in one sentence what a reader of others found wrong."""
+    try:
+        yield
+    except ErgoqpError:
+        raise
+    except Exception as error:  # of rosbags, SQLite or YAML, or what broken bytes lead them to
+        raise RecordingError(
+            f"{path.name}: got {in_words(error)}, allowed a whole ROS bag"
+        ) from None
+
+
+def _sources(path: Path) -> list[Path]:
+    """Return what rosbags is to open: a file, a folder, or the files of a folder."""
+    if not os.path.isdir(path):
+        with binary(path):
+            files = sources = [path]
+    else:
+        files = _storages(path)
+        # rosbags takes whatever is called so for a file of ROS 1.
+        whole = (path / _METADATA).is_file() and path.suffix != ".bag"
+        sources = [path] if whole else files
+        if not sources:
+            raise RecordingError(
+                f"{path.name}: got a folder without metadata.yaml, .db3 or .mcap, allowed a ROS bag"
+            )
+    # rosbags hands SQLite the name as an address, in which these have a meaning.
+    marks = [mark for mark in "?#%" if mark in str(path)]
+    if marks and any(file.suffix == ".db3" for file in files):
+        raise RecordingError(
+            f"{short(str(path))}: got {marks[0]} in the name of a .db3, allowed are names without"
+        )
+    return sources
+
+
+def _storages(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix in _STORAGES)
+    except OSError as error:
+        raise RecordingError(
+            f"{folder.name} cannot be read: {error.strerror}, allowed a folder"
+        ) from None
+
+
+def _listed(topics: dict[str, str]) -> str:
+    """Name topics with their types, not more than a sentence bears."""
+    shown = [f"{plain(topic)} ({plain(msgtype)})" for topic, msgtype in topics.items()]
+    more = [f"{len(shown) - _NAMED} more topics"] if len(shown) > _NAMED else []
+    return ", ".join(shown[:_NAMED] + more) or "a bag without topics"
+
+
+def _spoken(msgtype: str) -> str:
+    """Return a type of message as it is written."""
+    return msgtype.replace("/msg/", "/")

@@ -1,0 +1,129 @@
+"""Which format a recording has, by what is in it: endings are often wrong."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ergoqp.errors import RecordingError
+from ergoqp.progress import Progress
+from ergoqp.recordings.bvh.read import read_bvh
+from ergoqp.recordings.formats.bag import is_bag, read_bag
+from ergoqp.recordings.formats.bodies import is_folder_of_bodies, read_bodies
+from ergoqp.recordings.formats.c3d import read_c3d
+from ergoqp.recordings.formats.c3d_head import BLOCK, KEY
+from ergoqp.recordings.formats.motive import read_motive
+from ergoqp.recordings.formats.mvnx import read_mvnx
+from ergoqp.recordings.formats.opening import beginning
+from ergoqp.recordings.formats.rows import Asked
+from ergoqp.recordings.formats.storage import read_storage
+from ergoqp.recordings.formats.table import read_table
+from ergoqp.recordings.formats.trc import read_trc
+from ergoqp.recordings.motion import JointMotion
+
+_LOOKED_AT: Final = 1 << 16
+"""Bytes by which a format is known."""
+_BAGS: Final = (b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A format.
+
+    Attributes:
+        title: how it is called in messages.
+        endings: of its files, in small letters.
+        read: its reader.
+    """
+
+    title: str
+    endings: tuple[str, ...]
+    read: Callable[[Path, Progress, Asked], JointMotion]
+
+
+BVH: Final = Kind("BVH", (".bvh",), lambda path, progress, asked: read_bvh(path, progress))
+C3D: Final = Kind("C3D", (".c3d",), read_c3d)
+TRC: Final = Kind("TRC", (".trc",), read_trc)
+STORAGE: Final = Kind("OpenSim motion", (".mot", ".sto"), read_storage)
+MVNX: Final = Kind("MVNX", (".mvnx",), read_mvnx)
+MOTIVE: Final = Kind("Motive CSV", (".csv",), read_motive)
+TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), read_table)
+BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), read_bag)
+BODIES: Final = Kind("folder of poses", (), read_bodies)
+KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, TABLE, BAG, BODIES)
+"""What is read, with the endings that the files of each usually have."""
+
+
+def kind_of(path: Path) -> Kind:
+    """Return the format of a file or folder.
+
+    What has no mark of any format is of the one that its ending tells.
+
+    Args:
+        path: the file or folder.
+
+    Raises:
+        RecordingError: it is of no format that is known.
+    """
+    if os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
+        if is_bag(path):
+            return BAG
+        if is_folder_of_bodies(path):
+            return BODIES
+        raise RecordingError(
+            f"{str(path)!r} is a folder, allowed the recording file itself, a bag's folder or one"
+            " with a table of poses (x, y, z, q0, q1, q2, q3) for each body"
+        )
+    ending = path.suffix.lower()
+    of_ending = next((kind for kind in KINDS if ending in kind.endings), None)
+    if of_ending is not None and not os.path.isfile(path):
+        return of_ending  # its reader says what is there instead
+    first = beginning(path, _LOOKED_AT)
+    found = _marked(first)
+    if found is None and of_ending is MOTIVE:
+        return TABLE
+    if found is None and of_ending is None and _is_table(first):
+        return TABLE
+    if found is None and of_ending is None:
+        endings = dict.fromkeys(each for kind in KINDS for each in kind.endings)
+        raise RecordingError(
+            f"{path.name}: got the ending {path.suffix!r} and the content of no known format,"
+            f" allowed {', '.join(endings)}"
+        )
+    kind = found or of_ending
+    assert kind is not None
+    return kind
+
+
+def _marked(first: bytes) -> Kind | None:
+    """Return the format whose mark a file begins with; None for none."""
+    if first.startswith(_BAGS):
+        return BAG
+    if len(first) > 1 and first[1] == KEY and b"\0" in first[:BLOCK]:
+        return C3D
+    text = first.decode("utf-8-sig", "replace").lstrip()
+    if text.startswith("HIERARCHY"):
+        return BVH
+    if text.startswith("PathFileType"):
+        return TRC
+    if text.startswith("<") and re.search(r"<(\w+:)?mvnx\b", text):
+        return MVNX
+    if text.startswith(("Format Version", '"Format Version')):
+        return MOTIVE
+    if re.search(r"^\W*endheader\W*$", text, re.MULTILINE | re.IGNORECASE):
+        return STORAGE
+    return None
+
+
+def _is_table(first: bytes) -> bool:
+    """Return whether a line of several numbers is among the first ones of a text."""
+    if b"\0" in first:
+        return False
+    lines = first.decode("utf-8-sig", "replace").splitlines()[:20]
+    number = r"[-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?"
+    row = re.compile(rf"\s*{number}(?:[\s,;]+{number}){{5,}}[\s,;]*")
+    return any(row.fullmatch(line) for line in lines)

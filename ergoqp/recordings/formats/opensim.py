@@ -1,0 +1,243 @@
+"""From the joint angles of OpenSim's motion files to joint centres.
+
+The angles are those of a model that the file does not name; its coordinates tell. Its segments are
+turned as it turns them and get the lengths of a person, so the way from centres to postures is that
+of all other recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ergoqp.errors import RecordingError
+from ergoqp.human import Body
+from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.formats.opensim_models import MODELS, OpenSimModel, Step
+from ergoqp.recordings.formats.storage import coordinate_of
+from ergoqp.recordings.motion import JointMotion
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+_AXIAL: Final = ("pelvis", "trunk")
+_POSE: Final = ("_rotx", "_roty", "_rotz", "_transx", "_transy", "_transz")
+"""How the coordinates of a thing end."""
+_HEADINGS: Final = ("pelvis_rotation", "thorax_rotation", "ground_thorax_rot_y")
+_KNEES: Final = ("knee_angle_r", "knee_angle_l")
+_ELBOWS: Final = ("elbow_flexion", "elbow_flex_r", "elbow_flex_l")
+_BENT: Final = np.radians(0.5)
+"""No elbow or knee is bent less [rad]: a straight one would not show how the limb is turned, which
+the file tells, and one that is bent backward would show the opposite."""
+
+Angles = Mapping[str, np.ndarray]
+"""Coordinate in small letters -> angles [rad] or lengths [m] (n,)."""
+Turns = dict[str, tuple["Rotation", np.ndarray]]
+"""Segment -> how it is turned in the axes of the model, and where that is known (n,) bool."""
+
+
+def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMotion:
+    """Return the joint centres that the joint angles of an OpenSim model place.
+
+    x is forward, y up and z to the right. Centres that the file does not determine are left out.
+
+    Args:
+        motion: the angles, as of `ergoqp.recordings.formats.storage.read_storage`.
+        where: the file's name, for messages.
+        body: whose lengths are taken; None: those of an average person.
+
+    Raises:
+        RecordingError: the coordinates are those of no known model.
+    """
+    angles = {
+        name.lower(): np.asarray(each, dtype=float)
+        for path, each in motion.angles.items()
+        if (name := coordinate_of(path)) is not None
+    }
+    model = _model_of(angles, where)
+    _check_unit(model, angles, where)
+    person = body or Body()
+    angles, knees = _with_bent_hinges(angles)
+    places, lacking = _places(model, angles, len(motion.time), person)
+    upright, _ = _places(model, {name: np.zeros(1) for name in angles}, 1, person)
+    notes = [
+        f"The joint centres are placed by the file's joint angles (OpenSim model: {model.title}),"
+        f" with the lengths of {'an average' if body is None else 'the'} person of"
+        f" {person.stature:.2f} m.",
+        *model.notes,
+        *knees,
+    ]
+    if lacking:
+        notes.append(f"Not in the file and taken as zero: {some(lacking)}.")
+    return replace(
+        motion,
+        names=tuple(places),
+        positions=np.stack(list(places.values()), axis=1),
+        rest=np.stack([upright[centre][0] for centre in places]),
+        notes=(*motion.notes, *notes),
+        objects={**motion.objects, **_objects(model, angles)},
+        unit=1.0,
+        up="y",
+    )
+
+
+def _model_of(angles: Angles, where: str) -> OpenSimModel:
+    for model in MODELS:
+        if all(name in angles for name in model.telling):
+            return model
+    known = {model.title: some(model.coordinates) for model in reversed(MODELS)}
+    allowed = "; ".join(f"{title}: {names}" for title, names in reversed(known.items()))
+    raise RecordingError(
+        f"{where}: got the coordinates {some(list(angles))}, which place no trunk, allowed those"
+        f" of a known model ({allowed})"
+    )
+
+
+def _check_unit(model: OpenSimModel, angles: Angles, where: str) -> None:
+    """Raise for joints that turn more than twice: some files state radians and have degrees."""
+    for name in model.coordinates:
+        # How people head is counted on when they turn round and round.
+        if name in angles and name not in {*_HEADINGS, *model.moved}:
+            most = np.fmax.reduce(np.abs(angles[name]), initial=0.0)
+            if most > 4 * np.pi:
+                raise RecordingError(
+                    f"{where}: {name} reaches {most:.4g} rad, allowed two whole turns: the unit of"
+                    " the angles (inDegrees) is another"
+                )
+
+
+def _with_bent_hinges(angles: Angles) -> tuple[Angles, list[str]]:
+    """Return the angles with elbows and knees that bend positively, and what is said of it.
+
+    Knees of gait2392 and Hamner bend negatively. Nobody's are bent backward most.
+    """
+    knees = {name: each for name, each in angles.items() if name in _KNEES}
+    every, said = np.concatenate([np.zeros(1), *knees.values()]), []
+    if -np.nanmin(every) > np.nanmax(every):
+        knees = {name: -each for name, each in knees.items()}
+        said = [
+            "The knees' angles are negative where they bend, as in gait2392: they are reversed."
+        ]
+    hinges = {name: each for name, each in angles.items() if name in _ELBOWS} | knees
+    return {**angles, **{name: np.maximum(each, _BENT) for name, each in hinges.items()}}, said
+
+
+def _places(
+    model: OpenSimModel, angles: Angles, count: int, body: Body
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return centre -> positions (n, 3) [m], and the coordinates that lack."""
+    turns, lacking = _turns(model, angles, count)
+    size, nothing = body.lengths, np.zeros(count)
+    origin = np.array(model.origin)
+    if model.root == "trunk":
+        origin = origin - [0.0, size["trunk"], 0.0]
+    moved = np.stack([angles.get(name, nothing) for name in model.moved], axis=1)
+    places = {"pelvis": moved + _turned(turns[model.root], origin)}
+    for centre, start, segment, offset in _bones(body):
+        for side, mirror in (("right", 1.0), ("left", -1.0)):
+            here, begin, turned = (_sided(name, side) for name in (centre, start, segment))
+            if begin in places and turned in turns:
+                bone = _turned(turns[turned], offset * [1.0, 1.0, mirror])
+                places[here] = places[begin] + bone
+    return places, lacking
+
+
+def _bones(body: Body) -> Iterable[tuple[str, str, str, np.ndarray]]:
+    """Return each centre, the one before, the segment between them, and the way along its axes."""
+    size = body.lengths
+    for centre, start, segment, offset in (
+        ("neck", "pelvis", "trunk", (0.0, size["trunk"], 0.0)),
+        ("shoulder", "pelvis", "trunk", (0.0, size["shoulder_height"], size["shoulder_width"] / 2)),
+        ("elbow", "shoulder", "upper_arm", (0.0, -size["upper_arm"], 0.0)),
+        ("wrist", "elbow", "forearm", (0.0, -size["forearm"], 0.0)),
+        ("hip", "pelvis", "pelvis", (0.0, 0.0, size["hip_width"] / 2)),
+        ("knee", "hip", "thigh", (0.0, -size["thigh"], 0.0)),
+        ("ankle", "knee", "shank", (0.0, -size["shank"], 0.0)),
+    ):
+        yield centre, start, segment, np.array(offset)
+    for centre, start, segment in (
+        ("knuckles", "wrist", "hand"),
+        ("thumb", "wrist", "hand"),
+        ("toe", "ankle", "foot"),
+    ):
+        forward, left, up = body.model.site(f"right_{centre}").pos
+        yield centre, start, segment, np.array([forward, up, -left])
+
+
+def _turns(model: OpenSimModel, angles: Angles, count: int) -> tuple[Turns, list[str]]:
+    """Return how the segments are turned that are known, and the coordinates that lack."""
+    from scipy.spatial.transform import Rotation
+
+    found: Turns = {}
+    lacking: dict[str, None] = {}
+    for name, segment in model.segments.items():
+        ends = {"right": ""} if name in _AXIAL else model.sides
+        for side, end in ends.items():
+            parent = segment.parent and _sided(segment.parent, side)
+            if any(each + end not in angles for each in segment.needed):
+                continue
+            if parent is None:
+                turn, seen = Rotation.identity(count), np.ones(count, dtype=bool)
+            elif parent in found:
+                turn, seen = found[parent]
+            else:
+                continue
+            for step, axis in segment.steps:
+                if isinstance(step, str) and step + end not in angles:
+                    lacking[step + end] = None
+                    continue
+                angle = angles[step + end] if isinstance(step, str) else np.full(count, step)
+                seen = seen & np.isfinite(angle)
+                mirrored = np.array(axis) * ([1, 1, 1] if side == "right" else [-1, -1, 1])
+                turn = turn * _about(mirrored, angle)
+            found[_sided(name, side)] = turn, seen
+    return found, list(lacking)
+
+
+def _about(axis: np.ndarray, angle: np.ndarray) -> Rotation:
+    """Return turns by angles (n,) [rad]; none where they are not known."""
+    from scipy.spatial.transform import Rotation
+
+    known = np.where(np.isfinite(angle), angle, 0.0)
+    return Rotation.from_rotvec(known[:, None] * axis / np.linalg.norm(axis))
+
+
+def _turned(turn: tuple[Rotation, np.ndarray], offset: np.ndarray) -> np.ndarray:
+    """Return a way along a segment's axes in those of the model (n, 3); NaN where not known."""
+    return np.where(turn[1][:, None], turn[0].apply(offset), np.nan)
+
+
+def _objects(model: OpenSimModel, angles: Angles) -> dict[str, np.ndarray]:
+    """Return the poses (n, 4, 4) of things that the file has, in the axes of the centres."""
+    found, back = {}, _fixed(model.ground).inv()
+    for name in (each.removesuffix(_POSE[0]) for each in angles if each.endswith(_POSE[0])):
+        if any(name + end not in angles for end in _POSE):
+            continue
+        numbers = [angles[name + end] for end in _POSE]
+        turn = back
+        for axis, angle in zip(np.eye(3), numbers[:3], strict=True):
+            turn = turn * _about(axis, angle)
+        poses = np.zeros((len(numbers[0]), 4, 4))
+        poses[:, :3, :3], poses[:, 3, 3] = turn.as_matrix(), 1.0
+        poses[:, :3, 3] = back.apply(np.stack(numbers[3:], axis=1))
+        poses[~np.isfinite(numbers).all(axis=0), :3] = np.nan
+        found[name] = poses
+    return found
+
+
+def _fixed(steps: tuple[Step, ...]) -> Rotation:
+    """Return one turn that is made of fixed angles."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.identity()
+    for angle, axis in steps:
+        turn = turn * Rotation.from_rotvec(float(angle) * np.array(axis))
+    return turn
+
+
+def _sided(name: str, side: str) -> str:
+    """Return the name of a centre or segment on a side of the body."""
+    return name if name in {*_AXIAL, "neck"} else f"{side}_{name}"

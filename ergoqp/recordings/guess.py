@@ -1,0 +1,99 @@
+"""The nearest guess at what unknown joints are, by the words in their names.
+
+It is only ever shown to the user: in a message, and as a mapping file to be looked through.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Final
+
+_SIDES: Final = {
+    "right": ("right", "rt", "r", "re", "rechts", "rechte", "droite", "droit"),
+    "left": ("left", "lt", "l", "li", "links", "linke", "gauche"),
+}
+_WORDS: Final[dict[str, tuple[str, ...]]] = {
+    "pelvis": ("pelvis", "hips", "root", "belt", "waist", "midhip", "becken", "bassin"),
+    "neck": ("neck", "c7", "spineshoulder", "hals", "cou"),
+    "head": ("head", "skull", "kopf", "tete"),
+    "head_top": ("headtop", "headend", "vertex"),
+    "nose": ("nose", "nase", "nez"),
+    "shoulder": ("shoulder", "uarm", "upperarm", "humerus", "glenohumeral", "schulter", "epaule"),
+    "elbow": ("elbow", "farm", "forearm", "lowerarm", "radius", "ellbogen", "coude"),
+    "wrist": ("wrist", "hand", "handgelenk", "poignet"),
+    "knuckles": ("knuckles", "index", "middle", "fingers", "finger"),
+    "thumb": ("thumb", "daumen", "pouce"),
+    "hip": ("hip", "thigh", "upleg", "upperleg", "femur", "huefte", "hanche"),
+    "knee": ("knee", "shank", "calf", "shin", "lowerleg", "leg", "tibia", "knie", "genou"),
+    "ankle": ("ankle", "foot", "knoechel", "cheville"),
+    "toe": ("toe", "toes", "toebase", "ball", "zehe"),
+}
+_MIDDLE: Final = ("pelvis", "neck", "head", "head_top", "nose")
+
+
+def guessed(names: tuple[str, ...]) -> dict[str, str]:
+    """Return our centre -> the joint that is called most like it, for those that anything is.
+
+    >>> guessed(("Skel_L_Elbow", "Skel_R_UpperArm", "box"))
+    {'right_shoulder': 'Skel_R_UpperArm', 'left_elbow': 'Skel_L_Elbow'}
+    """
+    best: dict[str, tuple[int, str]] = {}
+    for name in names:
+        words = _words(name)
+        side = next((s for s, theirs in _SIDES.items() if set(words) & set(theirs)), None)
+        joined = {"".join(pair) for pair in pairwise(words)} | set(words)
+        for part, theirs in _WORDS.items():
+            if (part in _MIDDLE) == (side is not None):
+                continue
+            ranks = [i for i, word in enumerate(theirs) if word in joined]
+            if not ranks:
+                continue
+            centre = part if side is None else f"{side}_{part}"
+            if centre not in best or ranks[0] < best[centre][0]:
+                best[centre] = (ranks[0], name)
+    order = [*_MIDDLE, *(f"{s}_{p}" for s in _SIDES for p in _WORDS if p not in _MIDDLE)]
+    return {centre: best[centre][1] for centre in order if centre in best}
+
+
+def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
+    """Return the text of a mapping file: a guess for each centre, or a line to be filled in.
+
+    Args:
+        names: of the recording's joints.
+        wanted: our centres.
+    """
+    guess: Mapping[str, str] = guessed(names)
+    rows = [
+        "# Which joint of the recording is which centre of the body. These are guesses by the"
+        " names: look through them.",
+        "# A list stands for the middle of several joints; lines that begin with # are left out.",
+        *(
+            f"{centre} = {_quoted(guess[centre])}" if centre in guess else f'# {centre} = ""'
+            for centre in wanted
+        ),
+        "",
+        "# The recording has:",
+        *(f"#   {name}" for name in names),
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name: "LeftForeArm_2" has left, fore and arm."""
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*", name)
+    found = [part.casefold() for part in parts]
+    # "LElbow" and "lElbow": the side is the first letter.
+    return [
+        word
+        for part in found
+        for word in ([part[0], part[1:]] if part[0] in "lr" and part[1:] in _KNOWN else [part])
+    ]
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+_KNOWN: Final = frozenset(word for words in _WORDS.values() for word in words)

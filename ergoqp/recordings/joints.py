@@ -1,0 +1,166 @@
+"""Joint centres from whatever a recording has: joints, markers, or angles; of one person."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from ergoqp.human import Body
+from ergoqp.progress import Progress, unseen
+from ergoqp.recordings.formats.opensim import posed
+from ergoqp.recordings.markers.joints import joints_of_markers, unit_of_markers
+from ergoqp.recordings.markers.landmarks import LANDMARKS, best_set
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.naming import (
+    NamedCentres,
+    Naming,
+    check_all_there,
+    check_placed,
+    known_namings,
+    named_centres,
+    naming_of,
+)
+from ergoqp.recordings.oriented import oriented
+from ergoqp.recordings.subjects import of_subject
+
+_SAMPLED: Final = 4000
+"""Frames by which it is judged how markers fit the body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A person's joint centres in a recording, in the file's axes.
+
+    Attributes:
+        motion: the person's, with what else the file has.
+        centres: under our names.
+        unit: of the centres [m]; None if it is not known.
+        said: how they were found.
+        markers: used markers -> positions (n, 3) in a sample of frames [m].
+        frames: the frames of that sample.
+        landmarks: marker -> the landmark that it is, or the segment that it is on.
+        upright: whether trunk and neck are at zero when they are straight, as the file says.
+    """
+
+    motion: JointMotion
+    centres: NamedCentres
+    unit: float | None
+    said: tuple[str, ...]
+    markers: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frames: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    landmarks: Mapping[str, str] = field(default_factory=dict)
+    upright: bool = False
+
+
+def joints_of(
+    motion: JointMotion,
+    where: str,
+    naming: Naming | None,
+    subject: str | None,
+    unit: float | None,
+    shapes: Mapping[str, np.ndarray],
+    body: Body | None = None,
+    progress: Progress = unseen,
+) -> Found:
+    """Return the joint centres of one person.
+
+    Args:
+        motion: what the file has.
+        where: its name, for messages.
+        naming: how joints or markers are called; None tries the known namings and marker sets.
+        subject: whose, if there are several.
+        unit: the file's unit of length [m] as its user states it.
+        shapes: marker -> where it is on its segment, as a person file has it (3,) [m].
+        body: the person, if their lengths are known.
+        progress: told the share of the frames that is done.
+
+    Raises:
+        RecordingError: the names are not known, or too little of a person is there.
+        InputError: there is no such subject.
+    """
+    ready = bool(motion.angles) and not motion.names
+    if ready:
+        motion = posed(motion, where, body)
+    motion = of_subject(motion, subject, _known, where)
+    landmarks, further, title = _landmarks(motion.names, naming, where)
+    if not landmarks:
+        used, found = naming_of(motion, naming, where)
+        more, turned = oriented(motion, used, found)
+        named = named_centres(motion, used, found, more)
+        said = (*motion.notes, *turned)
+        if not ready:
+            said = (f"The joints are named as in the {named.title} skeleton.", *said)
+        if unit is None and motion.unit is not None:
+            said += (f"The unit of length is {motion.unit:g} m, as the file says.",)
+        own = {motion.names[i] for which in found.values() for i in which}
+        things = {name: poses for name, poses in motion.objects.items() if name not in own}
+        return Found(
+            replace(motion, objects=things), named, unit or motion.unit, said, upright=ready
+        )
+    said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
+    size = unit or motion.unit
+    if size is None:
+        size = unit_of_markers(motion, where, landmarks)
+        said += (f"The unit of length is taken as {size:g} m, by the width of the person.",)
+    frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
+    sits = {i: name for name, which in (further | landmarks).items() for i in which}
+    markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
+    joints = joints_of_markers(motion, where, landmarks, further, shapes, size, progress)
+    paths = {name: joints.positions[:, i] for i, name in enumerate(joints.names)}
+    check_placed(tuple(paths), where)
+    return Found(
+        replace(
+            joints,
+            objects={name: _scaled(poses, size) for name, poses in motion.objects.items()},
+        ),
+        NamedCentres(title, paths, {}),
+        1.0,
+        (*said, *joints.notes),
+        markers,
+        frames,
+        {motion.names[i]: name for i, name in sits.items()},
+    )
+
+
+def _known(names: tuple[str, ...]) -> int:
+    """Return how many of some names are a person's."""
+    found = best_set(names)
+    counts = [len(naming.found_in(names)) for naming in known_namings()]
+    return max(*counts, found[1] if found else 0)
+
+
+def _landmarks(
+    names: tuple[str, ...], naming: Naming | None, where: str
+) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], str]:
+    """Return landmark -> places of its markers, segment -> further ones, and the set's title.
+
+    A mapping may name joint centres beside them.
+
+    There are none where the names are rather those of joints.
+    """
+    if naming is not None:
+        found = naming.found_in(names)
+        landmarks = {name: which for name, which in found.items() if name in LANDMARKS}
+        if not landmarks:
+            return {}, {}, ""
+        check_all_there(naming, found, names, where)
+        return found, {}, naming.title
+    best = best_set(names)
+    if best is None or best[1] <= max(len(known.found_in(names)) for known in known_namings()):
+        return {}, {}, ""
+    marker_set, place = best[0], {name: i for i, name in reversed(list(enumerate(names)))}
+    landmarks = {mark: (place[name],) for mark, name in marker_set.found_in(names).items()}
+    further = {
+        segment: tuple(place[name] for name in theirs)
+        for segment, theirs in marker_set.more_in(names).items()
+    }
+    return landmarks, further, marker_set.title
+
+
+def _scaled(poses: np.ndarray, unit: float) -> np.ndarray:
+    scaled = poses.copy()
+    scaled[:, :3, 3] *= unit
+    return scaled

@@ -1,0 +1,1 @@
+"""From markers on the skin to the joint centres below it."""

@@ -1,0 +1,286 @@
+"""Joint centres from landmarks: what lies how far below the skin.
+
+Hips are where Harrington et al. (2007) found them in the pelvis; knee, elbow and ankle lie half
+their width inside of the marker on their outside, across the bone above ("chord", Davis et al.
+1991), or between the markers on both sides. The elbow bends, so its axis is across the arm; the
+knee's is where the marker on the thigh shows it.
+
+All lengths are in metres; NaN is what is not seen. No vertical is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.joints import SIDES
+from ergoqp.recordings.fitting.limbs import THUMB
+
+_BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
+"""A limb that is bent by less does not show its axis, one by more shows it well."""
+_ROUNDS: Final = 5
+_OUTSIDE: Final = 0.01
+"""A marker that is nearer to the line of a bone does not show how the bone is turned [m]."""
+
+
+@dataclass(frozen=True)
+class Widths:
+    """How far inside of their markers joints are [m]; markers are 14 mm wide.
+
+    The defaults are adult averages. What a recording says was measured takes their place.
+
+    Attributes:
+        knee: half the knee's width and half a marker.
+        ankle: likewise.
+        elbow: likewise.
+        shoulder: from the acromion's marker down to the joint.
+        hand: half the hand's thickness and half a marker.
+    """
+
+    knee: float = 0.057
+    ankle: float = 0.043
+    elbow: float = 0.044
+    shoulder: float = 0.047
+    hand: float = 0.020
+
+    @classmethod
+    def of(cls, measures: Mapping[str, float]) -> Widths:
+        """Return the widths that Vicon's programs wrote into a file, by their names."""
+        half, found = 0.007, {}
+        for name, share in (("knee", 0.5), ("ankle", 0.5), ("elbow", 0.5), ("hand", 0.5)):
+            what = "thickness" if name == "hand" else "width"
+            sides = [measures.get(f"{side[0]}{name}{what}", 0.0) for side in ("left", "right")]
+            if min(sides) > 0:
+                found[name] = share * float(np.mean(sides)) + half
+        sides = [measures.get(f"{side}shoulderoffset", 0.0) for side in "lr"]
+        if min(sides) > 0:
+            found["shoulder"] = float(np.mean(sides)) + half
+        # What is not a person's is a mistake of whoever typed it.
+        return cls(**{name: w for name, w in found.items() if 0.5 < w / getattr(cls, name) < 2.0})
+
+
+def centres_of_landmarks(
+    at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
+) -> dict[str, np.ndarray]:
+    """Return joint centre -> positions (n, 3) [m], for those that can be told.
+
+    Args:
+        at: landmark of `ergoqp.recordings.markers.landmarks.LANDMARKS` -> positions (n, 3) [m].
+        widths: of the person.
+        size: width between the ASIS and depth from them to the PSIS [m]; NaN if not known.
+    """
+    lost = np.full_like(next(iter(at.values())), np.nan)
+    place = _Landmarks(at, lost)
+    centres: dict[str, np.ndarray] = {}
+    across, hips = _hips(place, size)
+    centres |= hips
+    trunk, down, left = _trunk(place, hips)
+    left = _first(left, across)
+    centres |= trunk
+    for side in SIDES:
+        out = -1.0 if side == "right" else 1.0
+        shoulder = place[f"{side}_acromion"] + widths.shoulder * down
+        centres |= _arm(side, out, place, shoulder, left, widths)
+        hip = hips.get(f"{side}_hip", lost)
+        centres |= _leg(side, out, place, hip, across, widths)
+    centres |= _head(place)
+    return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}
+
+
+class _Landmarks:
+    """Landmarks, those that are not there too."""
+
+    def __init__(self, at: Mapping[str, np.ndarray], lost: np.ndarray) -> None:
+        self._at, self._lost = at, lost
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._at.get(name, self._lost)
+
+    def middle(self, name: str) -> np.ndarray:
+        """Return the middle between both sides."""
+        return (self[f"right_{name}"] + self[f"left_{name}"]) / 2
+
+
+def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return where left is (n, 3), and the hip centres."""
+    width, depth = size
+    front = place.middle("asis")
+    back = _first(place.middle("psis"), place["sacrum"])
+    left = _unit(place["left_asis"] - place["right_asis"])
+    ahead = front - back
+    ahead = _unit(ahead - _along(ahead, left) * left)
+    up = np.cross(ahead, left)
+    middle = front - (0.24 * depth + 0.0099) * ahead - (0.30 * width + 0.0109) * up
+    aside = (0.33 * width + 0.0073) * left
+    return left, {"right_hip": middle - aside, "left_hip": middle + aside}
+
+
+def _trunk(
+    place: _Landmarks, hips: Mapping[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Return the base of the neck, and where down and left are in the trunk (n, 3)."""
+    shoulders = place.middle("acromion")
+    neck = _first((place["c7"] + place["notch"]) / 2, shoulders)
+    low = _first((place["back"] + place["xiphoid"]) / 2, place["back"], place["xiphoid"])
+    pelvis = (hips["right_hip"] + hips["left_hip"]) / 2
+    down = _first(_unit(low - neck), _unit(pelvis - neck))
+    left = place["left_acromion"] - place["right_acromion"]
+    left = _unit(left - _along(left, down) * down)
+    ahead = place["notch"] - place["c7"]
+    left = _first(left, _unit(np.cross(ahead, down)))
+    return {"neck": neck}, down, left
+
+
+def _head(place: _Landmarks) -> dict[str, np.ndarray]:
+    """Return base and top of the head, and where the nose points."""
+    front, back = place.middle("head_front"), place.middle("head_back")
+    ahead = _unit(front - back)
+    left = place["left_head_front"] + place["left_head_back"]
+    left = left - place["right_head_front"] - place["right_head_back"]
+    up = np.cross(ahead, _unit(left - _along(left, ahead) * ahead))
+    middle = (front + back) / 2
+    base = middle - 0.09 * up - 0.01 * ahead
+    return {"head": base, "head_top": middle + 0.10 * up, "nose": base + 0.12 * ahead}
+
+
+def _arm(
+    side: str,
+    out: float,
+    place: _Landmarks,
+    shoulder: np.ndarray,
+    left: np.ndarray,
+    widths: Widths,
+) -> dict[str, np.ndarray]:
+    thumb, small = place[f"{side}_wrist_thumb"], place[f"{side}_wrist_small"]
+    wrist = _first((thumb + small) / 2, thumb, small)
+    outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
+    # The forearm bends to the front of the arm: across both is the axis. It is taken by the marker
+    # and not by the joint below it, as Plug-in Gait does; that is off where the arm is straighter.
+    upper, fore = _unit(outer - shoulder), _unit(wrist - outer)
+    aside = _axis(-out * np.cross(upper, fore), out * left, upper)
+    elbow = _first((outer + inner) / 2, _inside(shoulder, outer, aside, widths.elbow))
+    # Hands: the marker is on their back.
+    radial = thumb - small
+    hand = place[f"{side}_hand"]
+    dorsal = _unit(np.cross(hand - wrist, radial)) * -out
+    knuckles = hand - widths.hand * dorsal
+    along = _unit(_first(knuckles - wrist, wrist - elbow))
+    radial = _unit(radial - _along(radial, along) * along)
+    turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
+    return {
+        f"{side}_shoulder": shoulder,
+        f"{side}_elbow": elbow,
+        f"{side}_wrist": wrist,
+        f"{side}_knuckles": _first(knuckles, wrist + 0.08 * along),
+        f"{side}_thumb": wrist + 0.05 * turned,
+    }
+
+
+def _leg(
+    side: str,
+    out: float,
+    place: _Landmarks,
+    hip: np.ndarray,
+    left: np.ndarray,
+    widths: Widths,
+) -> dict[str, np.ndarray]:
+    knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
+    # The shank bends to the back of the thigh.
+    bent, aside = _hinge(hip, knee, ankle, out * left, widths.knee, out)
+    shown = _shown(hip, knee, place[f"{side}_thigh"])
+    inner = place[f"{side}_inner_knee"]
+    middle = _first((knee + inner) / 2, _inside(hip, knee, shown, widths.knee), bent)
+    aside = _first(shown, aside)
+    aside = _first(knee - middle, aside)
+    aside = _first(_shown(middle, ankle, place[f"{side}_shank"]), aside)
+    inner = place[f"{side}_inner_ankle"]
+    low = _first((ankle + inner) / 2, _inside(middle, ankle, aside, widths.ankle))
+    return {
+        f"{side}_hip": hip,
+        f"{side}_knee": middle,
+        f"{side}_ankle": low,
+        f"{side}_toe": place[f"{side}_forefoot"],
+    }
+
+
+def _hinge(
+    origin: np.ndarray,
+    marker: np.ndarray,
+    end: np.ndarray,
+    usual: np.ndarray,
+    by: float,
+    sign: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the hinge below a marker on its outside (n, 3), and where its outside is.
+
+    The axis is across both bones, and these end in the hinge: a few rounds find both.
+
+    Args:
+        origin: where the first bone begins (n, 3).
+        marker: on the outside of the hinge.
+        end: where the second bone ends.
+        usual: the outside while the limb is straight and does not show it.
+        by: from the marker to the hinge [m].
+        sign: of the outside along the cross product of both bones.
+    """
+    aside, hinge = usual, marker
+    for _ in range(_ROUNDS):
+        hinge = _inside(origin, marker, aside, by)
+        first, second = _unit(hinge - origin), _unit(end - hinge)
+        aside = _axis(sign * np.cross(first, second), usual, first)
+    return hinge, aside
+
+
+def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return where the outside is (n, 3): as the bend shows it, the usual one while it is straight.
+
+    Args:
+        shown: across both bones, as long as the bend shows.
+        usual: the outside of the trunk.
+        along: the bone.
+    """
+    size = np.linalg.norm(shown, axis=1, keepdims=True)
+    share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
+    usual = _unit(usual - _along(usual, along) * along)
+    both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
+    return _first(_unit(both), usual)
+
+
+def _shown(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Return where the outside is by a marker beside a bone (n, 3); NaN if it is too near."""
+    along = _unit(end - origin)
+    away = beside - origin
+    away = away - _along(away, along) * along
+    far = np.linalg.norm(away, axis=1, keepdims=True) > _OUTSIDE
+    return np.where(far, _unit(away), np.nan)
+
+
+def _inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
+    """Return the joint below a marker: across the bone from `origin` to it, `by` inside (n, 3)."""
+    whole = marker - origin
+    length = np.linalg.norm(whole, axis=1, keepdims=True)
+    along = whole / np.where(length > 0, length, np.nan)
+    aside = _unit(aside - _along(aside, along) * along)
+    sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
+    cosine = np.sqrt(1 - sine**2)
+    return origin + length * cosine * (cosine * along - sine * aside)
+
+
+def _first(*choices: np.ndarray) -> np.ndarray:
+    """Return the first of several that is seen (n, 3)."""
+    found = choices[-1]
+    for choice in reversed(choices[:-1]):
+        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
+    return found
+
+
+def _along(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    return (vectors * axes).sum(axis=1, keepdims=True)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, np.nan)

@@ -1,0 +1,172 @@
+"""Where markers sit on the fitted body, and how well that holds: their offsets and residuals.
+
+One function for everybody and every marker set: lengths of the person and offsets of the markers
+are its inputs, and nothing is compiled for either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.human import Body, Kinematics
+from ergoqp.human.growth import GROWTH
+from ergoqp.human.marker import Marker
+from ergoqp.joints import JOINTS, SIDES
+from ergoqp.recordings.fitting.centres_of import growth_of
+
+_FRAMES: Final = (
+    "pelvis",
+    "trunk",
+    "head",
+    *(
+        f"{side}_{name}"
+        for side in SIDES
+        for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    ),
+)
+"""One frame of each segment that markers may sit on."""
+_ON: Final = {
+    "asis": ("pelvis", "trunk"),
+    "psis": ("pelvis", "trunk"),
+    "sacrum": ("pelvis", "trunk"),
+    "c7": ("trunk",),
+    "back": ("trunk",),
+    "notch": ("trunk",),
+    "xiphoid": ("trunk",),
+    "acromion": ("trunk", "shoulder"),
+    "upper_arm": ("shoulder",),
+    "outer_elbow": ("shoulder", "elbow"),
+    "inner_elbow": ("shoulder", "elbow"),
+    "forearm": ("elbow", "wrist"),
+    "wrist_thumb": ("elbow", "wrist"),
+    "wrist_small": ("elbow", "wrist"),
+    "hand": ("wrist",),
+    "thigh": ("hip",),
+    "outer_knee": ("hip", "knee"),
+    "inner_knee": ("hip", "knee"),
+    "shank": ("knee",),
+    "outer_ankle": ("knee", "ankle"),
+    "inner_ankle": ("knee", "ankle"),
+    "heel": ("ankle",),
+    "forefoot": ("ankle",),
+    "head_front": ("head",),
+    "head_back": ("head",),
+}
+"""Landmark -> frames that it may sit on, on its own side where there are two."""
+_BLOCK: Final = 4096
+_ROUNDS: Final = 3
+_ASTRAY: Final = 3.0
+"""What is this many times as far as usual does not say where a marker sits."""
+
+
+def markers_on(
+    body: Body,
+    pelvis: np.ndarray,
+    postures: np.ndarray,
+    markers: Mapping[str, np.ndarray],
+    landmarks: Mapping[str, str],
+) -> dict[str, Marker]:
+    """Return where markers sit on a body: of the segments beside them, on the one they move with.
+
+    Args:
+        body: the person.
+        pelvis: x, y, z [m] and yaw [rad] (n, 4).
+        postures: joint angles (n, 32) [rad].
+        markers: name -> positions (n, 3) [m]; NaN where not seen.
+        landmarks: name -> the landmark that it is, or the segment that it is on.
+    """
+    if not markers:
+        return {}
+    turns, places = _frames(body, pelvis, postures)
+    found = {}
+    for name, path in markers.items():
+        seen = np.isfinite(path).all(axis=1)
+        if not seen.any():
+            found[name] = Marker("pelvis", (0.0, 0.0, 0.0), float("nan"))
+            continue
+        best: tuple[float, str, np.ndarray] | None = None
+        for frame in _beside(landmarks[name]):
+            i = _FRAMES.index(frame)
+            local = np.einsum("nji,nj->ni", turns[seen, i], path[seen] - places[seen, i])
+            offset, usual = _middle(local)
+            if best is None or usual < best[0]:
+                best = (usual, frame, offset)
+        assert best is not None
+        _, frame, offset = best
+        away = path - _placed(turns, places, frame, offset)
+        residual = float(np.sqrt(np.mean((away[seen] ** 2).sum(axis=1))))
+        found[name] = Marker(
+            frame, (float(offset[0]), float(offset[1]), float(offset[2])), residual
+        )
+    return found
+
+
+def places_of_markers(
+    body: Body, pelvis: np.ndarray, postures: np.ndarray, sits: Mapping[str, Marker]
+) -> dict[str, np.ndarray]:
+    """Return where markers are (n, 3) [m] that sit on a body.
+
+    Args:
+        body: the person.
+        pelvis: x, y, z [m] and yaw [rad] (n, 4).
+        postures: joint angles (n, 32) [rad].
+        sits: where they sit, by `markers_on`.
+    """
+    turns, places = _frames(body, pelvis, postures)
+    return {
+        name: _placed(turns, places, each.frame, np.array(each.offset))
+        for name, each in sits.items()
+    }
+
+
+def _placed(turns: np.ndarray, places: np.ndarray, frame: str, offset: np.ndarray) -> np.ndarray:
+    """Return a marker (n, 3) [m] on a frame with turns (n, f, 3, 3), places (n, f, 3)."""
+    i = _FRAMES.index(frame)
+    return places[:, i] + turns[:, i] @ offset
+
+
+def _beside(landmark: str) -> list[str]:
+    """Return the frames that a marker may sit on."""
+    if landmark in _FRAMES:
+        return [landmark]
+    side, _, name = landmark.partition("_")
+    if side not in SIDES:
+        return list(_ON[landmark])
+    return [part if part in _FRAMES else f"{side}_{part}" for part in _ON[name]]
+
+
+def _middle(local: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return where points (n, 3) are but for those astray, and how far from there usually."""
+    offset = np.median(local, axis=0)
+    for _ in range(_ROUNDS):
+        away = np.linalg.norm(local - offset, axis=1)
+        near = away <= _ASTRAY * max(float(np.median(away)), 1e-6)
+        offset = local[near].mean(axis=0)
+    return offset, float(np.sqrt(np.median(((local - offset) ** 2).sum(axis=1))))
+
+
+def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return turns (n, f, 3, 3) and places (n, f, 3) [m] of `_FRAMES`."""
+    z, function, growth = np.hstack([pelvis, postures]), _function(), growth_of(body)
+    parts = [np.array(function(z[at : at + _BLOCK].T, growth)) for at in range(0, len(z), _BLOCK)]
+    values = np.hstack(parts).T.reshape(len(z), len(_FRAMES), 4, 3)
+    return np.swapaxes(values[:, :, 1:], 2, 3), values[:, :, 0]
+
+
+@cache
+def _function() -> ca.Function:
+    """Return pelvis and posture (36,), growth (14,) -> place and columns of the axes of each."""
+    z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
+    kinematics = Kinematics(Body(), growth)
+    cos, sin = ca.cos(z[3]), ca.sin(z[3])
+    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    rows = []
+    for frame in _FRAMES:
+        place, turn, _ = kinematics.at(frame, z[4:])
+        rows += [z[:3] + yaw @ place, ca.vec(yaw @ turn)]
+    return ca.Function("frames", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])

@@ -1,0 +1,109 @@
+"""Which markers sit on which landmarks of the body; the known marker sets are data."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import resources
+from typing import Any, Final
+
+from ergoqp.joints import SIDES
+from ergoqp.recordings.names import squashed
+
+MIDDLE: Final = ("c7", "back", "notch", "xiphoid", "sacrum")
+"""Landmarks that are there once: vertebra C7, the spine at about T10, the notch above the
+breastbone, its lower end, the sacrum between the two PSIS."""
+SIDED: Final = (
+    "head_front",
+    "head_back",
+    "acromion",
+    "upper_arm",
+    "outer_elbow",
+    "inner_elbow",
+    "forearm",
+    "wrist_thumb",
+    "wrist_small",
+    "hand",
+    "asis",
+    "psis",
+    "thigh",
+    "outer_knee",
+    "inner_knee",
+    "shank",
+    "outer_ankle",
+    "inner_ankle",
+    "heel",
+    "forefoot",
+)
+"""Landmarks on each side: ``wrist_thumb`` and ``wrist_small`` on the sides of thumb and small
+finger, ``hand`` on the back of the knuckles, ``forefoot`` on the foot above the second toe's ball,
+``upper_arm``, ``forearm``, ``thigh`` and ``shank`` on the outside between the joints."""
+LANDMARKS: Final = (*MIDDLE, *(f"{side}_{name}" for side in SIDES for name in SIDED))
+RIGID: Final = ("pelvis", "trunk", "head")
+"""Segments that are followed as a whole."""
+_LEAST: Final = 8
+"""Fewer landmarks are chance."""
+
+
+@dataclass(frozen=True)
+class MarkerSet:
+    """One way of naming markers.
+
+    Attributes:
+        title: how it is called in messages.
+        landmarks: landmark -> names of which the first that is there is taken.
+        more: rigid segment -> further markers that sit on it.
+    """
+
+    title: str
+    landmarks: Mapping[str, tuple[str, ...]]
+    more: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def found_in(self, names: tuple[str, ...]) -> dict[str, str]:
+        """Return landmark -> the marker that sits on it, for those that are there."""
+        there = {squashed(name): name for name in reversed(names)}
+        found = {}
+        for landmark, theirs in self.landmarks.items():
+            marker = next((there[squashed(t)] for t in theirs if squashed(t) in there), None)
+            if marker is not None:
+                found[landmark] = marker
+        return found
+
+    def more_in(self, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+        """Return rigid segment -> its further markers that are there."""
+        there = {squashed(name): name for name in reversed(names)}
+        return {
+            segment: tuple(there[squashed(t)] for t in theirs if squashed(t) in there)
+            for segment, theirs in self.more.items()
+        }
+
+
+@lru_cache(maxsize=1)
+def known_sets() -> tuple[MarkerSet, ...]:
+    """Return the sets of ``marker_sets.toml``, in its order."""
+    file = resources.files("ergoqp.recordings.markers").joinpath("marker_sets.toml")
+    entries = tomllib.loads(file.read_text(encoding="utf-8"))
+    return tuple(_set(entry) for entry in entries.values())
+
+
+def best_set(names: tuple[str, ...]) -> tuple[MarkerSet, int] | None:
+    """Return the set of which the most landmarks are there, and how many; None for chance."""
+    counts = [(len(each.found_in(names)), each) for each in known_sets()]
+    count, best = max(counts, key=lambda pair: pair[0])
+    return (best, count) if count >= _LEAST else None
+
+
+def _set(entry: Mapping[str, Any]) -> MarkerSet:
+    landmarks = {name: _listed(theirs) for name, theirs in entry.get("middle", {}).items()}
+    for side in SIDES:
+        letters = {"S": side[0].upper(), "s": side[0], "side": side}
+        for name, theirs in {**entry.get("sided", {}), **entry.get(side, {})}.items():
+            landmarks[f"{side}_{name}"] = tuple(t.format(**letters) for t in _listed(theirs))
+    more = {segment: tuple(theirs) for segment, theirs in entry.get("more", {}).items()}
+    return MarkerSet(entry["title"], landmarks, more)
+
+
+def _listed(theirs: str | list[str]) -> tuple[str, ...]:
+    return (theirs,) if isinstance(theirs, str) else tuple(theirs)

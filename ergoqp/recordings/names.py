@@ -1,0 +1,38 @@
+"""Our names of joint centres; names as programs write them, and what they have in common."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+CENTRES: Final[tuple[str, ...]] = (
+    "pelvis",
+    "neck",
+    "head",
+    "head_top",
+    "nose",
+    *(
+        f"{side}_{name}"
+        for side in ("right", "left")
+        for name in ("shoulder", "elbow", "wrist", "knuckles", "thumb")
+    ),
+    *(f"{side}_{name}" for side in ("right", "left") for name in ("hip", "knee", "ankle", "toe")),
+)
+"""The joint centres that a recording can be mapped to: frames of `ergoqp.human.FRAMES`.
+
+``pelvis`` is the middle of the hip centres, ``neck`` the base of the neck, ``head`` the base of the
+skull."""
+
+
+def squashed(name: str) -> str:
+    """Return a name in small letters, without what parts its words.
+
+    >>> squashed("Left Elbow_2") == squashed("LEFT.ELBOW-2")
+    True
+    """
+    return re.sub(r"[\s_.\-]+", "", name.casefold())
+
+
+def prefix_of(name: str) -> str:
+    """Return whose joint or marker a name says that it is: what stands before its last colon."""
+    return name.rpartition(":")[0]

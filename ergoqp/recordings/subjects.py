@@ -1,0 +1,97 @@
+"""Whose joints and markers a recording holds: people and things by the prefix of their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import InputError, RecordingError
+from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.markers.rigid import follow, shape_of
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.names import prefix_of
+
+_LEAST: Final = 6
+"""Joints or markers of a person at least."""
+_SHARE: Final = 0.5
+"""Who has fewer joints than this share of the one with the most is a part of somebody."""
+
+
+def of_subject(
+    motion: JointMotion, subject: str | None, known: Callable[[tuple[str, ...]], int], where: str
+) -> JointMotion:
+    """Return one person's joints, without their prefix; things of three markers become objects.
+
+    Args:
+        motion: everybody's.
+        subject: whose, by the prefix; None if there is one person.
+        known: how many of some names are a person's.
+        where: the recording's name, for messages.
+
+    Raises:
+        RecordingError: there are two people, and nobody says which one.
+        InputError: nobody is called `subject`.
+    """
+    groups: dict[str, dict[str, str]] = {}
+    for name in motion.names:
+        prefix = prefix_of(name)
+        groups.setdefault(prefix, {})[name] = name[len(prefix) + 1 :] if prefix else name
+    if subject is not None and subject not in groups:
+        raise InputError(
+            f"{where}: subject: got {subject!r}, allowed"
+            f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: it names nobody'}"
+        )
+    if len(groups) < 2:
+        return motion
+    counts = {prefix: known(tuple(names.values())) for prefix, names in groups.items()}
+    whole = max(counts.values())
+    people = [p for p, count in counts.items() if count >= max(_LEAST, _SHARE * whole)]
+    if subject is None and len(people) > 1:
+        raise RecordingError(
+            f"{where}: got {len(people)} people ({some([p or 'without a name' for p in people])}),"
+            " allowed one; state whose posture is meant (subject)"
+        )
+    chosen = subject if subject is not None else (people[0] if people else None)
+    if chosen is None:
+        return motion
+    said, objects = [f"The person is {chosen!r}."] if chosen else [], dict(motion.objects)
+    for prefix, names in groups.items():
+        if prefix in (chosen, "") or prefix in people:
+            continue
+        pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
+        if pose is not None:
+            objects.setdefault(prefix, pose)
+            said.append(
+                f"{prefix} is an object of {len(names)} markers: its origin is their middle, its"
+                " axes are the file's in its first whole frame."
+            )
+    others = [repr(p) for p in people if p != chosen]
+    if others:
+        said.append(f"Also there, and left out: {some(others)}.")
+    # What has no prefix belongs to nobody else.
+    keep = {**groups.get("", {}), **groups[chosen]}
+    return replace(motion.joints(keep), objects=objects, notes=(*said, *motion.notes))
+
+
+def _pose_of(points: np.ndarray) -> np.ndarray | None:
+    """Return the poses (n, 4, 4) of a rigid thing by its markers; None if they do not show it."""
+    if points.shape[1] < 3:
+        return None
+    size = np.nanmax(np.ptp(points, axis=1)) if np.isfinite(points).any() else 0.0
+    # Shapes are followed in metres, so a thing is taken to be half a metre large.
+    scale = 0.5 / size if np.isfinite(size) and size > 0 else 1.0
+    shape = shape_of(scale * points)
+    if shape is None:
+        return None
+    followed = follow(scale * points, shape)
+    poses = np.full((len(points), 4, 4), np.nan)
+    poses[:, 3] = [0, 0, 0, 1]
+    first = np.flatnonzero(np.isfinite(followed.turn[:, 0, 0]))
+    if not len(first):
+        return None
+    poses[:, :3, :3] = followed.turn @ followed.turn[first[0]].T
+    poses[:, :3, 3] = followed.place / scale
+    return poses

@@ -1,0 +1,269 @@
+"""Tables of positions: whatever program wrote them, the same points."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_files import TABLE, read, refused, write
+
+from ergoqp.recordings.formats.table import read_table
+
+POINTS = np.array(
+    [[[1, 2, 3], [4, 5, 6]], [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]], [[-0.1, 2, 3], [4, 5, 6.25]]]
+)
+HEAD, _, ROWS = TABLE.partition("\n")
+
+
+def headed(*head: str) -> str:
+    return "\n".join([*head, ROWS])
+
+
+def decimal_comma(mark: str) -> str:
+    return TABLE.replace(",", mark).replace(".", ",").replace("neck,", "neck.")
+
+
+def test_the_points_times_and_notes(tmp_path: Path) -> None:
+    motion = read(read_table, write(tmp_path / "a.csv", TABLE))
+    assert motion.names == ("neck", "hip")
+    np.testing.assert_array_equal(motion.positions, POINTS.astype(np.float32))
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+    assert motion.notes == ("The frames are uniform in time, 0.1 s apart.",)
+    assert (motion.unit, motion.up, motion.rest, motion.markers) == (None, None, None, False)
+
+
+@pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        ("\ufeff" + TABLE, None),
+        (TABLE.replace("\n", "\r\n"), None),
+        (TABLE.rstrip(), None),
+        (TABLE.replace("\n", ",\n"), None),
+        (TABLE.replace(",", "\t"), None),
+        (TABLE.replace(",", "  "), None),
+        (TABLE.replace(",", ";"), None),
+        (decimal_comma(";").replace("hip,", "hip."), None),
+        (decimal_comma("\t").replace("hip,", "hip."), None),
+        ("sep=;\n" + TABLE.replace(",", ";"), None),
+        ("# a comment of somebody\n\n" + TABLE, None),
+        (headed('"time","neck.x","neck.y","neck.z","hip.x","hip.y","hip.z"'), None),
+        (headed("Time_Stamp,neck_X,neck_Y,neck_Z,hip_X,hip_Y,hip_Z"), None),
+        (headed("t,neck tx,neck ty,neck tz,hip:x,hip:y,hip:z"), None),
+        (headed("sec,neck_pos_x,neck_pos_y,neck_pos_z,hipPosX,hipPosY,hipPosZ"), None),
+        (headed("time,neck,,,hip,,", ",x,y,z,x,y,z"), None),
+        (headed(",neck,neck,neck,hip,hip,hip", "time,X1,Y1,Z1,X2,Y2,Z2"), None),
+        (headed(",Name:neck,,,Name:hip,,", "Time,TX,TY,TZ,TX,TY,TZ"), None),
+        (
+            headed(
+                "time,Left Wrist.x,Left Wrist.y,Left Wrist.z,R (big) toe x,R (big) toe y,"
+            ).replace("y,\n", "y,R (big) toe z\n"),
+            ("Left Wrist", "R (big) toe"),
+        ),
+        (headed("time,FootX,FootY,FootZ,WristX,WristY,WristZ"), ("Foot", "Wrist")),
+        (
+            headed('time,"a, b x","a, b y","a, b z",c x,c y,c z'),
+            ("a, b", "c"),
+        ),
+        (headed("time,épaule.x,épaule.y,épaule.z,b.x,b.y,b.z"), ("épaule", "b")),
+        (headed("time,neck.x,neck.y,neck.z,NECK.x,NECK.y,NECK.z"), ("neck", "NECK")),
+    ],
+)
+def test_the_same_table_of_other_programs(
+    content: str, names: tuple[str, str] | None, tmp_path: Path
+) -> None:
+    motion = read(read_table, write(tmp_path / "a.csv", content))
+    assert motion.names == (names or ("neck", "hip"))
+    np.testing.assert_array_equal(motion.positions, POINTS.astype(np.float32))
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+
+
+def test_names_of_windows_programs(tmp_path: Path) -> None:
+    content = TABLE.replace("neck", "Schlüsselbein").encode("latin-1")
+    assert read(read_table, write(tmp_path / "a.csv", content)).names[0] == "Schlüsselbein"
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [
+        ("Time (Seconds)", 1),
+        ("time_s", 1),
+        ("timestamp[ms]", 1e3),
+        ("Time (milliseconds)", 1e3),
+        ("t_us", 1e6),
+        ("time (µs)", 1e6),
+        ("time (μs)", 1e6),
+        ("time (\u017f)", 1),
+        ("time [ns]", 1e9),
+        ("timestamp", 1e6),
+        ("timestamps", 1e6),
+        ("ts", 1e9),
+        ("Time", 1e3),
+    ],
+)
+def test_units_of_time(column: str, factor: float, tmp_path: Path) -> None:
+    content = TABLE.replace("time,", f"{column},").replace("0.1,", f"{0.1 * factor},")
+    content = content.replace("0.2,", f"{0.2 * factor},")
+    motion = read(read_table, write(tmp_path / "a.csv", content))
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("content", "unit", "tick"),
+    [
+        (TABLE.replace(".x", ".x (mm)"), 0.001, 1),
+        (TABLE.replace(".x", ".x [cm]"), 0.01, 1),
+        (headed("time,neck,,,hip,,", ",x,y,z,x,y,z", "s,mm,mm,mm,mm,mm,mm"), 0.001, 1),
+        (headed("time,neck,,,hip,,", ",x,y,z,x,y,z", ",m,m,m,m,m,m"), 1.0, 1),
+        (headed(HEAD, "(ms),[mm],[mm],[mm],[mm],[mm],[mm]"), 0.001, 1e-3),
+        (headed(HEAD, "μs,m,m,m,m,m,m"), 1.0, 1e-6),
+    ],
+)
+def test_units_in_the_head(content: str, unit: float, tick: float, tmp_path: Path) -> None:
+    motion = read(read_table, write(tmp_path / "a.csv", content))
+    assert (motion.names, motion.unit) == (("neck", "hip"), unit)
+    assert motion.time == pytest.approx([0, 0.1 * tick, 0.2 * tick])
+
+
+def test_what_is_not_seen(tmp_path: Path) -> None:
+    content = (
+        "time,a.x,a.y,a.z,a.confidence,b.x,b.y,b.z,b score\n"
+        "0,,null,,1,4,5,6,0.2\n"
+        "0.1,1,2,3,0,4,5,6,nan\n"
+        "0.2,1,,3,-1,4,5\n"
+        "0.3,1,,3,1,NaN,5,6,1\n"
+    )
+    found = read(read_table, write(tmp_path / "a.csv", content)).positions
+    lost = np.full(3, np.nan)
+    np.testing.assert_array_equal(found[:, 0], [lost, lost, lost, [1, np.nan, 3]])
+    np.testing.assert_array_equal(found[:, 1], [[4, 5, 6], lost, lost, [np.nan, 5, 6]])
+
+
+def test_confidence_below_the_names(tmp_path: Path) -> None:
+    content = ",a,,,,b,,,\ntime,x,y,z,Confidence,x,y,z,Confidence\n0,1,2,3,0,4,5,6,1\n"
+    found = read(read_table, write(tmp_path / "a.csv", content)).positions
+    np.testing.assert_array_equal(found, [[[np.nan] * 3, [4, 5, 6]]])
+
+
+def test_columns_that_are_no_places(tmp_path: Path) -> None:
+    content = (
+        "frame,time,a.x,a.y,a.z,a.qx,a.qy,a.qz,a.qw,a.rot.x,a.rot.y,a.rot.z,aVelX,aVelY,aVelZ,"
+        "qx,qy,qz,qw,b.x,b.y,max,may,state\n"
+        "1,0,1,2,3,0,0,0,1,7,7,7,8,8,8,0,0,0,1,5,5,1,1,2\n"
+    )
+    motion = read(read_table, write(tmp_path / "a.csv", content))
+    assert motion.names == ("a",)
+    np.testing.assert_array_equal(motion.positions, [[[1, 2, 3]]])
+
+
+def test_a_rate_where_there_are_no_times(tmp_path: Path) -> None:
+    rows = "\n".join(row.partition(",")[2] for row in TABLE.splitlines())
+    path = write(tmp_path / "a.csv", rows.replace("1.5,2.5,3.5,4.5,5.5,6.5", ",,,,,") + "\n,,,,,\n")
+    motion = read(read_table, path, rate=50)
+    # A frame in which nothing is seen has its time, but at the end, where spreadsheets add some.
+    assert motion.time == pytest.approx([0, 0.02, 0.04])
+    np.testing.assert_array_equal(motion.positions[[0, 2]], POINTS[[0, 2]].astype(np.float32))
+    assert np.isnan(motion.positions[1]).all()
+    assert motion.notes[0] == "There are 50 frames per second, as stated."
+    refused(read_table, path, r"^a\.csv: got no column of times, allowed .* \(rate\)$")
+    refused(read_table, path, r"^a\.csv: rate: got 0, allowed", rate=0)
+
+
+@pytest.mark.parametrize("content", ["1 2 3 4 5 6\n1 2 3 4 5 6\n", "1,2,3,4,5,6,\n\n1,2,3,4,5,6,,"])
+def test_a_table_without_names(content: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "a.txt", content)
+    motion = read(read_table, path, columns=("b", "a"), rate=10)
+    assert motion.names == ("b", "a")
+    np.testing.assert_array_equal(motion.positions, [[[1, 2, 3], [4, 5, 6]]] * 2)
+    for columns, rate, sentence in (
+        ((), 10, r"line 1: got 6 numbers and no names above .* \(columns\)$"),
+        (("a", "a"), 10, "line 1: columns: got a name twice, allowed different ones"),
+        (("a",), 10, r"line 1: got 6 numbers and 1 names \(columns\), allowed three"),
+        (("a", "b"), None, "got no column of times"),
+    ):
+        refused(read_table, path, sentence, columns, rate)
+
+
+BROKEN = {
+    "empty": ("", "the file ends in line 0, required is a row of numbers"),
+    "blank": ("\n , \n\n", "the file ends in line 3, required is a row of numbers"),
+    "head only": (HEAD + "\n", "the file ends in line 1, required is a row of numbers"),
+    "cut in the head": (HEAD[:-9], "the file ends in line 1, required is a row of numbers"),
+    "cut in a row": (TABLE[:-8], "line 4: got a row of 5 numbers, allowed 7: the file is cut"),
+    "prose": ("word\n" * 20, "line 12: got 12 lines without a row of numbers"),
+    "other columns": (
+        TABLE.replace(".x", ".u").replace(".y", ".v"),
+        r"line 1: got the columns 'time', 'neck\.u', .* and 1 more, allowed three for each joint",
+    ),
+    "two axes": (TABLE.replace(".z", ".u"), "line 1: got the columns"),
+    "a column twice": (
+        TABLE.replace("hip.x", "neck.x").replace("hip", "neck"),
+        r"line 1: got the column 'neck\.x' twice, allowed each once",
+    ),
+    "one name two ways": (
+        "\n" + TABLE.replace("hip.x", "neck_x"),
+        "line 2: got the column 'neck_x' twice, allowed each once",
+    ),
+    "a name beyond reason": (TABLE.replace("neck", "n." * 90_000), None),
+    "a word": (TABLE.replace("4.5", "4.5.6"), r"line 3: got '4\.5\.6', allowed a number"),
+    "a wide row": (TABLE + "1,2,3,4,5,6,7,8\n", "line 5: got a row of 8 numbers, allowed 7"),
+    "no time": (TABLE.replace("0.1,", ",", 1), "frame 2 has no time, allowed a time for each"),
+    "time back": (TABLE.replace("0.2", "0.05"), "time runs backwards from frame 2 to 3"),
+    "infinite": (TABLE.replace("4.5", "inf"), "line 3: got a number that is not finite"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_table_is_told(name: str, tmp_path: Path) -> None:
+    content, sentence = BROKEN[name]
+    path = write(tmp_path / "a.csv", content)
+    if sentence is None:
+        assert read(read_table, path).names == ("hip",)
+    else:
+        refused(read_table, path, sentence)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (bytes(5000), "line 1|ends in line 1"),
+        (bytes(range(256)) * 40, "got 12 lines without a row of numbers"),
+        (TABLE.encode("utf-16"), "line 1: got text in UTF-16, allowed UTF-8"),
+        (TABLE.replace("\n", "\r").encode(), "line 1: got lines that end in a carriage return"),
+    ],
+)
+def test_bytes_that_are_no_table(content: bytes, sentence: str, tmp_path: Path) -> None:
+    refused(read_table, write(tmp_path / "a.csv", content), sentence)
+
+
+def test_places_that_are_no_file(tmp_path: Path) -> None:
+    refused(read_table, tmp_path / "missing.csv", "got no file")
+    refused(read_table, tmp_path, "is not a file")
+    refused(read_table, tmp_path / ("x" * 5000), "cannot be read")
+
+
+def test_the_table_of_a_depth_camera(shared: Path) -> None:
+    path = shared / "mocap" / "kinect" / "azure_kinect_body_tracking_part1.csv"
+    motion = read(read_table, path)
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(motion.names) == 32
+    assert motion.time == pytest.approx([float(row["Timestamp"]) * 1e-6 for row in rows])
+    for name in motion.names:
+        expected = [[float(row[f"{name}.{axis}"]) for axis in "xyz"] for row in rows]
+        seen = np.array([float(row[f"{name}.confidence"]) > 0 for row in rows])
+        np.testing.assert_array_equal(motion.of(name)[seen], np.array(expected, np.float32)[seen])
+        assert np.isnan(motion.of(name)[~seen]).all()
+    assert "Times are taken as microseconds." in motion.notes
+
+
+@pytest.mark.parametrize("task", ["Task1", "Task4"])
+def test_arms_without_names(task: str, shared: Path) -> None:
+    path = shared / "mocap" / "arms" / f"assembly_{task}_Human1_trial1.txt"
+    columns = ("LWrist", "RWrist", "LElbow", "RElbow", "LShoulder", "RShoulder")
+    motion = read(read_table, path, columns, 30)
+    expected = np.loadtxt(path, dtype=np.float32).reshape(-1, 6, 3)
+    np.testing.assert_array_equal(motion.positions, expected)
+    assert motion.time == pytest.approx(np.arange(len(expected)) / 30)
+    assert motion.notes == ("There are 30 frames per second, as stated.",)
