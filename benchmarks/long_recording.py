@@ -1,12 +1,14 @@
 """An hour of motion capture from file to page: how long it takes, and how much memory.
 
-Run ``python -m benchmarks.long_recording [--quick | --full] [--json FILE]``. A person walks, stoops
-and screws at 120 Hz, over and over, as a BVH file; ``ergoqp score`` runs on it in a process of its
-own. ``--quick``: two minutes; ``--full``: an hour.
+Run ``python -m benchmarks.long_recording [--quick | --full] [--json FILE]``. A person walks and
+stoops at 120 Hz, over and over, as a BVH file, as a table of joint centres and as a C3D file of 39
+markers; ``ergoqp score`` runs on each in a process of its own. ``--quick``: two minutes;
+``--full``: an hour.
 
-``minutes``: from the command to the page, of a recording of ``recorded_minutes``. ``peak_mb``: the
-largest resident memory of the process; ``.empty``: that of a recording of a second, which is what
-the libraries take. ``file_mb``: size of the file. ``frames_per_s``: all of it.
+``minutes``: from the command to the page, of a BVH file of ``recorded_minutes``; ``csv.`` and
+``c3d.``: of the others. ``peak_mb``: the largest resident memory of the process; ``.empty``: that
+of a recording of a second, which is what the libraries take. ``file_mb``: size of the file.
+``frames_per_s``: all of it.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.made_motions import BODY, fitted, stoop, walk
+from benchmarks.made_markers import markers_of, write_c3d, write_table
+from benchmarks.made_motions import BODY, fitted, moved, stoop, walk
 from benchmarks.report import Report, run
 from ergoqp.recordings.bvh.write import write_bvh
+from ergoqp.recordings.fitting.centres_of import centres_of
 
 RATE = 120.0
 
@@ -73,6 +77,24 @@ def scored(path: Path, out: Path) -> tuple[float, float]:
     return took, peak / 1024
 
 
+def write_table_of(path: Path, seconds: float) -> int:
+    """Write joint centres as a table; return the number of frames."""
+    pelvis, postures = moved()
+    paths = centres_of(BODY, pelvis, postures)
+    places = np.stack(list(paths.values()), axis=1)
+    return write_table(path, tuple(paths), places, RATE, _times(seconds, len(postures)))
+
+
+def write_c3d_of(path: Path, seconds: float) -> int:
+    """Write markers as a C3D file; return the number of frames."""
+    names, places = markers_of(BODY, *moved())
+    return write_c3d(path, names, places, RATE, _times(seconds, len(places)))
+
+
+def _times(seconds: float, frames: int) -> int:
+    return max(1, round(seconds * RATE / frames))
+
+
 def measure(report: Report) -> None:
     """Print all figures."""
     seconds = report.pick(120.0, 3600.0)
@@ -80,14 +102,21 @@ def measure(report: Report) -> None:
         path = Path(folder) / "long.bvh"
         write_recording(path, 1.0)
         _, empty = scored(path, Path(folder) / "empty")
-        frames = write_recording(path, seconds)
-        took, peak = scored(path, Path(folder) / "out")
         report.figure("recorded_minutes", seconds / 60)
-        report.figure("minutes", took / 60)
-        report.figure("peak_mb", peak)
         report.figure("peak_mb.empty", empty)
-        report.figure("file_mb", path.stat().st_size / 1e6)
-        report.figure("frames_per_s", frames / took)
+        for kind, write in (
+            ("", write_recording),
+            ("csv.", write_table_of),
+            ("c3d.", write_c3d_of),
+        ):
+            path = Path(folder) / f"long.{kind.strip('.') or 'bvh'}"
+            frames = write(path, seconds)
+            took, peak = scored(path, Path(folder) / "out")
+            report.figure(f"{kind}minutes", took / 60)
+            report.figure(f"{kind}peak_mb", peak)
+            report.figure(f"{kind}file_mb", path.stat().st_size / 1e6)
+            report.figure(f"{kind}frames_per_s", frames / took)
+            path.unlink()
 
 
 if __name__ == "__main__":

@@ -111,9 +111,8 @@ def write_table(
 ) -> int:
     """Write a table of positions [m] with times [s]; return its number of frames."""
     head = ",".join(["time", *(f"{name}.{axis}" for name in names for axis in "xyz")])
-    rows = [
-        ",".join(f"{value:.4f}" for value in row) for row in positions.reshape(len(positions), -1)
-    ]
+    flat = positions.reshape(len(positions), -1)
+    rows = [",".join(f"{value:.4f}" for value in row) for row in flat]
     with path.open("w", encoding="utf-8") as file:
         file.write(f"{head}\n")
         for i in range(times):

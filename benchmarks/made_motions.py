@@ -120,3 +120,14 @@ def shoulders(name: str, elbow: float, count: int = 181) -> np.ndarray:
 
 def fitted(places: Places, **options: Any) -> Recording:
     return fit_postures(list(places), np.stack(list(places.values()), axis=1), RATE, **options)
+
+
+def moved() -> tuple[np.ndarray, np.ndarray]:
+    """Return pelvis (n, 4) and postures (n, 32) of a walk and a stoop."""
+    pelvis, postures = [], []
+    for recording in (fitted(walk(6.0)[0]), fitted(stoop(4.0)[0])):
+        poses = recording.base_poses
+        yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+        pelvis.append(np.column_stack([poses[:, :3, 3], yaw]))
+        postures.append(recording.postures)
+    return np.concatenate(pelvis), np.concatenate(postures)

@@ -31,6 +31,8 @@ scored that can be.
 
 ``centres_per_s``: frames per second and core, from joint centres to postures, fit error and what is
 not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
+
+``reference.``, ``marker_fit_mm.`` and ``markers_per_s``: see `benchmarks.recording_references`.
 """
 
 from __future__ import annotations
@@ -53,6 +55,7 @@ from benchmarks.made_motions import (
     walk,
 )
 from benchmarks.recording_outcomes import broken_files, cases, silent_file
+from benchmarks.recording_references import measure_references
 from benchmarks.report import Report, run
 from ergoqp import reba
 from ergoqp.joints import INDEX, SIDES
@@ -263,6 +266,7 @@ def measure(report: Report) -> None:
     made_trunks(report)
     outcomes(report, paths)
     runs_from(report, paths)
+    measure_references(report)
     speed(report, paths)
 
 

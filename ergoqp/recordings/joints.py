@@ -98,7 +98,11 @@ def joints_of(
         own = {motion.names[i] for which in found.values() for i in which}
         things = {name: poses for name, poses in motion.objects.items() if name not in own}
         return Found(
-            replace(motion, objects=things), named, unit or motion.unit, said, upright=ready
+            _emptied(motion, things),
+            named,
+            unit or motion.unit,
+            said,
+            upright=ready,
         )
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
     size = unit or motion.unit
@@ -108,17 +112,14 @@ def joints_of(
     frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
     sits = {i: name for name, which in (further | landmarks).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
-    joints = joints_of_markers(motion, where, landmarks, further, shapes, size, progress)
-    paths = {name: joints.positions[:, i] for i, name in enumerate(joints.names)}
+    paths, how = joints_of_markers(motion, where, landmarks, further, shapes, size, progress)
     check_placed(tuple(paths), where)
+    things = {name: _scaled(poses, size) for name, poses in motion.objects.items()}
     return Found(
-        replace(
-            joints,
-            objects={name: _scaled(poses, size) for name, poses in motion.objects.items()},
-        ),
+        _emptied(motion, things),
         NamedCentres(title, paths, {}),
         1.0,
-        (*said, *joints.notes),
+        (*said, *motion.notes, *how),
         markers,
         frames,
         {motion.names[i]: name for i, name in sits.items()},
@@ -158,6 +159,12 @@ def _landmarks(
         for segment, theirs in marker_set.more_in(names).items()
     }
     return landmarks, further, marker_set.title
+
+
+def _emptied(motion: JointMotion, things: Mapping[str, np.ndarray]) -> JointMotion:
+    """Return what is left of a motion when its joints are named: the rest can be let go of."""
+    nowhere = np.empty((len(motion.time), 0, 3))
+    return replace(motion, names=(), positions=nowhere, rest=None, turns={}, objects=things)
 
 
 def _scaled(poses: np.ndarray, unit: float) -> np.ndarray:

@@ -164,11 +164,9 @@ def named_centres(
         found: our centre -> the places of its joints.
         more: further centres -> positions (n, 3).
     """
+    # Copies, so that the motion can be let go of.
     paths = {
-        centre: motion.positions[:, which[0]]
-        if len(which) == 1
-        else motion.positions[:, list(which)].mean(axis=1)
-        for centre, which in found.items()
+        centre: motion.positions[:, list(which)].mean(axis=1) for centre, which in found.items()
     }
     kind = motion.positions.dtype
     paths |= {centre: path.astype(kind) for centre, path in more.items()}

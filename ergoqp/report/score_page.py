@@ -212,10 +212,19 @@ def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
         (spoken(centre), f"{each['median']:.0f}", f"{each['max']:.0f}")
         for centre, each in summary["centre_error_mm"].items()
     ]
+    markers = [
+        (
+            name,
+            spoken(each["frame"]),
+            "never seen" if each["residual_mm"] is None else f"{each['residual_mm']:.0f}",
+        )
+        for name, each in summary["markers"].items()
+    ]
     tables = [
         PageTable(("not scored", "frames"), causes, numeric=(1,)),
         PageTable(("joint beyond its range", "frames"), outside, numeric=(1,)),
         PageTable(("joint centre", "median, mm", "highest, mm"), centres, numeric=(1, 2)),
+        PageTable(("marker", "moves with", "residual, RMS, mm"), markers, numeric=(2,)),
     ]
     return Section(
         "Fit",

@@ -102,8 +102,9 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
     {``frame``, ``time_s``, ``reba``, ``risk``, ``arm``, ``reasons``} or null, the first frame with
     the highest score; ``segments`` {segment: {``mean``, ``max``, ``share`` {score: share of the
     valid frames}}}; ``outside`` {joint: frames beyond its range}; ``fit_error_mm`` {``median``,
-    ``max``} (null when unknown), ``centre_error_mm`` {centre: the same}; ``assumptions``. Frames
-    count from 0.
+    ``max``} (null when unknown), ``centre_error_mm`` {centre: the same}; ``markers`` {marker:
+    {``frame`` of the body that it sits on, ``residual_mm``, null if it is never seen}};
+    ``assumptions``. Frames count from 0.
 
     Args:
         recording: what was scored.
@@ -136,6 +137,15 @@ def summary_of(recording: Recording, assessment: Assessment) -> dict[str, Any]:
             centre: _spread(1e3 * each[np.isfinite(each)])
             for centre, each in recording.errors.items()
             if np.isfinite(each).any()
+        },
+        "markers": {
+            name: {
+                "frame": marker.frame,
+                "residual_mm": round(1e3 * marker.residual, 3)
+                if np.isfinite(marker.residual)
+                else None,
+            }
+            for name, marker in recording.markers.items()
         },
         "assumptions": list(recording.assumptions),
     }

@@ -4,8 +4,13 @@ to the end."""
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import mistake
+
+from ergoqp.human import Body
+from ergoqp.human.person_file import given_person
+from ergoqp.recordings.fitting.centres_of import centres_of
 
 BROKEN = ["empty", "text", "truncated", "cut", "still", "no_frames", "huge", "nan", "spider"]
 
@@ -65,3 +70,67 @@ def test_run_from_shared_recordings(ergoqp, shared, name):
     )
     assert outcome.status == 0, outcome.err
     assert "starts at the worst-scored frame" in outcome.out
+
+
+class TestOptions:
+    """What a file does not say, said on the command line."""
+
+    def table(self, path, header=True):
+        pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (90, 1))
+        centres = centres_of(Body(), pelvis, np.zeros((90, 32)))
+        names = list(centres)
+        rows = np.stack(list(centres.values()), axis=1).reshape(90, -1)
+        head = " ".join(f"{name}.{axis}" for name in names for axis in "xyz")
+        np.savetxt(path, rows, "%.5f", header=head if header else "", comments="")
+        return names
+
+    def test_a_table_without_names_and_times(self, ergoqp, tmp_path):
+        names = self.table(tmp_path / "take.txt", header=False)
+        assert "(columns)" in mistake(ergoqp("score", "take.txt"))
+        columns = ("--columns", ",".join(names))
+        assert "(rate)" in mistake(ergoqp("score", "take.txt", *columns))
+        outcome = ergoqp("score", "take.txt", *columns, "--rate", "30")
+        assert outcome.status == 0, outcome.err
+        assert "There are 30 frames per second, as stated." in outcome.out
+        assert "rate: got -1" in mistake(ergoqp("score", "take.txt", *columns, "--rate", "-1"))
+
+    def test_names_that_nobody_knows(self, ergoqp, tmp_path):
+        self.table(tmp_path / "take.csv")
+        text = (tmp_path / "take.csv").read_text()
+        head, rows = text.split("\n", 1)
+        head = head.replace("right_", "R_x").replace("left_", "L_x").replace("neck", "hals9")
+        (tmp_path / "take.csv").write_text(f"{head}\n{rows}")
+        said = mistake(ergoqp("score", "take.csv", "--rate", "30", "--out", "out"))
+        assert "mapping.toml" in said
+        written = (tmp_path / "out" / "mapping.toml").read_text()
+        assert 'pelvis = "pelvis"' in written
+        assert '# neck = ""' in written
+
+    def test_two_people(self, ergoqp, tmp_path):
+        self.table(tmp_path / "take.csv")
+        head, *rows = (tmp_path / "take.csv").read_text().splitlines()
+        both = [" ".join(f"{who}:{name}" for who in "AB" for name in head.split())]
+        both += [f"{row} {row}" for row in rows]
+        (tmp_path / "take.csv").write_text("\n".join(both) + "\n")
+        said = mistake(ergoqp("score", "take.csv", "--rate", "30"))
+        assert "got 2 people (A, B)" in said
+        outcome = ergoqp("score", "take.csv", "--rate", "30", "--subject", "B")
+        assert outcome.status == 0, outcome.err
+        assert "The person is 'B'." in outcome.out
+        assert "got 'C'" in mistake(ergoqp("score", "take.csv", "--rate", "30", "--subject", "C"))
+
+    def test_a_person_that_is_kept(self, ergoqp, tmp_path):
+        self.table(tmp_path / "take.csv")
+        outcome = ergoqp("score", "take.csv", "--rate", "30", "--save-person", "anna.toml")
+        assert outcome.status == 0, outcome.err
+        assert given_person(tmp_path / "anna.toml").stature == pytest.approx(1.75, abs=1e-3)
+        assert ergoqp("score", "take.csv", "--rate", "30", "--person", "anna.toml").status == 0
+
+    @pytest.mark.parametrize("option", ["--subject", "--thing", "--columns", "--rate"])
+    def test_options_of_recordings_need_one(self, ergoqp, option):
+        assert f"{option}: got" in mistake(ergoqp("run", "screwing", option, "30"))
+
+    def test_a_thing_that_is_not_there(self, ergoqp, tmp_path):
+        self.table(tmp_path / "take.csv")
+        said = mistake(ergoqp("score", "take.csv", "--rate", "30", "--thing", "box"))
+        assert "thing: got 'box', allowed None: the recording has no object" in said

@@ -242,9 +242,11 @@ def _from_recording(
         ),
         *notes,
         (
-            "The recording says nothing of the object: it is taken to be in the hand as the problem"
-            " says, wherever the hand is."
-        ),
+            "The recording says nothing of the object"
+            if recording.object_poses is None
+            else "The recording's object is not the problem's"
+        )
+        + ": it is taken to be in the hand as the problem says, wherever the hand is.",
     ]
     with working(f"closed loop, {duration:g} s") as done:
         return simulate(

@@ -18,7 +18,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress, part_of
 from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.poses import poses_of, unit_turns
-from ergoqp.recordings.formats.rows import Asked, TextLines, blocks, cells, gathered, separator_of
+from ergoqp.recordings.formats.rows import Asked, Gathered, TextLines, blocks, cells, separator_of
 from ergoqp.recordings.formats.stamps import repeated, steady
 from ergoqp.recordings.motion import JointMotion
 
@@ -41,7 +41,7 @@ def is_folder_of_bodies(folder: Path) -> bool:
 
 
 def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
-    """Return the bodies of a folder; those that no skeleton names are objects too.
+    """Return the bodies of a folder; those that do not belong to a person are objects too.
 
     Args:
         folder: with one table for each body, all of as many rows.
@@ -64,11 +64,10 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
         )
     places: dict[str, np.ndarray] = {}
     quaternions: dict[str, np.ndarray] = {}
-    ordered = None
+    orders: dict[str, tuple[int, ...] | None] = {}
     for i, (name, path) in enumerate(zip(_names(paths), paths, strict=True)):
         share = part_of(progress, i / len(paths), (i + 1) / len(paths))
-        places[name], quaternions[name], order = _read(path, share)
-        ordered = order if order is not None else ordered
+        places[name], quaternions[name], orders[name] = _read(path, share)
     counts = {len(place) for place in places.values()}
     if len(counts) > 1:
         least, most = (
@@ -81,11 +80,13 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
         )
     positions = np.stack(list(places.values()), axis=1)
     time, notes = steady(folder.name, len(positions), asked.rate)
-    if ordered is None:
-        ordered, said = _order(places, quaternions)
+    found = orders
+    if untold := {name: quaternions[name] for name, order in orders.items() if order is None}:
+        order, said = _order(places, untold)
+        found = {name: told or order for name, told in orders.items()}
         notes.append(said)
-    turns = {name: unit_turns(quaternions.pop(name)[:, ordered]) for name in places}
-    names = tuple(places)
+    turns = {name: unit_turns(quaternions.pop(name)[:, found[name]]) for name in places}
+    names, own = tuple(places), _person_of(paths)
     places.clear()
     return JointMotion(
         names,
@@ -94,7 +95,11 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
         None,
         (*notes, *repeated(positions)),
         turns=turns,
-        objects={name: poses_of(positions[:, i], turns[name]) for i, name in enumerate(names)},
+        objects={
+            name: poses_of(positions[:, i], turns[name])
+            for i, name in enumerate(names)
+            if not own[i]
+        },
     )
 
 
@@ -132,7 +137,7 @@ def _read(path: Path, progress: Progress) -> tuple[np.ndarray, np.ndarray, tuple
     if head is None or (turn := _turn(head[0])) is None:
         raise RecordingError(f"{path.name}, line 1: got other names than x, y, z, q0, q1, q2, q3")
     (columns, separator), (names, order) = head, turn
-    parts = []
+    rows = Gathered()
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
         lines.next("the names of the columns")
@@ -141,11 +146,10 @@ def _read(path: Path, progress: Progress) -> tuple[np.ndarray, np.ndarray, tuple
             lines.fail(f"got the column {twice[0]} twice, allowed each once")
         taken = [columns.index(name) for name in chosen]
         for values in blocks(lines, separator, len(columns), blanks=True):
-            parts.append(values[:, taken].astype(np.float32))
-    if not parts:
+            rows.add(values[:, taken].astype(np.float32), lines.share)
+    if not rows:
         raise RecordingError(f"{path.name}: got no row below the names, allowed poses")
-    values = gathered(parts)
-    return values[:, :3].copy(), values[:, 3:].copy(), order
+    return rows.whole[:, :3], rows.whole[:, 3:], order
 
 
 def _order(
@@ -208,6 +212,14 @@ def _names(paths: list[Path]) -> list[str]:
     many = sum(_first(name) == most for name in names) > 1
     names = [name.removeprefix(most) if many else name for name in names]
     return names if len(set(names)) == len(names) and all(names) else stems
+
+
+def _person_of(paths: list[Path]) -> list[bool]:
+    """Return which bodies are a person's: those whose files begin alike, if others do not."""
+    begins = [_first(path.stem) for path in paths]
+    most = max(begins, key=begins.count)
+    alike = [begin == most for begin in begins]
+    return alike if 1 < sum(alike) < len(alike) else [False] * len(alike)
 
 
 def _first(stem: str) -> str:

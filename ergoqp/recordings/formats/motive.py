@@ -21,11 +21,11 @@ from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.poses import poses_of, unit_turns
 from ergoqp.recordings.formats.rows import (
     Asked,
+    Gathered,
     TextLines,
     blocks,
     cells,
     count_of,
-    gathered,
     is_number,
 )
 from ergoqp.recordings.formats.stamps import repeated, seconds
@@ -105,17 +105,18 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         oriented = [thing for thing in taken if thing.of("Rotation")]
         columns = [c for thing in taken for c in thing.of("Position") or ()]
         turning = [c for thing in oriented for c in thing.of("Rotation") or ()]
-        numbered, places, turns = [], [], []
+        numbered, places, turns = Gathered(), Gathered(), Gathered()
         for values in blocks(lines, ",", width):
-            numbered.append(values[:, :2].copy())
-            places.append(values[:, columns].astype(np.float32).reshape(len(values), -1, 3))
-            quaternions = unit_turns(values[:, turning].reshape(len(values), -1, 4))
-            turns.append(quaternions.astype(np.float32))
+            share, count = lines.share, len(values)
+            numbered.add(values[:, :2], share)
+            places.add(values[:, columns].astype(np.float32).reshape(count, -1, 3), share)
+            quaternions = unit_turns(values[:, turning].reshape(count, -1, 4))
+            turns.add(quaternions.astype(np.float32), share)
     if not numbered:
         raise RecordingError(f"{path.name}: got no frame, allowed a take with movement in it")
-    notes = _counted(path, stated, sum(map(len, places)))
-    positions, quaternions = gathered(places), gathered(turns)
-    time, kept, said = seconds(path.name, _times(gathered(numbered), stated), 1.0)
+    notes = _counted(path, stated, len(places))
+    positions, quaternions = places.whole, turns.whole
+    time, kept, said = seconds(path.name, _times(numbered.whole, stated), 1.0)
     if not kept.all():
         positions, quaternions = positions[kept], quaternions[kept]
     units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}
@@ -164,7 +165,7 @@ def _things(lines: TextLines) -> tuple[list[_Thing], int]:
         row = cells(lines.next("the row 'Frame'"), ",")
         if any(row):
             head.append(row)
-        if len(head) > 8:
+        if len(head) > 8 or lines.line > 100:
             lines.fail("got more than 8 rows above the numbers, allowed a take's")
     if len(head) < 4:
         lines.fail("got too few rows above the numbers, allowed type, name, ID, what and axis")

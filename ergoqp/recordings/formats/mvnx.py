@@ -20,15 +20,19 @@ from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.poses import unit_turns
-from ergoqp.recordings.formats.rows import LARGEST, Asked, count_of, gathered
+from ergoqp.recordings.formats.rows import LARGEST, Asked, Gathered, count_of
 from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.motion import JointMotion
 
 _AXES: Final = ("abduction", "rotation", "flexion")
 """Of the three angles of a joint, in Xsens' order z, x, y of axes."""
 _BLOCK: Final = 4000
-_PROLOG: Final = 4096
-"""Bytes that are read at once of what stands above the first element."""
+_PROLOG: Final = 1 << 20
+"""Bytes in which the first element begins."""
+_CHUNK: Final = 1 << 18
+"""Bytes that are read at once: a parser may look at what has no end yet again and again."""
+_LONGEST: Final = 64
+"""Of them without the begin or end of an element, at most."""
 _DEEPEST: Final = 50
 """Elements in elements; Xsens has seven."""
 
@@ -49,9 +53,10 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         _check_declarations(path, file)
         segments: list[str] = []
         joints: list[str] = []
-        indices, places, turns, angles = [], [], [], []
+        indices: list[int] = []
+        arrays = [Gathered(), Gathered(), Gathered()]
         block: list[list[float]] = []
-        rate, posed = None, 0
+        rate, posed, width = None, 0, 0
         for parent, element, begins in _elements(path, file):
             tag = _tag(element)
             if begins:
@@ -72,19 +77,26 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
                         raise _lacking(path)
                     index, row = _frame(path, element, len(segments), len(joints))
                     indices.append(index)
+                    width = width or len(row)
+                    if len(row) != width:
+                        raise RecordingError(
+                            f"{path.name}: got joint angles (jointAngle) in some of the frames,"
+                            " allowed in all or none"
+                        )
                     block.append(row)
                 else:
                     posed += 1
                 if len(block) == _BLOCK:
-                    _take(path, block, len(segments), places, turns, angles)
-                    progress(min(file.tell() / size, 1.0))
+                    share = min(file.tell() / size, 1.0)
+                    _take(block, len(segments), arrays, share)
+                    progress(share)
         if block:
-            _take(path, block, len(segments), places, turns, angles)
+            _take(block, len(segments), arrays, 1.0)
     if not segments or rate is None:
         raise _lacking(path)
     if not indices:
         raise RecordingError(f"{path.name}: got no frame of movement, allowed normal frames")
-    positions, quaternions, bent = gathered(places), gathered(turns), gathered(angles)
+    positions, quaternions, bent = (each.whole for each in arrays)
     time, kept, notes = seconds(path.name, np.array(indices) / rate, 1.0)
     if not kept.all():
         positions, quaternions, bent = positions[kept], quaternions[kept], bent[kept]
@@ -124,8 +136,13 @@ def _check_declarations(path: Path, file: BinaryIO) -> None:
     parser.StartElementHandler = lambda *_: begun.append(True)
     # What is no XML is told when it is read.
     with suppress(expat.ExpatError, ValueError, LookupError):
-        while not begun and (text := file.read(_PROLOG)):
+        while not begun and (text := file.read(_PROLOG >> 4)):
             parser.Parse(text)
+            if file.tell() > _PROLOG:
+                raise RecordingError(
+                    f"{path.name}: got {_PROLOG >> 20} MB above the first element, allowed an MVNX"
+                    " file"
+                )
     file.seek(0)
 
 
@@ -140,7 +157,7 @@ def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any, bool]]:
     """
     above: list[Any] = []
     try:
-        for event, element in ElementTree.iterparse(file, events=("start", "end")):
+        for event, element in _events(path, file):
             if event == "end":
                 above.pop()
             yield _tag(above[-1]) if above else "", element, event == "start"
@@ -160,6 +177,25 @@ def _elements(path: Path, file: BinaryIO) -> Iterator[tuple[str, Any, bool]]:
         raise RecordingError(
             f"{path.name}, line 1: got an encoding that is not read ({error}), allowed UTF-8"
         ) from None
+
+
+def _events(path: Path, file: BinaryIO) -> Iterator[Any]:
+    """Return what the parser tells of a file."""
+    parser = ElementTree.XMLPullParser(("start", "end"))
+    quiet = 0
+    while text := file.read(_CHUNK):
+        parser.feed(text)
+        quiet += 1
+        for event in parser.read_events():
+            quiet = 0
+            yield event
+        if quiet > _LONGEST:
+            raise RecordingError(
+                f"{path.name}: got {_LONGEST * _CHUNK >> 20} MB in which no element begins or ends,"
+                " allowed an MVNX file"
+            )
+    parser.close()
+    yield from parser.read_events()
 
 
 def _tag(element: Any) -> str:
@@ -223,24 +259,12 @@ def _frame(path: Path, element: Any, segments: int, joints: int) -> tuple[int, l
     return number, row
 
 
-def _take(
-    path: Path,
-    block: list[list[float]],
-    segments: int,
-    places: list[np.ndarray],
-    turns: list[np.ndarray],
-    angles: list[np.ndarray],
-) -> None:
-    """Move rows into arrays."""
-    width = 7 * segments + (angles[0].shape[1] if angles else len(block[0]) - 7 * segments)
-    if any(len(row) != width for row in block):
-        raise RecordingError(
-            f"{path.name}: got joint angles (jointAngle) in some of the frames, allowed in all or"
-            " none"
-        )
+def _take(block: list[list[float]], segments: int, to: list[Gathered], share: float) -> None:
+    """Move rows into the arrays of places, quaternions and angles."""
     values = np.array(block)
     block.clear()
-    places.append(values[:, : 3 * segments].reshape(len(values), -1, 3).astype(np.float32))
-    quaternions = values[:, 3 * segments : 7 * segments].reshape(len(values), -1, 4)
-    turns.append(unit_turns(quaternions[:, :, [1, 2, 3, 0]]).astype(np.float32))
-    angles.append(np.radians(values[:, 7 * segments :]).astype(np.float32))
+    places, turns, angles = np.split(values, [3 * segments, 7 * segments], axis=1)
+    unit = unit_turns(turns.reshape(len(values), -1, 4)[:, :, [1, 2, 3, 0]])
+    parts = (places.reshape(len(values), -1, 3), unit, np.radians(angles))
+    for each, part in zip(to, parts, strict=True):
+        each.add(part.astype(np.float32), share)

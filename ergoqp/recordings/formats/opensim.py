@@ -37,6 +37,8 @@ Angles = Mapping[str, np.ndarray]
 """Coordinate in small letters -> angles [rad] or lengths [m] (n,)."""
 Turns = dict[str, tuple["Rotation", np.ndarray]]
 """Segment -> how it is turned in the axes of the model, and where that is known (n,) bool."""
+_BLOCK: Final = 8192
+"""Frames at once: an hour is more than fits."""
 
 
 def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMotion:
@@ -61,8 +63,13 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
     _check_unit(model, angles, where)
     person = body or Body()
     angles, knees = _with_bent_hinges(angles)
-    places, lacking = _places(model, angles, len(motion.time), person)
-    upright, _ = _places(model, {name: np.zeros(1) for name in angles}, 1, person)
+    upright, lacking = _places(model, {name: np.zeros(1) for name in angles}, 1, person)
+    positions = np.empty((len(motion.time), len(upright), 3), dtype=np.float32)
+    for start in range(0, len(positions), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        some_angles = {name: each[rows] for name, each in angles.items()}
+        places, _ = _places(model, some_angles, len(positions[rows]), person)
+        positions[rows] = np.stack(list(places.values()), axis=1)
     notes = [
         f"The joint centres are placed by the file's joint angles (OpenSim model: {model.title}),"
         f" with the lengths of {'an average' if body is None else 'the'} person of"
@@ -74,9 +81,9 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         notes.append(f"Not in the file and taken as zero: {some(lacking)}.")
     return replace(
         motion,
-        names=tuple(places),
-        positions=np.stack(list(places.values()), axis=1),
-        rest=np.stack([upright[centre][0] for centre in places]),
+        names=tuple(upright),
+        positions=positions,
+        rest=np.stack([upright[centre][0] for centre in upright]),
         notes=(*motion.notes, *notes),
         objects={**motion.objects, **_objects(model, angles)},
         unit=1.0,

@@ -20,13 +20,23 @@ from ergoqp.recordings.formats.opening import short
 
 _BLOCK: Final = 4000
 """Lines that are read at once."""
-_LONGEST: Final = 4 << 20
+_LONGEST: Final = 1 << 20
 """Bytes in a line, at most: what has longer ones is no text."""
 _MOST: Final = 16 << 20
 """Bytes that are read at once, about."""
+_TOGETHER: Final = 4_000_000
+"""Numbers that are made at once, about."""
+_LEFT_OUT: Final = 20
+"""Numbers that a byte of a file stands for, at most: blanks at the end of rows may be left out."""
+_BEARABLE: Final = 100_000_000
+"""Numbers that a file may have whatever its size is."""
+_EXPECTED: Final = 1 << 31
+"""Bytes that are asked for in advance, at most."""
 _MARKS: Final = "\t;,"
 """What parts columns, the surest first: a decimal comma is no mark of columns."""
 _EMPTY: Final = " \t,;"
+_EMPTY_LINES: Final = 1000
+"""Empty lines above the numbers, at most."""
 _NOTHING: Final = frozenset(
     {"", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)"}
     | {"1.#qnan", "-1.#ind"}
@@ -77,8 +87,9 @@ class TextLines:
 
     def peek(self) -> str:
         """Return the next line that is not empty, which stays to be read; "" if there is none."""
-        while rows := self.take(1):
-            if rows[0].strip(_EMPTY):
+        for _ in range(_EMPTY_LINES):
+            rows = self.take(1)
+            if rows and rows[0].strip(_EMPTY):
                 self.put_back(rows[0])
                 return rows[0]
         return ""
@@ -95,6 +106,11 @@ class TextLines:
                 f"{self.path.name}: the file ends in line {self.line}, required is {wanted}"
             )
         return lines[0]
+
+    @property
+    def share(self) -> float:
+        """How much of the file is read, from 0 to 1."""
+        return min(self.file.tell() / self.size, 1.0) if self.size else 1.0
 
     def take(self, count: int) -> list[str]:
         """Return the next lines, at most so many."""
@@ -119,8 +135,7 @@ class TextLines:
         except UnicodeDecodeError:
             # What Windows programs write where names have accents; every byte is a letter of it.
             text = b"".join(raw).decode("latin-1")
-        if self.size:
-            self.progress(min(self.file.tell() / self.size, 1.0))
+        self.progress(self.share)
         # Not splitlines: for it more than these end a line, and lines would be counted wrongly.
         return text.replace("\r\n", "\n").removesuffix("\n").split("\n")
 
@@ -138,6 +153,43 @@ class TextLines:
         raise RecordingError(f"{self.path.name}, line {at}: {problem}")
 
 
+@dataclass
+class Gathered:
+    """Blocks that become one array, begun as large as it will be: they are there only once."""
+
+    _all: np.ndarray | None = None
+    _count: int = 0
+
+    def add(self, block: np.ndarray, share: float) -> None:
+        """Add a block (n, ...).
+
+        Args:
+            block: rows.
+            share: of the file that is read with them, from 0 to 1.
+        """
+        count = self._count + len(block)
+        if self._all is None or count > len(self._all):
+            before = self._all
+            # What is not filled takes no memory.
+            expected = min(1.02 * count / max(share, 1e-9), _EXPECTED / max(block[:1].nbytes, 1))
+            least = count if before is None else count + count // 4
+            self._all = np.empty((max(least, int(expected)), *block.shape[1:]), dtype=block.dtype)
+            if before is not None:
+                self._all[: self._count] = before[: self._count]
+        self._all[self._count : count] = block
+        self._count = count
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return self._count
+
+    @property
+    def whole(self) -> np.ndarray:
+        """All rows."""
+        assert self._all is not None
+        return self._all[: self._count]
+
+
 def blocks(
     lines: TextLines, separator: str | None, width: int, blanks: bool = False
 ) -> Iterator[np.ndarray]:
@@ -153,7 +205,8 @@ def blocks(
         blanks: whether a row of nothing but separators is a frame, in which nothing was seen.
     """
     decimal = separator in {"\t", ";"}
-    while text := lines.take(_BLOCK):
+    count = 0
+    while text := lines.take(min(_BLOCK, _TOGETHER // width + 1)):
         first = lines.line - len(text) + 1
         rows = [
             (i, row.replace(",", ".") if decimal else row)
@@ -162,22 +215,13 @@ def blocks(
         ]
         if not rows:
             continue
+        count += len(rows) * width
+        if count > max(_BEARABLE, _LEFT_OUT * lines.file.tell()):
+            lines.fail(f"got rows with hardly any number, allowed {width} in each")
         values = np.array([_values(lines, i, row, separator, width) for i, row in rows])
         if (large := np.flatnonzero((np.abs(values) > LARGEST).any(axis=1))).size:
             lines.fail("got a number that is not finite, allowed finite ones", rows[large[0]][0])
         yield values
-
-
-def gathered(parts: list[np.ndarray]) -> np.ndarray:
-    """Return blocks as one array; they are taken out of the list and let go of meanwhile."""
-    whole = np.empty((sum(map(len, parts)), *parts[0].shape[1:]), dtype=parts[0].dtype)
-    at = 0
-    parts.reverse()
-    while parts:
-        part = parts.pop()
-        whole[at : at + len(part)] = part
-        at += len(part)
-    return whole
 
 
 def separator_of(*rows: str) -> str | None:

@@ -17,11 +17,11 @@ from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.rows import (
     Asked,
+    Gathered,
     TextLines,
     blocks,
     cells,
     count_of,
-    gathered,
     separator_of,
 )
 from ergoqp.recordings.formats.stamps import seconds
@@ -58,6 +58,8 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         head = ""
         while not head.strip(_SPACE):
             head = lines.next("the names of the columns")
+            if lines.line > 2 * _HEAD:
+                lines.fail("got no names of columns below endheader, allowed a motion file")
         # Names are parted by tabs and numbers by spaces in some files.
         separator = separator_of(first) if (first := lines.peek()) else separator_of(head)
         names = cells(head.strip(" \t"), separator)
@@ -69,10 +71,12 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             lines.fail(f"got no name for column {names.index('') + 1}, allowed one for each")
         if len(set(names)) < len(names):
             lines.fail("got a column twice, allowed each once")
-        parts = list(blocks(lines, separator, len(names)))
-    if not parts:
+        rows = Gathered()
+        for block in blocks(lines, separator, len(names)):
+            rows.add(block, lines.share)
+    if not rows:
         raise RecordingError(f"{path.name}: got no row below the names, allowed a movement")
-    values = gathered(parts)
+    values = rows.whole
     time, kept, notes = seconds(path.name, values[:, 0], 1.0)
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
         notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")

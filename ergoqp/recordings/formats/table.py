@@ -19,10 +19,10 @@ from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short, some
 from ergoqp.recordings.formats.rows import (
     Asked,
+    Gathered,
     TextLines,
     blocks,
     cells,
-    gathered,
     is_nothing,
     is_number,
     separator_of,
@@ -32,7 +32,9 @@ from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 12
 """Lines in which the numbers begin at the latest."""
-_LONGEST: Final = 200
+_BLANK: Final = 1000
+"""The same where most lines are empty."""
+_LONGEST: Final = 100
 """Letters in a name, at most: what is longer is no name, and slow to be taken apart."""
 _AXIS: Final = re.compile(r"t?(?P<axis>[xyz])\d*", re.IGNORECASE)
 _COLUMN: Final = re.compile(
@@ -111,22 +113,22 @@ def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             )
         points = [column for columns in layout.points.values() for column in columns]
         sure = [layout.sure.get(name, -1) for name in layout.points]
-        places, stamps = [], []
+        places, stamps = Gathered(), Gathered()
         for values in blocks(lines, separator, layout.width, blanks=layout.time is None):
             block = values[:, points].astype(np.float32).reshape(len(values), -1, 3)
             for i, column in enumerate(sure):
                 if column >= 0:
                     block[~(values[:, column] > 0), i] = np.nan
-            places.append(block)
+            places.add(block, lines.share)
             if layout.time is not None:
-                stamps.append(values[:, layout.time].copy())
-    positions = gathered(places)
+                stamps.add(values[:, layout.time], lines.share)
+    positions = places.whole
     if layout.time is None:
         assert asked.rate is not None
         positions = positions[: _seen(positions)]
         time, notes = steady(path.name, len(positions), asked.rate)
     else:
-        time, kept, notes = seconds(path.name, np.concatenate(stamps), layout.tick)
+        time, kept, notes = seconds(path.name, stamps.whole, layout.tick)
         positions = positions if kept.all() else positions[kept]
     return JointMotion(
         tuple(layout.points),
@@ -152,7 +154,7 @@ def _head(lines: TextLines) -> tuple[list[str], str]:
     That one stays to be read.
     """
     head: list[str] = []
-    while len(head) < _HEAD:
+    while len(head) < _HEAD and lines.line < _BLANK:
         row = lines.next("a row of numbers")
         if not row.strip(" \t,;"):
             continue
@@ -162,7 +164,7 @@ def _head(lines: TextLines) -> tuple[list[str], str]:
             lines.put_back(row)
             return head, row
         head.append(row)
-    lines.fail(f"got {_HEAD} lines without a row of numbers, allowed a table of positions")
+    lines.fail(f"got {lines.line} lines without a row of numbers, allowed a table of positions")
 
 
 def _layout(lines: TextLines, head: list[list[str]], width: int) -> Layout:

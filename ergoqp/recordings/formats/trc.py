@@ -18,11 +18,11 @@ from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.rows import (
     Asked,
+    Gathered,
     TextLines,
     blocks,
     cells,
     count_of,
-    gathered,
     separator_of,
 )
 from ergoqp.recordings.formats.stamps import repeated, seconds
@@ -68,14 +68,15 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         if "x" not in (below := lines.next("the names of the coordinates")).lower():
             lines.fail(f"got {short(below)}, allowed X1, Y1, Z1 and so on")
         width = 2 + 3 * len(names)
-        stamps, places = [], []
+        stamps, places = Gathered(), Gathered()
         for rows in blocks(lines, separator, width):
-            stamps.append(rows[:, 1].copy())
-            places.append(rows[:, 2:].astype(np.float32).reshape(len(rows), -1, 3))
+            stamps.add(rows[:, 1], lines.share)
+            block = rows[:, 2:].astype(np.float32).reshape(len(rows), -1, 3)
+            places.add(block, lines.share)
     if not stamps:
         raise RecordingError(f"{path.name}: got no row of numbers, allowed a movement")
-    positions = gathered(places)
-    time, kept, notes = seconds(path.name, np.concatenate(stamps), 1.0)
+    positions = places.whole
+    time, kept, notes = seconds(path.name, stamps.whole, 1.0)
     positions = positions if kept.all() else positions[kept]
     for key, found, what in (
         ("numframes", len(kept), "frames"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -57,8 +57,8 @@ def joints_of_markers(
     shapes: Mapping[str, np.ndarray],
     unit: float,
     progress: Progress = unseen,
-) -> JointMotion:
-    """Return the joint centres below markers, under our names and in metres.
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return joint centre -> positions (n, 3) [m] below markers, and sentences on how.
 
     Args:
         motion: the markers.
@@ -73,16 +73,16 @@ def joints_of_markers(
         RecordingError: the pelvis cannot be placed.
     """
     every = max(1, len(motion.time) // _SAMPLE)
-    sample = _at(landmarks, motion.positions[::every], unit)
-    rigid = _rigid(motion, landmarks, more, shapes, unit, every)
-    size = _size(sample)
+    size = _size(_at(landmarks, motion.positions[::every], unit))
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
         raise RecordingError(
             f"{where}: the pelvis cannot be placed; the recording needs both ASIS, and both PSIS or"
             f" the sacrum; it has {some(list(landmarks))}"
         )
-    widths = Widths.of(motion.measures)
-    count, names, places = len(motion.time), [], np.empty(0)
+    rigid = _rigid(motion, landmarks, more, shapes, unit, every)
+    widths, count = Widths.of(motion.measures), len(motion.time)
+    # Each by itself, so that it can be let go of by itself.
+    centres: dict[str, np.ndarray] = {}
     filled: dict[str, int] = {}
     astray: dict[str, int] = {}
     for start in range(0, count, _BLOCK):
@@ -92,25 +92,12 @@ def joints_of_markers(
             _completed(at, block, unit, segment, filled, astray)
         found = centres_of_landmarks(at, widths, size)
         found |= {name: path for name, path in at.items() if name in CENTRES}
-        for name in found:
-            if name not in names:
-                names.append(name)
-                more_places = np.full((len(names), count, 3), np.nan, dtype=np.float32)
-                if len(names) > 1:
-                    more_places[:-1] = places
-                places = more_places
         for name, path in found.items():
-            places[names.index(name), start : start + len(block)] = path
+            if name not in centres:
+                centres[name] = np.full((count, 3), np.nan, dtype=np.float32)
+            centres[name][start : start + len(block)] = path
         progress(min((start + _BLOCK) / count, 1.0))
-    return replace(
-        motion,
-        names=tuple(names),
-        positions=np.moveaxis(places, 0, 1),
-        notes=(*motion.notes, *_said(widths, filled, astray, count)),
-        rest=None,
-        markers=False,
-        unit=1.0,
-    )
+    return centres, _said(widths, filled, astray, count)
 
 
 def _at(
@@ -223,7 +210,7 @@ def _said(
     filled: Mapping[str, int],
     astray: Mapping[str, int],
     count: int,
-) -> Sequence[str]:
+) -> list[str]:
     measured = widths != Widths()
     said = [
         "Joint centres are computed from the markers, which are taken to be 14 mm wide: hips by"

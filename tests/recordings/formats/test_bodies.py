@@ -98,6 +98,40 @@ def test_the_order_of_quaternions_is_found(
         assert np.isnan(motion.objects[name][frames, :3, :3]).all()
 
 
+def test_each_table_may_tell_its_order(tmp_path: Path) -> None:
+    last, first = (
+        BODY.replace("q0,q1,q2,q3", "qx,qy,qz,qw"),
+        "x,y,z,qw,qx,qy,qz\n1,2,3,0.8,0,0,.6\n",
+    )
+    rows = first + "1,2,3,1,0,0,0\n" * 2
+    motion = read(read_bodies, folder_of(tmp_path, a=last, b=rows), rate=10)
+    assert motion.turns["a"][1] == pytest.approx([0, 0, 0.6, 0.8])
+    assert motion.turns["b"][0] == pytest.approx([0, 0, 0.6, 0.8])
+    assert not any(note.startswith(POSED) for note in motion.notes)
+    files = arm([3, 0, 1, 2], np.random.default_rng(4))
+    fore = files["fore"].replace("q0,q1,q2,q3", "qw,qx,qy,qz")
+    (tmp_path / "other").mkdir()
+    folder = folder_of(tmp_path / "other", upper=files["upper"], fore=fore)
+    motion = read(read_bodies, folder, rate=10)
+    upper = Rotation.random(50, rng=np.random.default_rng(4)).as_quat()
+    assert motion.turns["upper"] == pytest.approx(upper, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("files", "objects"),
+    [
+        (["ann_hip", "ann_neck", "box"], ["box"]),
+        (["ann_hip", "ann_neck"], ["hip", "neck"]),
+        (["hip", "box"], ["box", "hip"]),
+    ],
+)
+def test_the_bodies_of_a_person_are_no_objects(
+    files: list[str], objects: list[str], tmp_path: Path
+) -> None:
+    folder = folder_of(tmp_path, **dict.fromkeys(files, BODY))
+    assert list(read(read_bodies, folder, rate=10).objects) == objects
+
+
 def test_one_body_does_not_tell_its_order(tmp_path: Path) -> None:
     motion = read(read_bodies, folder_of(tmp_path, box=BODY), rate=10)
     assert motion.notes[1] == f"{POSED}x, y, z, w: with one body nothing tells their order."
@@ -202,7 +236,10 @@ def test_the_bones_of_a_handover(shared: Path) -> None:
         np.testing.assert_array_equal(motion.of(name), numbers[:, :3].astype(np.float32))
         assert motion.turns[name] == pytest.approx(numbers[:, 3:], abs=1e-6)
         expected = Rotation.from_quat(numbers[:, 3:]).as_matrix()
-        assert motion.objects[name][:, :3, :3] == pytest.approx(expected, abs=1e-6)
+        # What is not the giver's is the thing that is given.
+        assert (name in motion.objects) == (name == "baton")
+        if name in motion.objects:
+            assert motion.objects[name][:, :3, :3] == pytest.approx(expected, abs=1e-6)
     assert motion.time == pytest.approx(np.arange(801) / 120)
     assert motion.notes[1].startswith(f"{POSED}x, y, z, w: a bone's neighbour moves by 1 mm in its")
     assert motion.notes[2] == "76 of 801 frames are the frame before once more."

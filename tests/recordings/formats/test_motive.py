@@ -158,6 +158,10 @@ BROKEN = {
         MOTIVE.replace("\n,ID", "\n,more" * 6 + "\n,ID"),
         "line 11: got more than 8 rows above the numbers",
     ),
+    "many empty rows above": (
+        MOTIVE.replace("\n\n", "\n" * 200),
+        "line 101: got more than 8 rows above the numbers",
+    ),
     "few rows above": (
         "Format Version,1.23\nFrame,Time (Seconds),X\n0,0,1\n",
         "line 2: got too few rows above the numbers",

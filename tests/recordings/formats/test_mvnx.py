@@ -200,6 +200,14 @@ BROKEN = {
     ),
     "time back": (MVNX.replace('index="1"', 'index="7"'), "time runs backwards from frame 2 to 3"),
     "deep": (ROOT + "<a>" * 10**5, "got elements nested too deeply"),
+    "a long prolog": (
+        MVNX.replace("?>\n", f"?>\n<!-- {'x' * (1 << 20)} -->\n"),
+        "got 1 MB above the first element, allowed an MVNX file",
+    ),
+    "a long name": (
+        MVNX.replace("Somebody", "x" * (20 << 20)),
+        "got 16 MB in which no element begins or ends, allowed an MVNX file",
+    ),
     "unknown encoding": (MVNX.replace("UTF-8", "klingon"), "line 1: got .*, allowed"),
     "wide encoding": (MVNX.replace("UTF-8", "shift_jis"), "line 1: got an encoding that is not"),
     "not UTF-8": (MVNX.replace("Somebody", "Jürgen").encode("latin-1"), "line 3: got no XML"),

@@ -12,11 +12,11 @@ from ergoqp.errors import RecordingError
 from ergoqp.progress import unseen
 from ergoqp.recordings.formats import rows
 from ergoqp.recordings.formats.rows import (
+    Gathered,
     TextLines,
     blocks,
     cells,
     count_of,
-    gathered,
     separator_of,
 )
 
@@ -115,6 +115,15 @@ def test_a_line_without_end_is_not_read_whole(monkeypatch: pytest.MonkeyPatch) -
     assert lines.file.tell() <= (1 << 20) + 6
 
 
+def test_rows_that_are_left_out_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rows, "_BEARABLE", 1_000_000)
+    assert sum(map(len, blocks(lines_of("1\n" * 999), ",", 1000))) == 999
+    assert sum(map(len, blocks(lines_of("1,2,3\n" * 400_000), ",", 3))) == 400_000
+    sizes = map(np.size, blocks(lines_of("1\n" * 100_000), ",", 100_000))
+    with pytest.raises(RecordingError, match="got rows with hardly any number, allowed 100000 in"):
+        assert max(sizes) < 5e6
+
+
 def test_a_block_of_long_lines_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rows, "_MOST", 100)
     assert [len(block) for block in blocks(lines_of("1,2,3\n" * 40), ",", 3)] == [17, 17, 6]
@@ -182,7 +191,13 @@ def test_what_parts_columns() -> None:
     assert separator_of("1 2", "a b") is None
 
 
-def test_blocks_become_one_and_are_let_go() -> None:
-    parts = [np.ones((2, 3)), np.zeros((1, 3))]
-    np.testing.assert_array_equal(gathered(parts), [[1, 1, 1], [1, 1, 1], [0, 0, 0]])
-    assert parts == []
+@pytest.mark.parametrize("shares", [(1.0, 1.0, 1.0), (0.3, 0.6, 1.0), (0.9, 0.99, 1.0), (0, 0, 0)])
+def test_blocks_become_one_array(shares: tuple[float, ...]) -> None:
+    values = np.arange(36.0).reshape(12, 3)
+    gathered = Gathered()
+    assert not gathered
+    gathered.add(values[:0], 0.1)
+    for part, share in zip(np.split(values, [4, 9]), shares, strict=True):
+        gathered.add(part, share)
+    np.testing.assert_array_equal(gathered.whole, values)
+    assert len(gathered) == 12

@@ -109,6 +109,10 @@ BROKEN = {
     ),
     "head only": (STORAGE[: STORAGE.index("time")], "ends in line 7, required is the names"),
     "names only": (STORAGE[: STORAGE.index("0.0")], "^a.mot: got no row below the names, allowed"),
+    "empty lines": (
+        STORAGE.replace("endheader", "endheader" + "\n" * 999),
+        "line 401: got no names of columns below endheader",
+    ),
     "cut in the head": (STORAGE[:20], "ends in line 2, required is the line endheader"),
     "cut in a row": (STORAGE[:-5], "line 11: got a row of 2 numbers, allowed 3: the file is cut"),
     "no time": (STORAGE.replace("time", "frame"), "line 8: got the first column 'frame', allowed"),

@@ -192,6 +192,7 @@ BROKEN = {
     "cut in the head": (HEAD[:-9], "the file ends in line 1, required is a row of numbers"),
     "cut in a row": (TABLE[:-8], "line 4: got a row of 5 numbers, allowed 7: the file is cut"),
     "prose": ("word\n" * 20, "line 12: got 12 lines without a row of numbers"),
+    "empty lines": ("\n" * 9000 + TABLE, "line 1000: got 1000 lines without a row of numbers"),
     "other columns": (
         TABLE.replace(".x", ".u").replace(".y", ".v"),
         r"line 1: got the columns 'time', 'neck\.u', .* and 1 more, allowed three for each joint",
