@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.made_markers import markers_of, write_c3d, write_table
+from benchmarks.made_motions import BODY
 from ergoqp.costs.load import load_cost
 from ergoqp.datasets.cache import cached_data
 from ergoqp.datasets.data import DataSet
@@ -28,6 +30,7 @@ from ergoqp.placing.optimum import Optimum, Trial
 from ergoqp.problem_files.load import load_problem
 from ergoqp.recordings import load_recording
 from ergoqp.recordings.bvh.write import write_bvh
+from ergoqp.recordings.fitting.centres_of import centres_of
 
 Rng = np.random.Generator
 
@@ -147,6 +150,22 @@ def recordings(folder: Path) -> Kind:
     return Kind("recording", ".bvh", True, partial(_one_of, whole), load_recording)
 
 
+def markers(folder: Path) -> Kind:
+    """Recordings of markers, bytes changed."""
+    names, places = markers_of(BODY, np.zeros((6, 4)), np.zeros((6, len(JOINTS))))
+    write_c3d(folder / "take.c3d", names, places, 50.0)
+    whole = [(folder / "take.c3d").read_bytes()]
+    return Kind("markers", ".c3d", False, partial(_one_of, whole), load_recording)
+
+
+def tables(folder: Path) -> Kind:
+    """Tables of joint centres."""
+    paths = centres_of(BODY, np.zeros((6, 4)), np.zeros((6, len(JOINTS))))
+    write_table(folder / "take.csv", tuple(paths), np.stack(list(paths.values()), axis=1), 50.0)
+    whole = [(folder / "take.csv").read_bytes()]
+    return Kind("table", ".csv", True, partial(_one_of, whole), load_recording)
+
+
 def people(folder: Path) -> Kind:
     """Person files, beside a recording."""
     take = folder / "whole.bvh"
@@ -236,5 +255,16 @@ def caches(folder: Path) -> Kind:
     return Kind("cache", ".npz", False, partial(_one_of, whole), read)
 
 
-KINDS = (problems, models, forged_models, recordings, people, ledgers, optima, caches)
+KINDS = (
+    problems,
+    models,
+    forged_models,
+    recordings,
+    markers,
+    tables,
+    people,
+    ledgers,
+    optima,
+    caches,
+)
 """What makes each kind in a folder."""

@@ -1,7 +1,7 @@
 """Files mistyped, cut off, forged or half written: what is said of them, what finding out costs.
 
 Run ``python -m benchmarks.files [--quick | --full] [--json FILE]``. Each file is one that the
-package reads, of seven kinds, with one to three mutations of `benchmarks.file_mutations`. It is
+package reads, of ten kinds, with one to three mutations of `benchmarks.file_mutations`. It is
 read in a process of its own memory, and either it is read, or one error of the package says in one
 sentence why not.
 

@@ -24,6 +24,7 @@ from ergoqp.recordings.naming import (
     naming_of,
 )
 from ergoqp.recordings.oriented import oriented
+from ergoqp.recordings.shoulders import shoulders_of
 from ergoqp.recordings.subjects import of_subject
 
 _SAMPLED: Final = 4000
@@ -89,6 +90,8 @@ def joints_of(
     if not landmarks:
         used, found = naming_of(motion, naming, where)
         more, turned = oriented(motion, used, found)
+        shoulders, guessed = shoulders_of(motion, found)
+        more, turned = more | shoulders, (*turned, *guessed)
         named = named_centres(motion, used, found, more)
         said = (*motion.notes, *turned)
         if not ready:

@@ -80,12 +80,11 @@ def read_bodies(folder: Path, progress: Progress, asked: Asked) -> JointMotion:
         )
     positions = np.stack(list(places.values()), axis=1)
     time, notes = steady(folder.name, len(positions), asked.rate)
-    found = orders
-    if untold := {name: quaternions[name] for name, order in orders.items() if order is None}:
-        order, said = _order(places, untold)
-        found = {name: told or order for name, told in orders.items()}
+    order = None
+    if untold := [name for name in orders if orders[name] is None]:
+        order, said = _order(places, {name: quaternions[name] for name in untold})
         notes.append(said)
-    turns = {name: unit_turns(quaternions.pop(name)[:, found[name]]) for name in places}
+    turns = {n: unit_turns(quaternions.pop(n)[:, orders[n] or order]) for n in places}
     names, own = tuple(places), _person_of(paths)
     places.clear()
     return JointMotion(

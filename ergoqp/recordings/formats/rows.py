@@ -171,7 +171,7 @@ class Gathered:
         if self._all is None or count > len(self._all):
             before = self._all
             # What is not filled takes no memory.
-            expected = min(1.02 * count / max(share, 1e-9), _EXPECTED / max(block[:1].nbytes, 1))
+            expected = min(1.2 * count / max(share, 1e-9), _EXPECTED / max(block[:1].nbytes, 1))
             least = count if before is None else count + count // 4
             self._all = np.empty((max(least, int(expected)), *block.shape[1:]), dtype=block.dtype)
             if before is not None:
