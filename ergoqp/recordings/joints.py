@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import Body
+from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opensim import posed
+from ergoqp.recordings.markers.completion import has_gaps
 from ergoqp.recordings.markers.joints import joints_of_markers, unit_of_markers
 from ergoqp.recordings.markers.landmarks import LANDMARKS, best_set
 from ergoqp.recordings.motion import JointMotion
@@ -44,6 +46,7 @@ class Found:
         frames: the frames of that sample.
         landmarks: marker -> the landmark that it is, or the segment that it is on.
         upright: whether trunk and neck are at zero when they are straight, as the file says.
+        whole: the markers themselves, where some are lost for a while; None else.
     """
 
     motion: JointMotion
@@ -54,6 +57,7 @@ class Found:
     frames: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
     landmarks: Mapping[str, str] = field(default_factory=dict)
     upright: bool = False
+    whole: JointMotion | None = None
 
 
 def joints_of(
@@ -62,7 +66,7 @@ def joints_of(
     naming: Naming | None,
     subject: str | None,
     unit: float | None,
-    shapes: Mapping[str, np.ndarray],
+    shapes: Mapping[str, Marker],
     body: Body | None = None,
     progress: Progress = unseen,
 ) -> Found:
@@ -74,7 +78,7 @@ def joints_of(
         naming: how joints or markers are called; None tries the known namings and marker sets.
         subject: whose, if there are several.
         unit: the file's unit of length [m] as its user states it.
-        shapes: marker -> where it is on its segment, as a person file has it (3,) [m].
+        shapes: marker -> where it sits, as a person file has it.
         body: the person, if their lengths are known.
         progress: told the share of the frames that is done.
 
@@ -115,6 +119,7 @@ def joints_of(
     frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
     sits = {i: name for name, which in (further | landmarks).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
+    used = {motion.names[i]: name for i, name in sits.items()}
     paths, how = joints_of_markers(motion, where, landmarks, further, shapes, size, progress)
     check_placed(tuple(paths), where)
     things = {name: _scaled(poses, size) for name, poses in motion.objects.items()}
@@ -125,7 +130,8 @@ def joints_of(
         (*said, *motion.notes, *how),
         markers,
         frames,
-        {motion.names[i]: name for i, name in sits.items()},
+        used,
+        whole=replace(motion, unit=size) if has_gaps(motion, used) else None,
     )
 
 

@@ -163,7 +163,7 @@ def _reading(
         _check_window(window)
     return Reading(
         body=None if person is None else given_person(person),
-        shapes={name: np.array(each.offset) for name, each in given_markers(person).items()},
+        shapes=given_markers(person),
         unit=unit_to_m,
         up=up,
         naming=None if mapping is None else read_mapping(Path(mapping)),

@@ -13,13 +13,13 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
-from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
-from ergoqp.recordings.formats.c3d_head import Head, read_head
-from ergoqp.recordings.formats.opening import binary
-from ergoqp.recordings.formats.rows import Asked
+from ergoqp.recordings.formats.c3d_counts import frames_of
+from ergoqp.recordings.formats.c3d_head import Head, fail, read_head
+from ergoqp.recordings.formats.opening import binary, some
+from ergoqp.recordings.formats.rows import LARGEST, Asked
 from ergoqp.recordings.formats.stamps import seconds
-from ergoqp.recordings.formats.trc import UNITS
+from ergoqp.recordings.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.recordings.motion import JointMotion
 
 _BLOCK: Final = 4 << 20
@@ -45,35 +45,39 @@ def read_c3d(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     Raises:
         RecordingError: it is no C3D file, cut, or has no labelled marker.
     """
-    size = path.stat().st_size if path.is_file() else 0
     with binary(path) as file:
-        head = read_head(path, file, size)
+        head = read_head(path, file)
+        count, said = frames_of(path, file, head, path.stat().st_size)
         labels, notes = _labels(head)
-        angles = {name: i for name, i in labels.items() if name in head.texts("POINT", "ANGLES")}
-        other = {name for group in _COMPUTED for name in head.texts("POINT", group)}
-        markers = {n: i for n, i in labels.items() if n not in angles and n not in other}
+        bent_ones, computed = _named(head, "ANGLES"), _named(head, *_COMPUTED)
+        angles = {name: i for name, i in labels.items() if _is(name, bent_ones)}
+        markers = {
+            name: i for name, i in labels.items() if name not in angles and not _is(name, computed)
+        }
         if not markers:
-            raise RecordingError(
-                f"{path.name}: got {head.points} points without a name, allowed labelled markers;"
-                " label them in the program that recorded them"
+            fail(
+                path,
+                f"got no marker with a name among {head.points} points, allowed labelled markers;"
+                " label them in the program that recorded them",
             )
         positions, bent = _frames(
-            file, head, list(markers.values()), list(angles.values()), progress
+            file, head, count, list(markers.values()), list(angles.values()), progress
         )
-    time, _, said = seconds(path.name, np.arange(len(positions)) / head.rate, 1.0)
-    if computed := len(labels) - len(markers) - len(angles):
-        notes.append(f"{computed} points are computed (forces, moments, powers) and left out.")
-    degrees = str(head.of("POINT", "ANGLE_UNITS") or "deg").lower().startswith("deg")
-    units = head.of("POINT", "UNITS")
-    unit = UNITS.get((units if isinstance(units, str) else "").lower())
+    time, _, uniform = seconds(path.name, np.arange(count) / head.rate, 1.0)
+    if others := len(labels) - len(markers) - len(angles):
+        notes.append(f"{others} points are computed (forces, moments, powers) and left out.")
+    units = head.text("POINT", "UNITS")
+    unit = UNITS.get(units, UNITS_WORDS.get(units))
+    if not head.text("POINT", "ANGLE_UNITS").startswith("rad"):
+        bent *= np.float32(np.pi / 180)
     return JointMotion(
         tuple(markers),
         positions,
         time,
         None,
-        (*notes, *said),
+        (*head.notes, *said, *notes, *uniform),
         angles={
-            f"{name} {axis}": bent[:, i, j] * (np.pi / 180 if degrees else 1)
+            f"{name} {axis}": bent[:, i, j]
             for i, name in enumerate(angles)
             for j, axis in enumerate("xyz")
         },
@@ -83,10 +87,22 @@ def read_c3d(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     )
 
 
+def _named(head: Head, *groups: str) -> frozenset[str]:
+    """Return the points that some groups of points name."""
+    return frozenset(name for group in groups for name in head.texts("POINT", group) if name)
+
+
+def _is(name: str, named: frozenset[str]) -> bool:
+    """Return whether a point is among those of a group, which may do without whose they are."""
+    return name in named or name.rpartition(":")[2] in named
+
+
 def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
     """Return name -> the place of its point, for those that have a name, and sentences."""
     stated = head.texts("POINT", "LABELS")
-    notes, labels, twice = [], {}, []
+    notes: list[str] = []
+    labels: dict[str, int] = {}
+    twice: dict[str, None] = {}
     if len(stated) > head.points and any(stated[head.points :]):
         notes.append(
             f"The file names {len(stated)} points and has {head.points}: the first names are"
@@ -97,33 +113,40 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
         if _NAMELESS.fullmatch(name.rpartition(":")[2]):
             nameless += 1
         elif name in labels:
-            twice.append(name)
+            twice[name] = None
         else:
             labels[name] = i
     if nameless:
         notes.append(f"{nameless} of {head.points} points have no label and are left out.")
     if twice:
-        notes.append(f"{', '.join(twice)}: there twice; the first is taken.")
+        notes.append(f"{some(list(twice))}: there twice; the first is taken.")
     return labels, notes
 
 
 def _frames(
-    file: BinaryIO, head: Head, markers: list[int], angles: list[int], progress: Progress
+    file: BinaryIO,
+    head: Head,
+    count: int,
+    markers: list[int],
+    angles: list[int],
+    progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (n, m, 3) of markers and values (n, a, 3) of angles."""
-    count, length = head.frames, head.frame_bytes
+    length = head.frame_bytes
     positions = np.empty((count, len(markers), 3), dtype=np.float32)
     bent = np.empty((count, len(angles), 3), dtype=np.float32)
     file.seek(head.start)
     many = max(_BLOCK // length, 1)
     for at in range(0, count, many):
         now = min(many, count - at)
-        points = _points(file.read(now * length), head, now)
-        seen = points[:, :, 3] >= 0
-        places = points[:, markers, :3]
-        lost = ~seen[:, markers] | (places == 0).all(axis=2) | ~np.isfinite(places).all(axis=2)
-        positions[at : at + now] = np.where(lost[:, :, None], np.nan, places)
-        bent[at : at + now] = np.where(seen[:, angles, None], points[:, angles, :3], np.nan)
+        with np.errstate(invalid="ignore", over="ignore"):  # bits that are no number
+            points = _points(file.read(now * length), head, now)
+            lost = ~(points[:, :, 3] >= 0) | ~(np.abs(points[:, :, :3]) <= LARGEST).all(axis=2)
+            points[lost, :3] = np.nan
+            bent[at : at + now] = points[:, angles, :3]
+            places = points[:, markers, :3]
+            places[(places == 0).all(axis=2)] = np.nan
+        positions[at : at + now] = places
         progress((at + now) / count)
     return positions, bent
 
@@ -141,10 +164,10 @@ def _points(raw: bytes, head: Head, count: int) -> np.ndarray:
 
 
 def _measures(head: Head, unit: float | None) -> dict[str, float]:
-    """Return what was measured at the person [m]."""
+    """Return what was measured at the person [m]; nothing where the unit is not known."""
     found = {}
     for name in head.parameters.get(_SUBJECT, {}):
         value = head.number(_SUBJECT, name)
-        if value is not None and np.isfinite(value) and value > 0:
-            found[name.casefold()] = value * (unit or 1.0)
+        if unit is not None and value is not None and 0 < value <= LARGEST:
+            found[name.casefold()] = value * unit
     return found

@@ -8,7 +8,7 @@ MIPS.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import prod
+from math import isfinite, prod
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
 
@@ -21,11 +21,12 @@ BLOCK: Final = 512
 KEY: Final = 0x50
 """The second byte of each file."""
 _PROCESSORS: Final = {84: "Intel", 85: "DEC", 86: "MIPS"}
-_MOST: Final = 256 * BLOCK
-"""Parameters can be no longer: their count of blocks is one byte."""
+_MOST: Final = 1 << 20
+"""Bytes of parameters, at most; of those that keep to the format 255 blocks."""
+_DIMENSIONS: Final = 7
 _WIDTHS: Final = {-1: 1, 1: 1, 2: 2, 4: 4}
-_LONGEST: Final = 65_535
-"""Frames that the header can count."""
+_RATES: Final = (1.0, 100_000.0)
+"""Frames per second, at least and at most [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class Numbers:
             return np.frombuffer(raw, self.order + "f4").astype(np.float32)
         # DEC's have their halves exchanged, and an exponent that is larger by two.
         halves = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1]
-        return np.ascontiguousarray(halves).view("<f4").ravel() / np.float32(4)
+        with np.errstate(invalid="ignore"):  # bits that are no number
+            return np.ascontiguousarray(halves).view("<f4").ravel() / np.float32(4)
 
 
 @dataclass(frozen=True)
@@ -63,24 +65,26 @@ class Head:
     Attributes:
         points: points in a frame.
         analog: analog samples in a frame, all channels.
-        frames: frames, by the longest count that the file has.
-        long: whether that count can be larger than 65 535.
+        first: number of the first frame, as the header states it.
+        last: number of the last one; it counts to 65 535.
         scale: of integers [file unit]; negative: the frames are floats.
         start: where the frames begin [bytes].
         rate: frames per second [Hz].
         numbers: how they are written.
-        parameters: group -> name -> value: text, list of texts or array of numbers.
+        parameters: group -> name -> value: text, list of texts or array (n,) of numbers.
+        notes: sentences about what contradicts itself.
     """
 
     points: int
     analog: int
-    frames: int
-    long: bool
+    first: int
+    last: int
     scale: float
     start: int
     rate: float
     numbers: Numbers
     parameters: dict[str, dict[str, Any]] = field(repr=False)
+    notes: tuple[str, ...] = ()
 
     def of(self, group: str, name: str) -> Any:
         """Return a parameter; None if there is none."""
@@ -88,10 +92,7 @@ class Head:
 
     def number(self, group: str, name: str) -> float | None:
         """Return the first number of a parameter; None if there is none."""
-        value = self.of(group, name)
-        if not isinstance(value, np.ndarray) or not value.size:
-            return None
-        return float(value.flat[0])
+        return _first(self.of(group, name))
 
     def texts(self, group: str, name: str) -> list[str]:
         """Return the texts of a parameter and of those that continue it: LABELS, LABELS2 and on."""
@@ -102,154 +103,173 @@ class Head:
             number += 1
         return [text for text in found if isinstance(text, str)]
 
+    def text(self, group: str, name: str) -> str:
+        """Return the first text of a parameter in small letters; "" if there is none."""
+        return next(iter(self.texts(group, name)), "").casefold()
+
     @property
     def frame_bytes(self) -> int:
         """How long a frame is."""
         return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
 
 
-def read_head(path: Path, file: BinaryIO, size: int) -> Head:
+def read_head(path: Path, file: BinaryIO) -> Head:
     """Return the header and the parameters of a file.
 
     Args:
         path: the file.
         file: it, opened, at its begin.
-        size: how long it is [bytes].
 
     Raises:
         RecordingError: it is no C3D file, cut, or states what cannot be.
     """
-    first = file.read(BLOCK)
-    if len(first) < BLOCK or first[1] != KEY:
-        _fail(path, "got no C3D header, allowed 512 bytes of which the second is 80")
-    begin = BLOCK * (first[0] - 1)
+    top = file.read(BLOCK)
+    if len(top) < BLOCK or top[1] != KEY:
+        fail(path, "got no C3D header, allowed 512 bytes of which the second is 80")
+    begin = BLOCK * (top[0] - 1)
+    if begin <= 0:
+        fail(path, f"parameters: got block {top[0]}, allowed one behind the header")
     file.seek(begin)
     leading = file.read(4)
-    if begin <= 0 or len(leading) < 4 or leading[3] not in _PROCESSORS:
+    if len(leading) < 4:
+        fail(path, f"parameters: got block {top[0]}, allowed one in the file; it is cut")
+    if leading[3] not in _PROCESSORS:
         kinds = ", ".join(f"{code} ({name})" for code, name in _PROCESSORS.items())
-        got = leading[3] if len(leading) == 4 else "nothing"
-        _fail(path, f"processor type: got {got}, allowed {kinds}")
+        fail(path, f"processor: got {leading[3]}, allowed {kinds}")
     numbers = Numbers(_PROCESSORS[leading[3]])
-    section = leading + file.read((leading[2] * BLOCK or _MOST) - 4)
-    parameters = _parameters(path, section, numbers)
-    words = numbers.integers(first[:26]).view(numbers.order + "u2").astype(int)
-    scale, rate = (float(numbers.floats(first[at : at + 4])[0]) for at in (12, 20))
-    head = Head(
-        points=int(words[1]),
-        analog=int(words[2]),
-        frames=int(words[4] - words[3] + 1),
-        long=False,
-        scale=scale,
-        start=BLOCK * (int(words[8]) - 1),
-        rate=rate,
+    words = [int(word) % 65536 for word in numbers.integers(top[:26])]
+    start = BLOCK * (words[8] - 1)
+    # There may be more of them than one byte can count.
+    long = min(max(BLOCK * leading[2], start - begin), _MOST)
+    parameters, end = _parameters(path, leading + file.read(long - 4), long, numbers)
+    if not words[1]:
+        fail(path, "got no point in a frame, allowed markers; analog data alone are no movement")
+    if not (start > begin + end or BLOCK <= start < begin):
+        fail(path, f"begin of the frames: got byte {start}, allowed one behind the parameters")
+    point = parameters.get("POINT", {})
+    scale, rate = (float(numbers.floats(top[at : at + 4])[0]) for at in (12, 20))
+    hertz, notes = _rate(path, rate, _first(point.get("RATE")))
+    return Head(
+        points=words[1],
+        analog=words[2],
+        first=words[3],
+        last=words[4],
+        scale=_scale(path, scale, _first(point.get("SCALE"))),
+        start=start,
+        rate=hertz,
         numbers=numbers,
         parameters=parameters,
+        notes=notes,
     )
-    return _checked(path, _counted(head), size)
 
 
-def _checked(path: Path, head: Head, size: int) -> Head:
-    """Return a head whose frames are in the file."""
-    if not head.points:
-        _fail(path, "got no point in a frame, allowed markers; analog data alone are no movement")
-    if not (np.isfinite(head.scale) and head.scale):
-        _fail(path, f"scale of the points: got {head.scale:g}, allowed a number that is not 0")
-    if not (np.isfinite(head.rate) and 1 <= head.rate <= 100_000):
-        _fail(path, f"frames per second: got {head.rate:g}, allowed 1 to 100000")
-    if head.start < BLOCK:
-        _fail(path, f"begin of the frames: got byte {head.start}, allowed one behind the header")
-    there = max(size - head.start, 0) // head.frame_bytes
-    if head.frames < 1:
-        _fail(path, f"got {head.frames} frames, allowed 1 and more")
-    if there < head.frames:
-        _fail(path, f"got {there} frames, allowed {head.frames}, as is stated; the file is cut")
-    # A header that counts to 65 535 says less of more, or begins to count anew.
-    if not head.long and there - head.frames >= 2 + BLOCK // head.frame_bytes:
-        begun_anew = (there - head.frames) % (_LONGEST + 1) <= 2 + BLOCK // head.frame_bytes
-        if head.frames >= _LONGEST or begun_anew:
-            _fail(
-                path,
-                f"got {there} frames of which {head.frames} are stated, allowed a long count"
-                " (TRIAL:ACTUAL_END_FIELD or POINT:LONG_FRAMES) with more than 65535; export the"
-                " take with it, or in parts",
-            )
-    return head
+def _scale(path: Path, header: float, stated: float | None) -> float:
+    """Return the scale of the points; the parameter is surer than the header."""
+    scale = stated if stated is not None and isfinite(stated) and stated else header
+    if not (isfinite(scale) and scale):
+        fail(path, f"scale of the points: got {scale:g}, allowed a number that is not 0")
+    return scale
 
 
-def _counted(head: Head) -> Head:
-    """Return the head with the longest count of frames that the file has."""
-    ends = [head.of("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END")]
-    if all(isinstance(end, np.ndarray) and end.size == 2 for end in ends):
-        first, last = (
-            int(end.flat[0]) % 65536 + 65536 * (int(end.flat[1]) % 65536) for end in ends
-        )
-        if last >= first:
-            return Head(**{**vars(head), "frames": last - first + 1, "long": True})
-    if (long := head.number("POINT", "LONG_FRAMES")) is not None and long >= 1:
-        return Head(**{**vars(head), "frames": int(long), "long": True})
-    stated = head.number("POINT", "FRAMES")
-    if stated is None:
-        return head
-    # A float can count further than 65 535, an integer is one without a sign.
-    count = int(stated) if stated > 0 else int(stated) % 65536
-    if count > _LONGEST:
-        return Head(**{**vars(head), "frames": count, "long": True})
-    return head if head.frames >= 1 else Head(**{**vars(head), "frames": count})
+def _rate(path: Path, header: float, stated: float | None) -> tuple[float, tuple[str, ...]]:
+    """Return frames per second, and what is to be said; the parameter is surer than the header."""
+    low, high = _RATES
+    usable = [rate for rate in (stated, header) if rate is not None and low <= rate <= high]
+    if not usable:
+        fail(path, f"frames per second: got {header:g}, allowed {low:g} to {high:.0f}")
+    if abs(usable[0] / usable[-1] - 1) < 1e-3:
+        return usable[0], ()
+    return usable[0], (
+        f"The file states {header:g} frames per second in its header and {stated:g} in POINT:RATE:"
+        " the latter are taken.",
+    )
 
 
-def _parameters(path: Path, raw: bytes, numbers: Numbers) -> dict[str, dict[str, Any]]:
-    """Return group -> name -> value; what cannot be read is left out."""
+def _first(value: Any) -> float | None:
+    """Return the first number of a parameter's value; None if there is none."""
+    return float(value[0]) if isinstance(value, np.ndarray) and value.size else None
+
+
+def _parameters(
+    path: Path, raw: bytes, long: int, numbers: Numbers
+) -> tuple[dict[str, dict[str, Any]], int]:
+    """Return group -> name -> value, and where the last one begins.
+
+    What cannot be read is left out.
+
+    Args:
+        path: the file.
+        raw: its parameters.
+        long: how long they should be [bytes].
+        numbers: how they are written.
+    """
     names: dict[int, str] = {}
     values: dict[int, dict[str, Any]] = {}
-    at = 4
-    while at + 2 <= len(raw):
-        letters, number = np.frombuffer(raw[at : at + 2], "i1")
-        name_at, count = at + 2, abs(int(letters))
-        if not count or not number:
+    at, next_at, name = 4, 4, ""
+    while next_at + 2 <= len(raw):
+        letters, number = np.frombuffer(raw[next_at : next_at + 2], "i1").tolist()
+        if not letters or not number:
             break
-        name = raw[name_at : name_at + count].decode("latin-1").strip().upper()
-        step_at = name_at + count
-        if step_at + 2 > len(raw):
-            _fail(path, f"the parameters end within {short(name)}, allowed a whole file")
-        step = int(numbers.integers(raw[step_at : step_at + 2])[0])
+        at = next_at
+        step_at = at + 2 + abs(letters)
+        name = _text(raw[at + 2 : step_at]).upper()
+        next_at = step_at + 2
+        if next_at > len(raw):
+            break
+        # Without a sign: many long labels are longer than one that has one can say.
+        step = int(numbers.integers(raw[step_at : step_at + 2])[0]) % 65536
         if number < 0:
-            names[-int(number)] = name
+            names[-number] = name
         else:
-            values.setdefault(int(number), {})[name] = _value(raw[step_at + 2 :], numbers)
-        if step <= 0:
+            values.setdefault(number, {})[name] = _value(raw, next_at, numbers)
+        if not step:
             break
-        at = step_at + step
-    return {names.get(number, str(number)): group for number, group in values.items()}
+        next_at = step_at + step
+    if next_at > len(raw) and len(raw) < long:
+        fail(path, f"the parameters end within {short(name)}, allowed a whole file")
+    groups: dict[str, dict[str, Any]] = {}
+    for number, group in values.items():
+        groups.setdefault(names.get(number, str(number)), {}).update(group)
+    return groups, at
 
 
-def _value(raw: bytes, numbers: Numbers) -> Any:
-    """Return a parameter's value: text, list of texts, or numbers, the last axis first."""
-    if len(raw) < 2:
+def _value(raw: bytes, at: int, numbers: Numbers) -> Any:
+    """Return a parameter's value: text, list of texts, or numbers (n,); None if it has none."""
+    if at + 2 > len(raw):
         return None
-    kind, count = int(np.frombuffer(raw[:1], "i1")[0]), raw[1]
-    shape = list(raw[2 : 2 + count])
+    kind, dimensions = (raw[at] + 128) % 256 - 128, raw[at + 1]
+    data_at = at + 2 + dimensions
+    shape = list(raw[at + 2 : data_at])
     width = _WIDTHS.get(kind)
-    if width is None or len(shape) < count:
+    if width is None or dimensions > _DIMENSIONS or len(shape) < dimensions:
         return None
-    data = raw[2 + count : 2 + count + width * prod(shape)]
-    if len(data) < width * prod(shape):
+    size = width * prod(shape)
+    data = raw[data_at : data_at + size]
+    if len(data) < size:
         return None
     if kind == -1:
         return _texts(data, shape)
     if kind == 1:
-        flat = np.frombuffer(data, "u1")
-    else:
-        flat = numbers.integers(data) if kind == 2 else numbers.floats(data)
-    return flat.reshape(shape[::-1] or (1,))
+        return np.frombuffer(data, "u1")
+    return numbers.integers(data) if kind == 2 else numbers.floats(data)
 
 
 def _texts(data: bytes, shape: list[int]) -> str | list[str]:
     if len(shape) < 2:
-        return data.decode("latin-1").strip(" \0")
-    length, count = shape[0], prod(shape[1:])
-    cut = [data[i * length : (i + 1) * length] for i in range(count)]
-    return [text.decode("latin-1").strip(" \0") for text in cut]
+        return _text(data)
+    length = shape[0]
+    return [_text(data[at : at + length]) for at in range(0, len(data), length or 1)]
 
 
-def _fail(path: Path, problem: str) -> NoReturn:
+def _text(raw: bytes) -> str:
+    """Return a text, without what fills it up and what cannot be printed."""
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    return "".join(letter if letter.isprintable() else " " for letter in text).strip()
+
+
+def fail(path: Path, problem: str) -> NoReturn:
+    """Refuse a file."""
     raise RecordingError(f"{path.name}: {problem}")

@@ -138,7 +138,7 @@ def _check_declarations(path: Path, file: BinaryIO) -> None:
     with suppress(expat.ExpatError, ValueError, LookupError):
         while not begun and (text := file.read(_PROLOG >> 4)):
             parser.Parse(text)
-            if file.tell() > _PROLOG:
+            if not begun and file.tell() > _PROLOG:
                 raise RecordingError(
                     f"{path.name}: got {_PROLOG >> 20} MB above the first element, allowed an MVNX"
                     " file"

@@ -30,8 +30,8 @@ from ergoqp.recordings.formats.rows import (
 from ergoqp.recordings.formats.stamps import repeated, seconds, steady
 from ergoqp.recordings.motion import JointMotion
 
-_HEAD: Final = 12
-"""Lines in which the numbers begin at the latest."""
+_HEAD: Final = 20
+"""Lines above the numbers that are not empty, at most: Qualisys writes twelve."""
 _BLANK: Final = 1000
 """The same where most lines are empty."""
 _LONGEST: Final = 100

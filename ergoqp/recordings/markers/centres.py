@@ -108,7 +108,7 @@ def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dic
     """Return where left is (n, 3), and the hip centres."""
     width, depth = size
     front = place.middle("asis")
-    back = _first(place.middle("psis"), place["sacrum"])
+    back = _first(place.middle("psis"), place["sacrum"], place["right_psis"], place["left_psis"])
     left = _unit(place["left_asis"] - place["right_asis"])
     ahead = front - back
     ahead = _unit(ahead - _along(ahead, left) * left)

@@ -19,7 +19,7 @@ from ergoqp.human.marker import Marker
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.recordings.fitting.centres_of import growth_of
 
-_FRAMES: Final = (
+SEGMENTS: Final = (
     "pelvis",
     "trunk",
     "head",
@@ -91,7 +91,7 @@ def markers_on(
             continue
         best: tuple[float, str, np.ndarray] | None = None
         for frame in _beside(landmarks[name]):
-            i = _FRAMES.index(frame)
+            i = SEGMENTS.index(frame)
             local = np.einsum("nji,nj->ni", turns[seen, i], path[seen] - places[seen, i])
             offset, usual = _middle(local)
             if best is None or usual < best[0]:
@@ -126,18 +126,18 @@ def places_of_markers(
 
 def _placed(turns: np.ndarray, places: np.ndarray, frame: str, offset: np.ndarray) -> np.ndarray:
     """Return a marker (n, 3) [m] on a frame with turns (n, f, 3, 3), places (n, f, 3)."""
-    i = _FRAMES.index(frame)
+    i = SEGMENTS.index(frame)
     return places[:, i] + turns[:, i] @ offset
 
 
 def _beside(landmark: str) -> list[str]:
     """Return the frames that a marker may sit on."""
-    if landmark in _FRAMES:
+    if landmark in SEGMENTS:
         return [landmark]
     side, _, name = landmark.partition("_")
     if side not in SIDES:
         return list(_ON[landmark])
-    return [part if part in _FRAMES else f"{side}_{part}" for part in _ON[name]]
+    return [part if part in SEGMENTS else f"{side}_{part}" for part in _ON[name]]
 
 
 def _middle(local: np.ndarray) -> tuple[np.ndarray, float]:
@@ -151,10 +151,10 @@ def _middle(local: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return turns (n, f, 3, 3) and places (n, f, 3) [m] of `_FRAMES`."""
+    """Return turns (n, f, 3, 3) and places (n, f, 3) [m] of `SEGMENTS`."""
     z, function, growth = np.hstack([pelvis, postures]), _function(), growth_of(body)
     parts = [np.array(function(z[at : at + _BLOCK].T, growth)) for at in range(0, len(z), _BLOCK)]
-    values = np.hstack(parts).T.reshape(len(z), len(_FRAMES), 4, 3)
+    values = np.hstack(parts).T.reshape(len(z), len(SEGMENTS), 4, 3)
     return np.swapaxes(values[:, :, 1:], 2, 3), values[:, :, 0]
 
 
@@ -166,7 +166,7 @@ def _function() -> ca.Function:
     cos, sin = ca.cos(z[3]), ca.sin(z[3])
     yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     rows = []
-    for frame in _FRAMES:
+    for frame in SEGMENTS:
         place, turn, _ = kinematics.at(frame, z[4:])
         rows += [z[:3] + yaw @ place, ca.vec(yaw @ turn)]
     return ca.Function("frames", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from ergoqp.errors import RecordingError
-from ergoqp.joints import SIDES
+from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks
-from ergoqp.recordings.markers.rigid import follow, shape_of
+from ergoqp.recordings.markers.linked import Links
+from ergoqp.recordings.markers.segments import middle_of, pelvis_size, rigid_segments
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import CENTRES
 
@@ -26,27 +27,6 @@ _PELVIS: Final = (0.15, 0.40)
 _SHOULDERS: Final = (0.22, 0.55)
 """How far apart a person's acromions are [m]."""
 _UNITS: Final = (1.0, 0.01, 0.001, 0.0254)
-_SEGMENTS: Final = {
-    "pelvis": ("right_asis", "left_asis", "right_psis", "left_psis", "sacrum"),
-    "trunk": ("c7", "back", "notch", "xiphoid"),
-    "head": tuple(f"{side}_head_{end}" for side in SIDES for end in ("front", "back")),
-}
-"""Landmarks that move as one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rigid:
-    """What moves as one.
-
-    Attributes:
-        names: its landmarks and further markers.
-        places: of each, which points are its middle.
-        shape: where they are in it (m, 3) [m].
-    """
-
-    names: tuple[str, ...]
-    places: tuple[tuple[int, ...], ...]
-    shape: np.ndarray
 
 
 def joints_of_markers(
@@ -54,7 +34,7 @@ def joints_of_markers(
     where: str,
     landmarks: Mapping[str, tuple[int, ...]],
     more: Mapping[str, tuple[int, ...]],
-    shapes: Mapping[str, np.ndarray],
+    given: Mapping[str, Marker],
     unit: float,
     progress: Progress = unseen,
 ) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -65,7 +45,7 @@ def joints_of_markers(
         where: its name, for messages.
         landmarks: landmark, or joint centre -> the places of the markers whose middle it is.
         more: rigid segment -> the places of its further markers.
-        shapes: name of a marker -> where it is on its segment, as a person file has it (3,) [m].
+        given: name of a marker -> where it sits, as a person file has it.
         unit: the file's unit of length [m].
         progress: told the share of the frames that is done.
 
@@ -73,23 +53,24 @@ def joints_of_markers(
         RecordingError: the pelvis cannot be placed.
     """
     every = max(1, len(motion.time) // _SAMPLE)
-    size = _size(_at(landmarks, motion.positions[::every], unit))
+    segments, said = rigid_segments(motion, landmarks, more, given, unit, every)
+    size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
-        raise RecordingError(
-            f"{where}: the pelvis cannot be placed; the recording needs both ASIS, and both PSIS or"
-            f" the sacrum; it has {some(list(landmarks))}"
-        )
-    rigid = _rigid(motion, landmarks, more, shapes, unit, every)
+        raise RecordingError(_unplaced(where, _at(landmarks, motion.positions[::every], unit)))
+    links = Links(_at(landmarks, motion.positions[::every], unit))
     widths, count = Widths.of(motion.measures), len(motion.time)
     # Each by itself, so that it can be let go of by itself.
     centres: dict[str, np.ndarray] = {}
-    filled: dict[str, int] = {}
-    astray: dict[str, int] = {}
+    filled: Counter[str] = Counter()
+    astray: Counter[str] = Counter()
     for start in range(0, count, _BLOCK):
         block = motion.positions[start : start + _BLOCK]
         at = _at(landmarks, block, unit)
-        for segment in rigid:
-            _completed(at, block, unit, segment, filled, astray)
+        for segment in segments:
+            segment.complete(at, block, unit, filled, astray)
+        for name, away in links.astray(at).items():
+            astray[name] += int(away.sum())
+            at[name] = np.where(away[:, None], np.nan, at[name])
         found = centres_of_landmarks(at, widths, size)
         found |= {name: path for name, path in at.items() if name in CENTRES}
         for name, path in found.items():
@@ -97,83 +78,23 @@ def joints_of_markers(
                 centres[name] = np.full((count, 3), np.nan, dtype=np.float32)
             centres[name][start : start + len(block)] = path
         progress(min((start + _BLOCK) / count, 1.0))
-    return centres, _said(widths, filled, astray, count)
+    return centres, [*_said(widths, filled, astray, count), *said]
 
 
 def _at(
     places: Mapping[str, tuple[int, ...]], block: np.ndarray, unit: float
 ) -> dict[str, np.ndarray]:
     """Return landmark -> positions (n, 3) [m]."""
-    return {
-        name: unit * block[:, list(which)].astype(float).mean(axis=1)
-        for name, which in places.items()
-    }
+    return {name: middle_of(block, which, unit) for name, which in places.items()}
 
 
-def _rigid(
-    motion: JointMotion,
-    landmarks: Mapping[str, tuple[int, ...]],
-    more: Mapping[str, tuple[int, ...]],
-    shapes: Mapping[str, np.ndarray],
-    unit: float,
-    every: int,
-) -> list[Rigid]:
-    """Return the segments of which three points and more are known."""
-    found = []
-    for segment, parts in _SEGMENTS.items():
-        which = {name: landmarks[name] for name in parts if name in landmarks}
-        which |= {motion.names[i]: (i,) for i in more.get(segment, ())}
-        if len(which) < 3:
-            continue
-        points = np.stack(
-            [
-                unit * motion.positions[::every, list(each)].astype(float).mean(axis=1)
-                for each in which.values()
-            ],
-            axis=1,
-        )
-        given = [shapes.get(motion.names[each[0]], np.full(3, np.nan)) for each in which.values()]
-        known = np.isfinite(given).all(axis=1)
-        shape = np.array(given) if known.sum() >= 3 else shape_of(points)
-        if shape is not None:
-            found.append(Rigid(tuple(which), tuple(which.values()), shape))
-    return found
-
-
-def _completed(
-    at: dict[str, np.ndarray],
-    block: np.ndarray,
-    unit: float,
-    rigid: Rigid,
-    filled: dict[str, int],
-    astray: dict[str, int],
-) -> None:
-    """Put landmarks that are not seen, or astray, where the others of their segment have them."""
-    points = np.stack(
-        [unit * block[:, list(each)].astype(float).mean(axis=1) for each in rigid.places], axis=1
+def _unplaced(where: str, at: Mapping[str, np.ndarray]) -> str:
+    """Return what is said of landmarks (n, 3) that do not place the pelvis."""
+    seen = [name for name, path in at.items() if np.isfinite(path).all(axis=1).any()]
+    return (
+        f"{where}: the pelvis cannot be placed; the recording needs both ASIS, and a PSIS or the"
+        f" sacrum, three of them at once; it has {some(seen)}"
     )
-    followed = follow(points, rigid.shape)
-    for i, name in enumerate(rigid.names):
-        if followed.astray[:, i].any():
-            astray[name] = astray.get(name, 0) + int(followed.astray[:, i].sum())
-        if name not in at:
-            continue
-        lost = np.isnan(at[name][:, 0]) & np.isfinite(followed.points[:, i, 0])
-        if lost.any():
-            filled[name] = filled.get(name, 0) + int(lost.sum())
-        put = lost | followed.astray[:, i]
-        at[name] = np.where(put[:, None], followed.points[:, i], at[name])
-
-
-def _size(at: Mapping[str, np.ndarray]) -> tuple[float, float]:
-    """Return width and depth of the pelvis [m]; NaN where it is not known."""
-    if "right_asis" not in at or "left_asis" not in at:
-        return float("nan"), float("nan")
-    front = (at["right_asis"] + at["left_asis"]) / 2
-    psis = [at[name] for name in ("right_psis", "left_psis") if name in at]
-    back = (psis[0] + psis[1]) / 2 if len(psis) == 2 else at.get("sacrum")
-    width = _median(at["left_asis"] - at["right_asis"])
-    return width, float("nan") if back is None else _median(front - back)
 
 
 def _median(vectors: np.ndarray) -> float:
@@ -207,8 +128,8 @@ def unit_of_markers(
 
 def _said(
     widths: Widths,
-    filled: Mapping[str, int],
-    astray: Mapping[str, int],
+    filled: Counter[str],
+    astray: Counter[str],
     count: int,
 ) -> list[str]:
     measured = widths != Widths()
@@ -224,9 +145,10 @@ def _said(
         ("are not seen and put where those that move with them have them", filled),
         ("are nowhere near those that move with them, taken for another's and left out", astray),
     ):
-        if each:
-            worst = sorted(each, key=lambda name: -each[name])[:6]
-            shares = ", ".join(f"{name.replace('_', ' ')} in {each[name]}" for name in worst)
+        if each := +each:
+            shares = ", ".join(
+                f"{name.replace('_', ' ')} in {frames}" for name, frames in each.most_common(6)
+            )
             more = f" and {len(each) - 6} more markers" if len(each) > 6 else ""
             said.append(f"Of {count} frames, markers {words}: {shares}{more}.")
     return said

@@ -1,12 +1,15 @@
 """Markers that move as one: their shape, and how it is turned and placed in each frame.
 
 The turn that brings a shape the nearest to points in the least squares is Kabsch's (1976). Of four
-markers and more, one that does not fit is left out: it is another's, or fell off.
+markers and more, one that does not fit is left out: it is another's, or fell off; two that fit when
+they are exchanged were exchanged. Where nothing of that fits, or the others are in a line, nothing
+is told.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -14,10 +17,14 @@ import numpy as np
 _SAMPLE: Final = 2000
 """Frames by which a shape is found."""
 _ROUNDS: Final = 5
-_FLAT: Final = 0.01
-"""A shape that is nowhere wider across its length is a line, and turns about it [m]."""
+_STEADY: Final = 0.25
+"""A point of a shape is where it keeps to for this share of the time: it may fall off later."""
+_FLAT: Final = 0.02
+"""Points that are nowhere wider across their length are a line, and turn about it [m]."""
 _ASTRAY: Final = 0.03
 """What misses a shape by more is another marker, if those without it fit [m]."""
+UNLIKE: Final = 0.04
+"""Of points that miss a shape by more, and nobody knows which is wrong, none tells [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +32,11 @@ class Followed:
     """A rigid shape in each frame.
 
     Attributes:
-        turn: its axes in the world (n, 3, 3); NaN where fewer than three points are seen.
+        turn: its axes in the world (n, 3, 3); NaN where it is not told.
         place: its origin in the world (n, 3) [m].
         points: where its points are by that (n, m, 3) [m].
-        astray: points that were seen elsewhere (n, m) bool.
+        astray: points that were seen elsewhere (n, m) bool; all that were seen, where they are no
+            such shape.
     """
 
     turn: np.ndarray
@@ -40,21 +48,21 @@ class Followed:
 def shape_of(points: np.ndarray) -> np.ndarray | None:
     """Return the shape (m, 3) that points (n, m, 3) keep, about their middle; None if none.
 
-    It is the median over frames in which they are brought to one another.
+    It is where each point mostly is, in frames that are brought to one another.
     """
     seen = _seen(points)
     whole = np.flatnonzero(seen.sum(axis=1) == seen.sum(axis=1).max(initial=0))
     if not len(whole) or seen[whole[0]].sum() < 3:
         return None
-    sample = points[:: max(1, len(points) // _SAMPLE)].astype(float)
+    # Those by which it can be told, and of them the whole ones before others.
+    rows = np.flatnonzero(seen.sum(axis=1) >= 3)
+    sample = points[rows[:: max(1, len(rows) // _SAMPLE)]].astype(float)
     first = points[whole[len(whole) // 2]].astype(float)
     shape = first - np.nanmean(first, axis=0)
     for _ in range(_ROUNDS):
-        turn, place = _brought(sample, shape, _seen(sample))
+        turn, place, _ = _fitted(sample, shape)
         back = np.einsum("nji,nmj->nmi", turn, sample - place[:, None])
-        some = np.isfinite(back).any(axis=(0, 2))
-        found = np.full_like(shape, np.nan)
-        found[some] = np.nanmedian(back[:, some], axis=0)
+        found = np.stack([_mostly(path) for path in np.moveaxis(back, 1, 0)])
         shape = np.where(np.isfinite(found), found, shape)
     return shape - np.nanmean(shape, axis=0)
 
@@ -66,27 +74,52 @@ def follow(points: np.ndarray, shape: np.ndarray) -> Followed:
         points: what is seen (n, m, 3) [m]; NaN where not.
         shape: its points (m, 3) [m]; NaN for one that is not known.
     """
-    points = points.astype(float)
-    known = np.isfinite(shape).all(axis=1)
-    seen = _seen(points) & known
-    size = np.linalg.svd(shape[known] - shape[known].mean(axis=0), compute_uv=False)
-    if known.sum() < 3 or size[1] < _FLAT:
-        lost = np.full_like(points, np.nan)
-        nowhere = np.full((len(points), 3, 3), np.nan)
-        return Followed(nowhere, lost[:, 0], lost, np.zeros_like(seen))
+    points, known = points.astype(float), np.isfinite(shape).all(axis=1)
+    turn, place, astray = _fitted(points, shape)
+    there = _placed(turn, place, shape)
+    seen = _seen(points) & known & ~astray
+    miss = np.where(seen, np.linalg.norm(points - there, axis=2), 0.0).max(axis=1, initial=0.0)
+    unlike = miss > UNLIKE
+    turn[unlike], place[unlike], there[unlike] = np.nan, np.nan, np.nan
+    astray[unlike] |= seen[unlike]
+    there[:, ~known] = np.nan
+    return Followed(turn, place, there, astray)
+
+
+def brought_to(shape: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Return a shape (m, 3) turned and placed onto points (m, 3), and how far they miss it at most.
+
+    None where they share too few points for it. Either may have NaN.
+    """
+    seen = _seen(points[None])
+    turn, place = _brought(points[None].astype(float), shape, seen)
+    there = _placed(turn, place, shape)[0]
+    if np.isnan(place).any():
+        return None
+    miss = np.linalg.norm(points - there, axis=1)
+    there[~np.isfinite(shape).all(axis=1)] = np.nan
+    return there, float(np.nanmax(miss[seen[0] & np.isfinite(shape).all(axis=1)]))
+
+
+def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return turns, places, and which points are not those of the shape (n, m) bool."""
+    seen = _seen(points) & np.isfinite(shape).all(axis=1)
     turn, place = _brought(points, shape, seen)
-    there = place[:, None] + np.einsum("nij,mj->nmi", turn, np.nan_to_num(shape))
-    miss = np.where(seen, np.linalg.norm(points - there, axis=2), 0.0)
+    away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
+    miss = np.where(seen, np.nan_to_num(away), 0.0).max(axis=1, initial=0.0)
     astray = np.zeros_like(seen)
-    bad = np.flatnonzero((miss.max(axis=1) > _ASTRAY / 2) & (seen.sum(axis=1) >= 4))
+    bad = np.flatnonzero((miss > _ASTRAY / 2) & (seen.sum(axis=1) >= 4))
     if len(bad):
         astray[bad] = _astray(points[bad], shape, seen[bad])
         again = bad[astray[bad].any(axis=1)]
         if len(again):
             turn[again], place[again] = _brought(points[again], shape, seen[again] & ~astray[again])
-    there = place[:, None] + np.einsum("nij,mj->nmi", turn, np.nan_to_num(shape))
-    there[:, ~known] = np.nan
-    return Followed(turn, place, there, astray)
+        other = bad[~astray[bad].any(axis=1) & (miss[bad] > _ASTRAY)]
+        if len(other):
+            turn[other], place[other], astray[other] = _exchanged(
+                points[other], shape, seen[other], turn[other], place[other]
+            )
+    return turn, place, astray
 
 
 def _seen(points: np.ndarray) -> np.ndarray:
@@ -94,23 +127,34 @@ def _seen(points: np.ndarray) -> np.ndarray:
     return np.asarray(np.isfinite(points).all(axis=2))
 
 
+def _mostly(path: np.ndarray) -> np.ndarray:
+    """Return where a point (n, 3) mostly is: the middle of where a share of it is the densest."""
+    found = np.full(3, np.nan)
+    path = path[np.isfinite(path).all(axis=1)]
+    if not len(path):
+        return found
+    count = max(1, round(_STEADY * len(path)))
+    for _ in range(2):
+        # Once about its middle, then about where it is.
+        middle = np.median(path, axis=0) if np.isnan(found).any() else found
+        away = np.linalg.norm(path - middle, axis=1)
+        found = path[np.argsort(away)[:count]].mean(axis=0)
+    return found
+
+
 def _astray(points: np.ndarray, shape: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Return the point of each frame without which the others fit (n, m) bool, where they do."""
-    count = points.shape[1]
     left = np.full(points.shape[:2], np.inf)
     miss = np.zeros(points.shape[:2])
-    for i in range(count):
+    for i in range(points.shape[1]):
         without = seen.copy()
         without[:, i] = False
         turn, place = _brought(points, shape, without)
-        there = place[:, None] + np.einsum("nij,mj->nmi", turn, np.nan_to_num(shape))
-        away = np.linalg.norm(points - there, axis=2)
-        left[:, i] = np.where(
-            seen[:, i] & (without.sum(axis=1) >= 3),
-            np.sqrt(np.where(without, away**2, 0).sum(axis=1) / without.sum(axis=1).clip(1)),
-            np.inf,
-        )
-        miss[:, i] = away[:, i]
+        away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
+        told = seen[:, i] & np.isfinite(place[:, 0])
+        total = np.where(without, np.nan_to_num(away) ** 2, 0).sum(axis=1)
+        left[told, i] = np.sqrt(total / without.sum(axis=1).clip(1))[told]
+        miss[told, i] = away[told, i]
     best = np.argmin(left, axis=1)
     rows = np.arange(len(points))
     found = np.zeros_like(seen)
@@ -118,15 +162,47 @@ def _astray(points: np.ndarray, shape: np.ndarray, seen: np.ndarray) -> np.ndarr
     return found
 
 
+def _exchanged(
+    points: np.ndarray, shape: np.ndarray, seen: np.ndarray, turn: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return turns and places by exchanging two points, where all fit then, and which those are.
+
+    Of a shape with a left and a right that are alike, exchanging those in front is as good as
+    exchanging those behind and turning it upside down: nothing is exchanged where two ways fit.
+    """
+    best, ways = np.full(len(points), _ASTRAY / 2), np.zeros(len(points), dtype=int)
+    turn, place, which = turn.copy(), place.copy(), np.zeros_like(seen)
+    for pair in combinations(range(points.shape[1]), 2):
+        swapped = points.copy()
+        swapped[:, pair] = points[:, pair[::-1]]
+        turned, placed = _brought(swapped, shape, seen)
+        away = np.linalg.norm(swapped - _placed(turned, placed, shape), axis=2)
+        miss = np.where(seen, np.nan_to_num(away, nan=np.inf), 0.0).max(axis=1)
+        miss[~seen[:, pair].all(axis=1)] = np.inf
+        ways += miss < _ASTRAY
+        better = miss < best
+        best[better] = miss[better]
+        turn[better], place[better], which[better] = turned[better], placed[better], False
+        which[np.ix_(better, pair)] = True
+    unsure = which.any(axis=1) & (ways > 1)
+    turn[unsure], place[unsure], which[unsure] = np.nan, np.nan, seen[unsure]
+    return turn, place, which
+
+
+def _placed(turn: np.ndarray, place: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Return where the points of a shape are (n, m, 3)."""
+    return place[:, None] + np.einsum("nij,mj->nmi", turn, np.nan_to_num(shape))
+
+
 def _brought(
     points: np.ndarray, shape: np.ndarray, seen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return turns (n, 3, 3) and places (n, 3) that bring a shape to points; NaN for too few."""
-    weight = (seen & np.isfinite(shape).all(axis=1)).astype(float)
+    told = seen & np.isfinite(shape).all(axis=1)
+    weight = told.astype(float)
     total = weight.sum(axis=1)
-    enough = total >= 3
     share = weight / np.where(total > 0, total, 1)[:, None]
-    here, own = np.where(weight[:, :, None] > 0, points, 0.0), np.nan_to_num(shape)
+    here, own = np.where(told[:, :, None], points, 0.0), np.nan_to_num(shape)
     middle = np.einsum("nm,nmi->ni", share, here)
     centre = share @ own
     across = np.einsum(
@@ -137,9 +213,21 @@ def _brought(
         optimize=True,
     )
     left, _, right = np.linalg.svd(across)
-    flip = np.sign(np.linalg.det(left @ right))
-    left[:, :, 2] *= flip[:, None]
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
     turn = left @ right
     place = middle - np.einsum("nij,nj->ni", turn, centre)
-    turn[~enough], place[~enough] = np.nan, np.nan
+    lost = ~_spread(own, told)
+    turn[lost], place[lost] = np.nan, np.nan
     return turn, place
+
+
+def _spread(shape: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Return where the points (m, 3) that are told (n, m) bool span a plane (n,) bool."""
+    # Few sets of points occur.
+    sets, which = np.unique(told, axis=0, return_inverse=True)
+    wide = np.zeros(len(sets), dtype=bool)
+    for i, some in enumerate(sets):
+        if some.sum() >= 3:
+            points = shape[some] - shape[some].mean(axis=0)
+            wide[i] = np.linalg.svd(points, compute_uv=False)[1] >= _FLAT
+    return wide[which.ravel()]

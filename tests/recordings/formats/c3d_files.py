@@ -27,7 +27,7 @@ def floats(values: Any, processor: str) -> bytes:
         return np.asarray(values, ">f4").tobytes()
     if processor == "Intel":
         return np.asarray(values, "<f4").tobytes()
-    halves = np.frombuffer((4 * np.asarray(values, "<f4")).tobytes(), "<u2").reshape(-1, 2)
+    halves = np.frombuffer((4 * np.asarray(values)).astype("<f4").tobytes(), "<u2").reshape(-1, 2)
     return halves[:, ::-1].tobytes()
 
 
@@ -97,12 +97,10 @@ def made(
     begin = bytes([block, 0x50]) + words([count, analog, first, last, 10], processor)
     begin += floats(scale, processor) + words([start, 1 if analog else 0], processor)
     begin += floats(rate, processor)
-    rows = np.zeros((frames, 4 * count + analog))
-    four = rows[:, : 4 * count].reshape(frames, count, 4)
+    four = np.zeros((frames, count, 4))
     four[:, :, :3] = points if scale < 0 else np.rint(points / scale)
     four[:, :, 3] = fourth
-    rows[:, : 4 * count] = four.reshape(frames, -1)
-    rows[:, 4 * count :] = 7777
+    rows = np.hstack([four.reshape(frames, 4 * count), np.full((frames, analog), 7777)])
     data = floats(rows, processor) if scale < 0 else words(rows, processor)
     whole = begin.ljust(BLOCK * (block - 1), b"\0") + parameters + data
     return whole.ljust(-(-len(whole) // BLOCK) * BLOCK, b"\0") if pad else whole

@@ -76,6 +76,8 @@ def test_no_cut_breaks_it(name: str, tmp_path: Path) -> None:
     content, path = WHOLE[name], tmp_path / "a.c3d"
     whole = next(i for i in range(len(content), 0, -1) if content[i - 1])
     for end in range(len(content) + 1):
+        if end % 100 and not any(content[end - 1 : end + 1]):
+            continue  # in zeros
         good = check(write(path, content[:end]))
         # What fills the last block, and zeros, are no frames.
         assert not good if end < whole else good or end < whole + 16
@@ -86,9 +88,10 @@ def test_no_cut_breaks_it(name: str, tmp_path: Path) -> None:
     [
         (0, "got no C3D header, allowed 512 bytes of which the second is 80"),
         (511, "got no C3D header"),
-        (512, "parameters: got block 2 of a file of 512 bytes, allowed one in it"),
-        (515, "parameters: got block 2 of a file of 515 bytes, allowed one in it"),
-        (530, "the parameters end within 'LABELS', allowed a whole file"),
+        (512, "parameters: got block 2, allowed one in the file; it is cut"),
+        (515, "parameters: got block 2, allowed one in the file; it is cut"),
+        (530, "the parameters end within 'LA', allowed a whole file"),
+        (540, "the parameters end within 'LABELS', allowed a whole file"),
         (1024, "got 0 frames, allowed 3, as is stated; the file is cut"),
         (1024 + 95, "got 2 frames, allowed 3, as is stated; the file is cut"),
     ],
@@ -103,7 +106,7 @@ def test_a_cut_file_is_told(end: int, sentence: str, tmp_path: Path) -> None:
     [
         (0, b"\0", "parameters: got block 0, allowed one behind the header"),
         (0, b"\1", "parameters: got block 1, allowed one behind the header"),
-        (0, b"\xff", "parameters: got block 255 of a file of 1536 bytes, allowed one in it"),
+        (0, b"\xff", "parameters: got block 255, allowed one in the file"),
         (1, b"Q", "got no C3D header, allowed 512 bytes of which the second is 80"),
         (515, b"\0", r"processor: got 0, allowed 84 \(Intel\), 85 \(DEC\), 86 \(MIPS\)"),
         (515, b"W", "processor: got 87, allowed"),
@@ -131,9 +134,8 @@ def test_a_wrong_header_is_told(at: int, new: bytes, sentence: str, tmp_path: Pa
 
 def test_integers_beyond_all_reason_are_not_seen(tmp_path: Path) -> None:
     for scale in (1e38, 1e-45, 3e34):
-        content = made(scale=scale)
-        at = content.index(words(1000, "Intel") if False else bytes(8), 1024)
-        content = changed(content, at, words([30000, -30000, 1, 0], "Intel"))
+        content = made(np.zeros((1, 1, 3)), {"LABELS": ["a"]}, scale=scale)
+        content = changed(content, 1024, words([30000, -30000, 1, 0], "Intel"))
         assert check(write(tmp_path / "a.c3d", content))
 
 
@@ -159,8 +161,8 @@ def test_parameters_of_wild_shapes(
     name: str, value: tuple[int, tuple[int, ...], bytes], tmp_path: Path
 ) -> None:
     began = time.monotonic()
-    read_it = check(write(tmp_path / "a.c3d", made(point={**POINT, name: value})))
-    assert read_it == (name != "LABELS")
+    good = check(write(tmp_path / "a.c3d", made(point={**POINT, name: value})))
+    assert good == (name != "LABELS")
     assert time.monotonic() - began < 1
 
 
@@ -189,8 +191,8 @@ def test_places_that_are_no_file(tmp_path: Path) -> None:
 @settings(deadline=2000, max_examples=100, suppress_health_check=SLOW)
 @given(data=st.data())
 def test_no_bits_of_frames_break_it(processor: str, data: st.DataObject, tmp_path: Path) -> None:
-    scale = data.draw(st.sampled_from([-0.1, 0.25, 1e38, 1e-40]))
-    content = made(processor=processor, scale=scale, analog=1, pad=False)
+    scale = data.draw(st.sampled_from([-0.1, 0.25, 1e37, 1e-37]))
+    content = made(0 * POINTS, processor=processor, scale=scale, analog=1, pad=False)
     new = data.draw(st.binary(min_size=26, max_size=102))
     assert check(write(tmp_path / "a.c3d", changed(content, len(content) - len(new), new)))
 

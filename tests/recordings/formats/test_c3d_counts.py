@@ -22,7 +22,7 @@ def long_take(folder: Path, trial: Any = None, count: int = LONG, **options: Any
     points = np.arange(1, 3 * count + 1, dtype=float).reshape(count, 1, 3)
     point = {"LABELS": ["LASI"], "UNITS": "mm", **options.pop("point", {})}
     groups = {} if trial is None else {"TRIAL": trial}
-    options.setdefault("last", 65535)
+    options = {"last": 65535, "pad": False, **options}
     return write(folder / "a.c3d", made(points, point, groups, **options))
 
 
@@ -59,28 +59,28 @@ def test_a_long_take_is_read_whole(
     assert len(motion.notes) == 1
 
 
-@pytest.mark.parametrize("count", [65536, 65537, LONG, 2 * 65536, 200_000])
+@pytest.mark.parametrize("count", [65536, LONG, 2 * 65536])
 @pytest.mark.parametrize("last", [65535, None])
 @pytest.mark.parametrize("frames", [{}, {"FRAMES": -1}, {"FRAMES": 65535.0}])
 def test_a_long_take_without_a_long_count_is_refused(
     count: int, last: int | None, frames: dict[str, Any], tmp_path: Path
 ) -> None:
     # Some programs stop to count at 65535, some begin anew.
-    point = {"LABELS": ["LASI"] + ["RASI"] * 31, **frames}
-    points = np.ones((count, 32, 3))
-    path = write(tmp_path / "a.c3d", made(points, point, last=count if last is None else last))
+    path = long_take(tmp_path, count=count, last=count if last is None else last, point=frames)
     refused(
         read_c3d,
         path,
-        rf"^a\.c3d: got {count} frames .*, allowed a long count \(TRIAL:ACTUAL_END_FIELD or"
-        r" POINT:LONG_FRAMES\) with more than 65535; export the take with it, or in parts$",
+        rf"^a\.c3d: got {count} frames of which .*, allowed a long count"
+        r" \(TRIAL:ACTUAL_END_FIELD or POINT:LONG_FRAMES\) with more than 65535; export the take"
+        r" with it, or in parts$",
     )
 
 
 def test_no_frame_is_taken_for_what_fills_the_last_block(tmp_path: Path) -> None:
-    # Frames of 16 bytes: 32 of them are as long as what may fill a block.
-    refused(read_c3d, long_take(tmp_path, count=65536), "got 65536 frames")
-    assert len(read(read_c3d, long_take(tmp_path, count=65535)).time) == 65535
+    # The frames are of 16 bytes: some may be as long as what fills a block.
+    for pad in (True, False):
+        refused(read_c3d, long_take(tmp_path, count=65536, pad=pad), "got 65536 frames")
+        assert len(read(read_c3d, long_take(tmp_path, count=65535, pad=pad)).time) == 65535
 
 
 def test_a_part_of_a_long_take_whose_last_frame_has_a_large_number(tmp_path: Path) -> None:
@@ -141,14 +141,16 @@ def test_a_billion_frames_take_no_memory(
     path = long_take(tmp_path, trial, 100, point=point, last=0)
     tracemalloc.start()
     try:
-        refused(read_c3d, path, r"got 1\d\d frames, allowed 1000000000, as is stated; the file is")
+        refused(read_c3d, path, r"got 100 frames, allowed 1000000000, as is stated; the file is")
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
 
 
 def test_no_frames(tmp_path: Path) -> None:
-    content = made(np.empty((0, 2, 3)), POINT)
+    content = made(np.empty((0, 2, 3)), POINT, pad=False)
     refused(read_c3d, write(tmp_path / "a.c3d", content), "got the frames 1 to 0, allowed 1 and")
-    content = made(np.empty((3, 0, 3)), {"LABELS": ["a"]}, analog=5)
-    refused(read_c3d, write(tmp_path / "a.c3d", content), "got no point in a frame, allowed markers")
+    content = made(np.empty((3, 0, 3)), {"LABELS": ["a"]}, analog=5, fourth=np.empty((3, 0)))
+    refused(
+        read_c3d, write(tmp_path / "a.c3d", content), "got no point in a frame, allowed markers"
+    )

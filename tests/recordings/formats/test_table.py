@@ -47,6 +47,7 @@ def test_the_points_times_and_notes(tmp_path: Path) -> None:
         (decimal_comma(";").replace("hip,", "hip."), None),
         (decimal_comma("\t").replace("hip,", "hip."), None),
         ("sep=;\n" + TABLE.replace(",", ";"), None),
+        ("\n".join(f"KEY_{i},{i}" for i in range(11)) + "\n" + TABLE, None),
         ("# a comment of somebody\n\n" + TABLE, None),
         (headed('"time","neck.x","neck.y","neck.z","hip.x","hip.y","hip.z"'), None),
         (headed("Time_Stamp,neck_X,neck_Y,neck_Z,hip_X,hip_Y,hip_Z"), None),
@@ -77,6 +78,18 @@ def test_the_same_table_of_other_programs(
     assert motion.names == (names or ("neck", "hip"))
     np.testing.assert_array_equal(motion.positions, POINTS.astype(np.float32))
     assert motion.time == pytest.approx([0, 0.1, 0.2])
+
+
+def test_frames_that_are_there_twice(tmp_path: Path) -> None:
+    content = TABLE + "0.2,9,9,9,9,9,9\n0.3,-1e-1,2,3,4,5,6.25\n"
+    motion = read(read_table, write(tmp_path / "a.csv", content))
+    np.testing.assert_array_equal(motion.positions, POINTS[[0, 1, 2, 2]].astype(np.float32))
+    assert motion.time == pytest.approx([0, 0.1, 0.2, 0.3])
+    assert motion.notes == (
+        "1 of 5 frames have the time of the frame before and are left out.",
+        "The frames are uniform in time, 0.1 s apart.",
+        "1 of 4 frames are the frame before once more.",
+    )
 
 
 def test_names_of_windows_programs(tmp_path: Path) -> None:
@@ -191,7 +204,7 @@ BROKEN = {
     "head only": (HEAD + "\n", "the file ends in line 1, required is a row of numbers"),
     "cut in the head": (HEAD[:-9], "the file ends in line 1, required is a row of numbers"),
     "cut in a row": (TABLE[:-8], "line 4: got a row of 5 numbers, allowed 7: the file is cut"),
-    "prose": ("word\n" * 20, "line 12: got 12 lines without a row of numbers"),
+    "prose": ("word\n" * 30, "line 20: got 20 lines without a row of numbers"),
     "empty lines": ("\n" * 9000 + TABLE, "line 1000: got 1000 lines without a row of numbers"),
     "other columns": (
         TABLE.replace(".x", ".u").replace(".y", ".v"),
@@ -229,7 +242,7 @@ def test_a_broken_table_is_told(name: str, tmp_path: Path) -> None:
     ("content", "sentence"),
     [
         (bytes(5000), "line 1|ends in line 1"),
-        (bytes(range(256)) * 40, "got 12 lines without a row of numbers"),
+        (bytes(range(256)) * 40, "got 20 lines without a row of numbers"),
         (TABLE.encode("utf-16"), "line 1: got text in UTF-16, allowed UTF-8"),
         (TABLE.replace("\n", "\r").encode(), "line 1: got lines that end in a carriage return"),
     ],

@@ -1,0 +1,166 @@
+"""What a file does not state, and its user did not: found out, and said as an assumption."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import InputError, RecordingError
+from ergoqp.human import Body
+from ergoqp.joints import spoken
+from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up, tilt_of
+from ergoqp.recordings.fitting.neutral import Neutral, neutral_of, stated_neutral
+from ergoqp.recordings.fitting.person import measured_person
+from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.joints import joints_of
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.reading import Reading
+
+_SAMPLE: Final = 10_000
+"""Frames by which an axis is found."""
+
+
+def unit_by_stature(where: str, stature: float | None, assumptions: list[str]) -> float:
+    """Return the size of the unit of length [m], by how tall people are."""
+    if stature is None:
+        raise RecordingError(
+            f"{where}: no limb is complete enough to tell the unit of length; state unit_to_m"
+        )
+    unit = find_unit(stature, where)
+    assumptions.append(
+        f"The unit of length is taken as {unit:g} m, the only common one that gives a stature"
+        " of 1.4 to 2.1 m."
+    )
+    return unit
+
+
+def axes_to_ours(
+    where: str, centres: Mapping[str, np.ndarray], stated: str | None, assumptions: list[str]
+) -> np.ndarray:
+    """Return the rotation (3, 3) from the file's axes to ours."""
+    every = max(1, len(next(iter(centres.values()))) // _SAMPLE)
+    centres = {name: path[::every] for name, path in centres.items()}
+    found = find_up(centres)
+    if stated is not None:
+        if found is not None and found != stated:
+            assumptions.append(
+                f"The vertical axis is {stated} as stated, although the head is above the feet"
+                f" along {found}."
+            )
+        return axes_of(stated)
+    if found is None:
+        raise RecordingError(
+            f"{where}: the head is above the feet along none of x, y and z, up or down; state the"
+            " vertical axis (up)"
+        )
+    axes = axes_of(found)
+    tilt = tilt_of({centre: path @ axes.T for centre, path in centres.items()})
+    if tilt is None:
+        assumptions.append(
+            f"The vertical axis is taken as {found}, along which the head is above the feet."
+        )
+        return axes
+    angle = math.degrees(math.acos(min(1.0, tilt[2, 2])))
+    assumptions.append(
+        f"The camera is taken to be tilted by {angle:.0f} deg to the axis {found}: the person, who"
+        " stands straight, is taken as vertical; state the vertical axis (up) if the file has one."
+    )
+    return tilt @ axes
+
+
+def straight_of(
+    where: str,
+    world: Mapping[str, np.ndarray],
+    rest: Mapping[str, np.ndarray],
+    axes: np.ndarray,
+    time: np.ndarray,
+    reading: Reading,
+) -> Neutral | None:
+    """Return how the skeleton leans in a person who stands straight; None for not at all."""
+    stated = reading.neutral
+    if stated == "vertical":
+        return None
+    if isinstance(stated, JointMotion):
+        trial = joints_of(
+            stated,
+            f"{where}: neutral",
+            reading.naming,
+            reading.subject,
+            reading.unit,
+            reading.shapes,
+        )
+        there = {centre: path @ axes.T for centre, path in trial.centres.paths.items()}
+        every = np.ones(len(stated.time), dtype=bool)
+        return stated_neutral(there, every, "in the recording that is stated to be neutral")
+    if isinstance(stated, float):
+        if not time[0] <= stated <= time[-1]:
+            raise InputError(
+                f"neutral: got {stated:g} s, allowed {time[0]:.2f} to {time[-1]:.2f} s"
+            )
+        frame = np.arange(len(time)) == np.argmin(np.abs(time - stated))
+        return stated_neutral(world, frame, f"at {stated:g} s, as stated")
+    return neutral_of(world, rest, time)
+
+
+def measured_body(
+    where: str,
+    lengths: Mapping[str, float],
+    stature: float | None,
+    unit: float,
+    assumptions: list[str],
+) -> Body:
+    """Return the body whose lengths are those between the recording's joints."""
+    if stature is None:
+        raise RecordingError(
+            f"{where}: no trunk, arm or leg is complete enough to measure the person; state person"
+        )
+    try:
+        body, average = measured_person(
+            {name: unit * length for name, length in lengths.items()}, unit * stature
+        )
+    except InputError as error:
+        raise RecordingError(
+            f"{where}: with a unit of {unit:g} m, {error}; check unit_to_m"
+        ) from None
+    assumptions.append(
+        "The segment lengths are measured between the recording's joints; they suggest a stature"
+        f" of {body.stature:.2f} m."
+    )
+    if average:
+        assumptions.append(
+            f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those"
+            " of the recording."
+        )
+    return body
+
+
+def held_object(
+    where: str,
+    objects: Mapping[str, np.ndarray],
+    thing: str | None,
+    axes: np.ndarray,
+    assumptions: list[str],
+) -> np.ndarray | None:
+    """Return the poses (n, 4, 4) [m] of the object that is meant, or the only one."""
+    if thing is not None and thing not in objects:
+        raise InputError(
+            f"{where}: thing: got {thing!r}, allowed"
+            f" {some([repr(name) for name in objects]) or 'None: the recording has no object'}"
+        )
+    if thing is None and len(objects) > 1:
+        assumptions.append(
+            f"The recording has {len(objects)} objects ({some(list(objects))}) and it is not stated"
+            " which one is held (thing): none is shown."
+        )
+    name = thing if thing is not None or len(objects) != 1 else next(iter(objects))
+    if name is None:
+        return None
+    assumptions.append(f"The object that is held is {name}.")
+    turn = axes / np.cbrt(np.linalg.det(axes))
+    poses = objects[name].astype(float)
+    poses[:, :3, 3] = poses[:, :3, 3] @ axes.T
+    poses[:, :3, :3] = turn @ poses[:, :3, :3]
+    return poses

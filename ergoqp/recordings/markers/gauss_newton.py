@@ -1,0 +1,160 @@
+"""Postures from some of the markers that a calibration has placed: for frames in which others lack.
+
+A few rounds of Gauss-Newton, all frames at once: the joints within their ranges, drawn weakly to
+where they were in time, and a marker that is far from where it sits weighs less (Cauchy's loss).
+How surely a marker that is not seen is known follows from the curvature: it is told where those
+beside it do tell it, and not where they do not. Lengths and offsets are inputs of the one function
+that is compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Final
+
+import casadi as ca
+import numpy as np
+
+from ergoqp.human import Body, Kinematics
+from ergoqp.human.growth import GROWTH
+from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human.marker import Marker
+from ergoqp.joints import JOINTS, LOWER, UPPER
+from ergoqp.recordings.fitting.centres_of import growth_of
+from ergoqp.recordings.markers.fit import SEGMENTS
+
+_SIZE: Final = 4 + len(JOINTS)
+_BLOCK: Final = 512
+"""Frames at once: the curvatures of more are much."""
+_SKIN: Final = 0.01
+"""How exactly a marker on the skin tells where its segment is [m]."""
+_FAR: Final = (0.3, 0.3, 0.15, 0.08, 0.03, 0.03)
+"""A marker that is so far from where it sits weighs half [m], round by round: a limb may begin far
+from where it is."""
+_DRAWN: Final = np.array([0.2, 0.2, 0.2, 0.5, *np.full(len(JOINTS), 0.35)])
+"""How far the posture may be from the one that is drawn to: place [m] and angles [rad]."""
+
+
+def told_markers(
+    body: Body,
+    start: np.ndarray,
+    markers: Mapping[str, np.ndarray],
+    sits: Mapping[str, Marker],
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return where markers are by those that are seen, and how surely.
+
+    Args:
+        body: the person.
+        start: pelvis and posture to begin with and be drawn to (n, 36).
+        markers: name -> positions (n, 3) [m]; NaN where not seen.
+        sits: where they sit on the body.
+
+    Returns:
+        Name -> positions (n, 3) [m], and name -> standard deviation (n,) [m], of every marker.
+    """
+    names = [name for name in markers if np.isfinite(sits[name].residual)]
+    frames = np.array([SEGMENTS.index(sits[name].frame) for name in names])
+    offsets = np.array([sits[name].offset for name in names])
+    exact = np.array([max(sits[name].residual, _SKIN) for name in names])
+    growth = growth_of(body)
+    places, spread = [], []
+    for at in range(0, len(start), _BLOCK):
+        rows = slice(at, at + _BLOCK)
+        seen = np.stack([markers[name][rows] for name in names], axis=1)
+        place, sure = _solved(start[rows], growth, seen, frames, offsets, exact)
+        places.append(place)
+        spread.append(sure)
+    place, sure = np.concatenate(places), np.concatenate(spread)
+    return (
+        {name: place[:, i] for i, name in enumerate(names)},
+        {name: sure[:, i] for i, name in enumerate(names)},
+    )
+
+
+def _solved(
+    start: np.ndarray,
+    growth: np.ndarray,
+    seen: np.ndarray,
+    frames: np.ndarray,
+    offsets: np.ndarray,
+    exact: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the markers are (n, m, 3) and their standard deviations (n, m) [m]."""
+    z = start.copy()
+    lower = np.concatenate([np.full(4, -np.inf), LOWER])
+    upper = np.concatenate([np.full(4, np.inf), UPPER])
+    drawn = 1 / _DRAWN**2
+    for half in _FAR:
+        place, slope = _placed(z, growth, frames, offsets)
+        curved, pull = _normal(place, slope, seen, exact, half)
+        pull += drawn * (start - z)
+        step = np.linalg.solve(curved + np.diag(drawn), pull[:, :, None])[:, :, 0]
+        z = np.clip(z + np.clip(step, -0.5, 0.5), lower, upper)
+    place, slope = _placed(z, growth, frames, offsets)
+    curved, _ = _normal(place, slope, seen, exact, _FAR[-1])
+    unsure = np.linalg.inv(curved + np.diag(drawn))
+    flat = slope.reshape(len(z), -1, _SIZE)
+    spread = ((flat @ unsure) * flat).sum(axis=2).reshape(*seen.shape[:2], 3).sum(axis=2)
+    return place, np.sqrt(np.maximum(spread, 0.0) + exact**2)
+
+
+def _normal(
+    place: np.ndarray, slope: np.ndarray, seen: np.ndarray, exact: np.ndarray, half: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return curvature (n, 36, 36) and pull (n, 36) of the markers that are seen."""
+    there = np.asarray(np.isfinite(seen).all(axis=2))
+    miss = np.where(there[:, :, None], seen - place, 0.0)
+    far = np.linalg.norm(miss, axis=2)
+    weight = there / exact**2 / (1 + (far / np.maximum(half, 3 * exact)) ** 2)
+    root = np.sqrt(weight)[:, :, None]
+    rows = (root[..., None] * slope).reshape(len(place), -1, _SIZE)
+    across = np.swapaxes(rows, 1, 2)
+    return across @ rows, (across @ (root * miss).reshape(len(place), -1, 1))[:, :, 0]
+
+
+def _placed(
+    z: np.ndarray, growth: np.ndarray, frames: np.ndarray, offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return markers (n, m, 3) [m] and how they move with pelvis and posture (n, m, 3, 36)."""
+    values = _values(z, growth).reshape(len(z), len(SEGMENTS), -1)[:, frames]
+    origin, turn = values[:, :, :3], values[:, :, 3:12].reshape(*values.shape[:2], 3, 3)
+    moved = values[:, :, 12:].reshape(*values.shape[:2], _SIZE, 6)
+    # CasADi's matrices are column by column.
+    arm = np.einsum("nmji,mj->nmi", turn, offsets)
+    about = np.cross(moved[..., 3:], arm[:, :, None])
+    return origin + arm, np.swapaxes(moved[..., :3] + about, 2, 3)
+
+
+def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
+    """Return what the function says of each frame, a row each."""
+    function = _function()
+    given = np.zeros((_BLOCK, _SIZE))
+    given[: len(z)] = z
+    lengths = np.tile(growth, (_BLOCK, 1))
+    found = np.empty((_BLOCK, function.size1_out(0)))
+    # Into numpy's own memory: as CasADi's matrices the numbers would take most of the time.
+    # CasADi's stubs ask for a length, which these do not take.
+    buffer, evaluate = function.buffer()
+    for i, array in enumerate((given, lengths)):
+        buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
+    buffer.set_res(0, found.data)  # pyright: ignore[reportCallIssue]
+    evaluate()
+    return found[: len(z)]
+
+
+@cache
+def _function() -> ca.Function:
+    """Return pelvis and posture (36,), growth (14,) -> place, axes and Jacobian of each segment."""
+    z, growth = ca.SX.sym("z", _SIZE), ca.SX.sym("growth", len(GROWTH))
+    kinematics = Kinematics(Body(), growth)
+    cos, sin = ca.cos(z[3]), ca.sin(z[3])
+    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    rows: list[ca.SX] = []
+    for frame in SEGMENTS:
+        place, turn, jacobian = kinematics.at(frame, z[4:])
+        base = base_jacobian(yaw @ place)
+        own = ca.vertcat(yaw @ jacobian[:3, :], yaw @ jacobian[3:, :])
+        rows += [z[:3] + yaw @ place, ca.vec(yaw @ turn), ca.vec(ca.horzcat(base, own))]
+    one = ca.Function("segments", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
+    return one.map(_BLOCK)

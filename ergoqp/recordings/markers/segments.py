@@ -1,0 +1,160 @@
+"""Pelvis, trunk and head as rigid shapes of markers, by the take itself and a person file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ergoqp.human.marker import Marker
+from ergoqp.joints import SIDES
+from ergoqp.recordings.markers.rigid import UNLIKE, brought_to, follow, shape_of
+from ergoqp.recordings.motion import JointMotion
+
+SEGMENTS: Final = {
+    "pelvis": ("right_asis", "left_asis", "right_psis", "left_psis", "sacrum"),
+    "trunk": ("c7", "back", "notch", "xiphoid"),
+    "head": tuple(f"{side}_head_{end}" for side in SIDES for end in ("front", "back")),
+}
+"""Landmarks that move as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """What moves as one.
+
+    Attributes:
+        name: of `SEGMENTS`.
+        names: its landmarks and further markers.
+        places: of each, which points are its middle.
+        shape: where they are in it (m, 3) [m]; NaN for one that nobody knows.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    places: tuple[tuple[int, ...], ...]
+    shape: np.ndarray
+
+    def complete(
+        self,
+        at: dict[str, np.ndarray],
+        block: np.ndarray,
+        unit: float,
+        filled: Counter[str],
+        astray: Counter[str],
+    ) -> None:
+        """Put landmarks that are not seen, or astray, where the others have them.
+
+        Args:
+            at: landmark -> positions (n, 3) [m], which are changed.
+            block: of the recording's points (n, m, 3).
+            unit: of length [m].
+            filled: landmark -> in how many frames it is not seen and put, which is added to.
+            astray: likewise, in how many it is elsewhere.
+        """
+        points = np.stack([middle_of(block, each, unit) for each in self.places], axis=1)
+        followed = follow(points, self.shape)
+        for i, name in enumerate(self.names):
+            away = followed.astray[:, i]
+            astray[name] += int(away.sum())
+            if name not in at:
+                continue
+            lost = np.isnan(at[name]).any(axis=1) & np.isfinite(followed.points[:, i, 0])
+            filled[name] += int(lost.sum())
+            put = (lost | away)[:, None]
+            at[name] = np.where(put, followed.points[:, i], at[name])
+
+
+def rigid_segments(
+    motion: JointMotion,
+    landmarks: Mapping[str, tuple[int, ...]],
+    more: Mapping[str, tuple[int, ...]],
+    given: Mapping[str, Marker],
+    unit: float,
+    every: int,
+) -> tuple[list[Segment], list[str]]:
+    """Return the segments of which three points and more are known, and sentences.
+
+    Args:
+        motion: the markers.
+        landmarks: landmark -> the places of the markers whose middle it is.
+        more: rigid segment -> the places of its further markers.
+        given: marker -> where it sits, as a person file has it.
+        unit: of length [m].
+        every: frames between those that are looked at.
+    """
+    found, said = [], []
+    for segment, parts in SEGMENTS.items():
+        which = {name: landmarks[name] for name in parts if name in landmarks}
+        which |= {motion.names[i]: (i,) for i in more.get(segment, ())}
+        if len(which) < 3:
+            continue
+        points = [middle_of(motion.positions[::every], each, unit) for each in which.values()]
+        shape = shape_of(np.stack(points, axis=1))
+        if shape is None:
+            continue
+        theirs = _given_shape([[motion.names[i] for i in each] for each in which.values()], given)
+        lacking = np.isnan(shape[:, 0]) & np.isfinite(theirs[:, 0])
+        both = brought_to(theirs, shape) if lacking.any() else None
+        if both is not None and both[1] > UNLIKE:
+            said.append(
+                f"The {segment}'s markers are not where the person file has them, by"
+                f" {1000 * both[1]:.0f} mm: what was never seen of it is not put there."
+            )
+        elif both is not None:
+            names = [
+                name.replace("_", " ") for name, lacks in zip(which, lacking, strict=True) if lacks
+            ]
+            said.append(f"Never seen and put where the person file has it: {', '.join(names)}.")
+            shape = np.where(lacking[:, None], both[0], shape)
+        found.append(Segment(segment, tuple(which), tuple(which.values()), shape))
+    return found, said
+
+
+def pelvis_size(segments: list[Segment]) -> tuple[float, float]:
+    """Return the width between the ASIS and the depth to the PSIS [m]; NaN where not known."""
+    pelvis = next((each for each in segments if each.name == "pelvis"), None)
+    if pelvis is None:
+        return float("nan"), float("nan")
+    lost = np.full(3, np.nan)
+    place = dict(zip(pelvis.names, pelvis.shape, strict=True))
+    right, left = place.get("right_asis", lost), place.get("left_asis", lost)
+    across, front = left - right, (right + left) / 2
+    width = float(np.linalg.norm(across))
+    backs = [place.get(f"{side}_psis", lost) for side in SIDES]
+    for back in (sum(backs) / 2, place.get("sacrum", lost), *backs):
+        deep = front - back
+        # One PSIS is as far behind as both are.
+        deep = deep - (deep @ across) / width**2 * across
+        if np.isfinite(deep).all():
+            return width, float(np.linalg.norm(deep))
+    return width, float("nan")
+
+
+def middle_of(positions: np.ndarray, which: tuple[int, ...], unit: float) -> np.ndarray:
+    """Return the middle of some points over time (n, 3) [m].
+
+    Args:
+        positions: of all (n, m, 3), in the file's unit.
+        which: some of them.
+        unit: of length [m].
+    """
+    return unit * positions[:, list(which)].astype(float).mean(axis=1)
+
+
+def _given_shape(names: list[list[str]], given: Mapping[str, Marker]) -> np.ndarray:
+    """Return where a person file has points that are middles of markers (m, 3) [m]; NaN: nowhere.
+
+    Those that sit on the same segment as most of them: only these keep together.
+    """
+    frames = Counter(given[name].frame for each in names for name in each if name in given)
+    shape = np.full((len(names), 3), np.nan)
+    if frames:
+        frame = frames.most_common(1)[0][0]
+        for i, each in enumerate(names):
+            if all(name in given and given[name].frame == frame for name in each):
+                shape[i] = np.mean([given[name].offset for name in each], axis=0)
+    return shape

@@ -1,0 +1,60 @@
+"""How a recording is to be read, as its user states it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from ergoqp.errors import InputError
+from ergoqp.human import Body
+from ergoqp.human.marker import Marker
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.naming import Naming
+
+_ROUNDED: Final = 1e-3  # s
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a recording is to be read; None is to be found out.
+
+    Attributes:
+        body: the person.
+        shapes: marker -> where it sits, as a person file has it.
+        subject: whose joints, by the prefix of their names.
+        thing: which object the person holds.
+        unit: size of the unit of length [m].
+        up: the vertical axis.
+        naming: how the joints are called.
+        neutral: when the person is straight [s], a recording in which they are, or ``"vertical"``.
+        window: first and last time [s].
+        completed: whether lost markers are put already where the others tell them.
+    """
+
+    body: Body | None = None
+    shapes: Mapping[str, Marker] = field(default_factory=dict)
+    subject: str | None = None
+    thing: str | None = None
+    unit: float | None = None
+    up: str | None = None
+    naming: Naming | None = None
+    neutral: float | str | JointMotion | None = None
+    window: tuple[float, float] | None = None
+    completed: bool = False
+
+
+def windowed(motion: JointMotion, window: tuple[float, float]) -> JointMotion:
+    """Return what is between two times [s].
+
+    Raises:
+        InputError: there is nothing.
+    """
+    # A file's frame time is rounded: the frame at two seconds is at 1.99999.
+    inside = (motion.time >= window[0] - _ROUNDED) & (motion.time <= window[1] + _ROUNDED)
+    if not inside.any():
+        raise InputError(
+            f"window: got {window[0]:g} to {window[1]:g} s, allowed times from"
+            f" {motion.time[0]:.2f} to {motion.time[-1]:.2f} s"
+        )
+    return motion.at(inside)
