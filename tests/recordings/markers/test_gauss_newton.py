@@ -1,0 +1,109 @@
+"""Markers that are lost, told by the others: where they are, how surely, and what that is for."""
+
+import numpy as np
+import pytest
+
+from benchmarks.made_markers import markers_of, plug_in_gait
+from benchmarks.made_motions import BODY, fitted, walk
+from ergoqp.joints import INDEX
+from ergoqp.recordings import Recording, assemble, fit_postures
+from ergoqp.recordings.fitting.centres_of import growth_of
+from ergoqp.recordings.markers.fit import SEGMENTS
+from ergoqp.recordings.markers.gauss_newton import _placed, told_markers
+from ergoqp.sheets.elevation import elevation_of
+
+LOST = slice(100, 200)
+BENT = [f"{side}_{joint}_flexion" for side in ("right", "left") for joint in ("elbow", "knee")]
+
+
+@pytest.fixture(scope="module")
+def walked() -> tuple[np.ndarray, np.ndarray]:
+    """Pelvis and postures of somebody who walks."""
+    recording = fitted(walk(6.0)[0])
+    poses = recording.base_poses
+    yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    return np.column_stack([poses[:, :3, 3], yaw]), recording.postures
+
+
+def test_slopes_are_those_of_finite_differences(walked):
+    z = np.hstack(walked)[::100]
+    sits = plug_in_gait(BODY)
+    frames = np.array([SEGMENTS.index(each.frame) for each in sits.values()])
+    offsets, growth = np.array([each.offset for each in sits.values()]), growth_of(BODY)
+    place, slope = _placed(z, growth, frames, offsets)
+    np.testing.assert_allclose(place, markers_of(BODY, z[:, :4], z[:, 4:])[1], atol=1e-12)
+    for k in range(36):
+        step = np.zeros(36)
+        step[k] = 1e-6
+        beside = _placed(z + step, growth, frames, offsets)[0]
+        np.testing.assert_allclose((beside - place) / 1e-6, slope[..., k], atol=1e-5)
+
+
+@pytest.mark.parametrize("lost", ["RKNE", "LELB", "RWRA", "RASI", "LTIB", "LANK", "C7"])
+def test_one_that_is_lost(walked, lost: str):
+    names, places = markers_of(BODY, *walked)
+    markers = {name: places[:, i] for i, name in enumerate(names)}
+    truth = markers[lost]
+    markers = markers | {lost: np.full_like(truth, np.nan)}
+    generator = np.random.default_rng(4)
+    start = np.hstack(walked)
+    start = start + 0.1 * generator.standard_normal(start.shape)
+    found, spread = told_markers(BODY, start, markers, plug_in_gait(BODY))
+    assert np.linalg.norm(found[lost] - truth, axis=1).max() < 0.01
+    assert (spread[lost] < 0.025).all()
+
+
+def test_what_nothing_tells_is_not_sure(walked):
+    names, places = markers_of(BODY, *walked)
+    hand = ("RWRA", "RWRB", "RFIN", "RFRM")
+    markers = {
+        name: np.full_like(places[:, i], np.nan) if name in hand else places[:, i]
+        for i, name in enumerate(names)
+    }
+    _, spread = told_markers(BODY, np.hstack(walked), markers, plug_in_gait(BODY))
+    assert all(spread[name].min() > 0.05 for name in hand)
+    assert spread["LWRA"].max() < 0.025
+
+
+def test_another_markers_place_is_not_followed(walked):
+    names, places = markers_of(BODY, *walked)
+    markers = {name: places[:, i].copy() for i, name in enumerate(names)}
+    markers["RTIB"], markers["LTIB"] = markers["LTIB"], markers["RTIB"]
+    truth, markers["RKNE"] = markers["RKNE"], np.full_like(markers["RKNE"], np.nan)
+    found, _ = told_markers(BODY, np.hstack(walked), markers, plug_in_gait(BODY))
+    assert np.linalg.norm(found["RKNE"] - truth, axis=1).max() < 0.05
+
+
+def taken(walked, lost: tuple[str, ...]) -> Recording:
+    names, places = markers_of(BODY, *walked)
+    places = places + 0.001 * np.random.default_rng(5).standard_normal(places.shape)
+    for name in lost:
+        places[LOST, names.index(name)] = np.nan
+    return fit_postures(names, places, 60.0, neutral="vertical")
+
+
+def worst(recording: Recording, postures: np.ndarray) -> float:
+    """Return the largest change of the angles that score, of the frames that are scored [deg]."""
+    columns = [INDEX[name] for name in ("trunk_flexion", *BENT)]
+    off = np.abs(recording.postures - postures)[:, columns].max(axis=1)
+    raised = np.abs(elevation_of(recording.postures)[0] - elevation_of(postures)[0]).max(axis=1)
+    return float(np.degrees(np.maximum(off, raised)[recording.scored].max()))
+
+
+@pytest.mark.parametrize(
+    "lost", [("RKNE",), ("LELB",), ("RANK",), ("RASI", "LASI"), ("RKNE", "RTHI")]
+)
+def test_gaps_are_scored_rightly_and_were_not_before(walked, lost, monkeypatch):
+    recording, whole = taken(walked, lost), taken(walked, ())
+    assert recording.scored[LOST].all()
+    assert worst(recording, whole.postures) < 5
+    assert any("markers are lost that the others tell" in each for each in recording.assumptions)
+    monkeypatch.setattr(assemble, "completed", lambda *given: None)
+    alone = taken(walked, lost)
+    assert not alone.scored[LOST].any()
+
+
+def test_what_is_not_told_stays_lost(walked):
+    recording, whole = taken(walked, ("LWRA", "LWRB")), taken(walked, ())
+    assert not recording.scored[LOST].all()
+    assert worst(recording, whole.postures) < 5
