@@ -6,6 +6,7 @@ It is only ever shown to the user: in a message, and as a mapping file to be loo
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Final
@@ -39,22 +40,29 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
     >>> guessed(("Skel_L_Elbow", "Skel_R_UpperArm", "box"))
     {'right_shoulder': 'Skel_R_UpperArm', 'left_elbow': 'Skel_L_Elbow'}
     """
-    best: dict[str, tuple[int, str]] = {}
+    best: dict[str, tuple[int, int, str]] = {}
     for name in names:
         words = _words(name)
         side = next((s for s, theirs in _SIDES.items() if set(words) & set(theirs)), None)
         joined = {"".join(pair) for pair in pairwise(words)} | set(words)
-        for part, theirs in _WORDS.items():
-            if (part in _MIDDLE) == (side is not None):
-                continue
-            ranks = [i for i, word in enumerate(theirs) if word in joined]
-            if not ranks:
-                continue
-            centre = part if side is None else f"{side}_{part}"
-            if centre not in best or ranks[0] < best[centre][0]:
-                best[centre] = (ranks[0], name)
+        # "Thumb1", but no vertebra: "L5".
+        joined |= {bare for word in joined if len(bare := word.rstrip("0123456789")) > 2}
+        said = [
+            (-len(word), rank, part)
+            for part, theirs in _WORDS.items()
+            if (part in _MIDDLE) == (side is None)
+            for rank, word in enumerate(theirs)
+            if word in joined
+        ]
+        if not said:
+            continue
+        # What the longest word says: "HandThumb" is a thumb.
+        _, rank, part = min(said)
+        centre = part if side is None else f"{side}_{part}"
+        # Of several names the plainest.
+        best[centre] = min(best.get(centre, (rank, len(words), name)), (rank, len(words), name))
     order = [*_MIDDLE, *(f"{s}_{p}" for s in _SIDES for p in _WORDS if p not in _MIDDLE)]
-    return {centre: best[centre][1] for centre in order if centre in best}
+    return {centre: best[centre][2] for centre in order if centre in best}
 
 
 def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
@@ -75,14 +83,20 @@ def template(names: tuple[str, ...], wanted: tuple[str, ...]) -> str:
         ),
         "",
         "# The recording has:",
-        *(f"#   {name}" for name in names),
+        *(f"#   {_quoted(name)}" for name in names),
     ]
     return "\n".join(rows) + "\n"
 
 
 def _words(name: str) -> list[str]:
     """Return the words of a name: "LeftForeArm_2" has left, fore and arm."""
-    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*", name)
+    letters = unicodedata.normalize("NFC", name).translate(_UMLAUTS)
+    plain = "".join(
+        letter
+        for letter in unicodedata.normalize("NFD", letters)
+        if not unicodedata.combining(letter)
+    )
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d*|[A-Z]+\d*", plain)
     found = [part.casefold() for part in parts]
     # "LElbow" and "lElbow": the side is the first letter.
     return [
@@ -93,7 +107,17 @@ def _words(name: str) -> list[str]:
 
 
 def _quoted(name: str) -> str:
-    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    """Return a name as TOML has it; half of a pair of letters, which no file can have, is lost."""
+    text = name.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{"".join(each if each.isprintable() else _escaped(each) for each in text)}"'
+
+
+def _escaped(letter: str) -> str:
+    code = ord(letter)
+    return f"\\u{code:04x}" if code < 1 << 16 else f"\\U{code:08x}"
 
 
 _KNOWN: Final = frozenset(word for words in _WORDS.values() for word in words)
+_UMLAUTS: Final = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"}
+)

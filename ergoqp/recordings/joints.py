@@ -112,9 +112,9 @@ def joints_of(
             upright=ready,
         )
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
-    size = unit or motion.unit
-    if size is None:
-        size = unit_of_markers(motion, where, landmarks)
+    stated = unit or motion.unit
+    size = unit_of_markers(motion, where, landmarks, stated)
+    if stated is None:
         said += (f"The unit of length is taken as {size:g} m, by the width of the person.",)
     frames = np.arange(0, len(motion.time), max(1, len(motion.time) // _SAMPLED))
     sits = {i: name for name, which in (further | landmarks).items() for i in which}

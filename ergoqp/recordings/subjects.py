@@ -18,6 +18,12 @@ _LEAST: Final = 6
 """Joints or markers of a person at least."""
 _SHARE: Final = 0.5
 """Who has fewer joints than this share of the one with the most is a part of somebody."""
+_CORNERS: Final = 3
+"""Markers that show how a thing is turned."""
+_SAMPLE: Final = 2000
+"""Frames by which a thing's shape is found."""
+_BLOCK: Final = 8192
+"""Frames at once."""
 
 
 def of_subject(
@@ -44,8 +50,10 @@ def of_subject(
             f"{where}: subject: got {subject!r}, allowed"
             f" {some([repr(prefix) for prefix in groups if prefix]) or 'None: it names nobody'}"
         )
-    if len(groups) < 2:
+    if not groups:
         return motion
+    if len(groups) < 2:
+        return _named_alike(motion, *groups.popitem(), known)
     counts = {prefix: known(tuple(names.values())) for prefix, names in groups.items()}
     whole = max(counts.values())
     people = [p for p, count in counts.items() if count >= max(_LEAST, _SHARE * whole)]
@@ -57,41 +65,69 @@ def of_subject(
     chosen = subject if subject is not None else (people[0] if people else None)
     if chosen is None:
         return motion
-    said, objects = [f"The person is {chosen!r}."] if chosen else [], dict(motion.objects)
+    said, objects = _said(chosen), dict(motion.objects)
+    others = [p for p in people if p != chosen]
     for prefix, names in groups.items():
-        if prefix in (chosen, "") or prefix in people:
+        if prefix in (chosen, "", *people) or prefix in objects:
             continue
         pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
-        if pose is not None:
-            objects.setdefault(prefix, pose)
-            said.append(
-                f"{prefix} is an object of {len(names)} markers: its origin is their middle, its"
-                " axes are the file's in its first whole frame."
-            )
-    others = [repr(p) for p in people if p != chosen]
+        if pose is None:
+            others.append(prefix)
+            continue
+        objects[prefix] = pose
+        said.append(
+            f"{prefix} is an object of {len(names)} markers: its origin is their middle, its axes"
+            " are the file's in its first whole frame."
+        )
     if others:
-        said.append(f"Also there, and left out: {some(others)}.")
-    # What has no prefix belongs to nobody else.
-    keep = {**groups.get("", {}), **groups[chosen]}
+        said.append(f"Also there, and left out: {some([repr(p) for p in others])}.")
+    # What has no prefix belongs to nobody else, but the person's own go before it.
+    own = set(groups[chosen].values())
+    keep = {each: new for each, new in groups.get("", {}).items() if new not in own}
+    keep |= groups[chosen]
     return replace(motion.joints(keep), objects=objects, notes=(*said, *motion.notes))
+
+
+def _named_alike(
+    motion: JointMotion,
+    prefix: str,
+    names: dict[str, str],
+    known: Callable[[tuple[str, ...]], int],
+) -> JointMotion:
+    """Return the only person's joints, without their prefix where that is no part of the names.
+
+    Namings of skeletons know it, and mapping files may have it.
+    """
+    if not prefix or known(tuple(names.values())) <= known(motion.names):
+        return motion
+    return replace(motion.joints(names), notes=(*_said(prefix), *motion.notes))
+
+
+def _said(person: str) -> list[str]:
+    return [f"The person is {person!r}."] if person else []
 
 
 def _pose_of(points: np.ndarray) -> np.ndarray | None:
     """Return the poses (n, 4, 4) of a rigid thing by its markers; None if they do not show it."""
-    if points.shape[1] < 3:
+    shown = np.flatnonzero(np.isfinite(points).all(axis=2).sum(axis=1) >= _CORNERS)
+    if not len(shown):
         return None
-    size = np.nanmax(np.ptp(points, axis=1)) if np.isfinite(points).any() else 0.0
+    sample = points[shown[:: max(1, len(shown) // _SAMPLE)]].astype(float)
+    extent = np.fmax.reduce(sample, axis=1) - np.fmin.reduce(sample, axis=1)
+    size = float(np.median(extent.max(axis=1)))
     # Shapes are followed in metres, so a thing is taken to be half a metre large.
-    scale = 0.5 / size if np.isfinite(size) and size > 0 else 1.0
-    shape = shape_of(scale * points)
+    scale = 0.5 / size if size > 0 else 1.0
+    shape = shape_of(scale * sample)
     if shape is None:
         return None
-    followed = follow(scale * points, shape)
     poses = np.full((len(points), 4, 4), np.nan)
     poses[:, 3] = [0, 0, 0, 1]
-    first = np.flatnonzero(np.isfinite(followed.turn[:, 0, 0]))
+    for at in range(0, len(points), _BLOCK):
+        followed = follow(scale * points[at : at + _BLOCK].astype(float), shape)
+        poses[at : at + _BLOCK, :3, :3] = followed.turn
+        poses[at : at + _BLOCK, :3, 3] = followed.place / scale
+    first = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
     if not len(first):
         return None
-    poses[:, :3, :3] = followed.turn @ followed.turn[first[0]].T
-    poses[:, :3, 3] = followed.place / scale
+    poses[:, :3, :3] = poses[:, :3, :3] @ poses[first[0], :3, :3].T
     return poses

@@ -9,6 +9,7 @@ import numpy as np
 
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.bvh.parse import Joint, opened
+from ergoqp.recordings.formats.stamps import repeated
 from ergoqp.recordings.motion import JointMotion
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
@@ -47,7 +48,7 @@ def read_bvh(path: Path, progress: Progress = unseen) -> JointMotion:
         positions[:count],
         text.frame_time * np.arange(count),
         rest[0],
-        (note,),
+        (note, *repeated(positions[:count])),
     )
 
 

@@ -18,7 +18,7 @@ from ergoqp.recordings.formats.c3d_counts import frames_of
 from ergoqp.recordings.formats.c3d_head import Head, fail, read_head
 from ergoqp.recordings.formats.opening import binary, some
 from ergoqp.recordings.formats.rows import LARGEST, Asked
-from ergoqp.recordings.formats.stamps import seconds
+from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.recordings.motion import JointMotion
 
@@ -75,7 +75,7 @@ def read_c3d(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         positions,
         time,
         None,
-        (*head.notes, *said, *notes, *uniform),
+        (*head.notes, *said, *notes, *uniform, *repeated(positions)),
         angles={
             f"{name} {axis}": bent[:, i, j]
             for i, name in enumerate(angles)

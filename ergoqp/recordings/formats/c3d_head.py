@@ -18,7 +18,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.recordings.formats.opening import short
 
 BLOCK: Final = 512
-KEY: Final = 0x50
+_KEY: Final = 0x50
 """The second byte of each file."""
 _PROCESSORS: Final = {84: "Intel", 85: "DEC", 86: "MIPS"}
 _MOST: Final = 1 << 20
@@ -113,6 +113,18 @@ class Head:
         return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
 
 
+def is_c3d(first: bytes) -> bool:
+    """Return whether a file that begins so is a C3D file.
+
+    Args:
+        first: its first bytes, 255 blocks or all.
+    """
+    if len(first) < BLOCK or first[1] != _KEY or first[0] < 2:
+        return False
+    at = BLOCK * (first[0] - 1) + 3
+    return at < len(first) and first[at] in _PROCESSORS
+
+
 def read_head(path: Path, file: BinaryIO) -> Head:
     """Return the header and the parameters of a file.
 
@@ -124,7 +136,7 @@ def read_head(path: Path, file: BinaryIO) -> Head:
         RecordingError: it is no C3D file, cut, or states what cannot be.
     """
     top = file.read(BLOCK)
-    if len(top) < BLOCK or top[1] != KEY:
+    if len(top) < BLOCK or top[1] != _KEY:
         fail(path, "got no C3D header, allowed 512 bytes of which the second is 80")
     begin = BLOCK * (top[0] - 1)
     if begin <= 0:

@@ -15,18 +15,20 @@ from ergoqp.recordings.bvh.read import read_bvh
 from ergoqp.recordings.formats.bag import is_bag, read_bag
 from ergoqp.recordings.formats.bodies import is_folder_of_bodies, read_bodies
 from ergoqp.recordings.formats.c3d import read_c3d
-from ergoqp.recordings.formats.c3d_head import BLOCK, KEY
+from ergoqp.recordings.formats.c3d_head import is_c3d
 from ergoqp.recordings.formats.motive import read_motive
 from ergoqp.recordings.formats.mvnx import read_mvnx
 from ergoqp.recordings.formats.opening import beginning
-from ergoqp.recordings.formats.rows import Asked
+from ergoqp.recordings.formats.rows import Asked, is_number
 from ergoqp.recordings.formats.storage import read_storage
 from ergoqp.recordings.formats.table import read_table
 from ergoqp.recordings.formats.trc import read_trc
 from ergoqp.recordings.motion import JointMotion
 
-_LOOKED_AT: Final = 1 << 16
-"""Bytes by which a format is known."""
+_LOOKED_AT: Final = 1 << 17
+"""Bytes by which a format is known: a C3D file's parameters begin in them."""
+_ROW: Final = 6
+"""Numbers in a row of a table, at least: two points."""
 _BAGS: Final = (b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n")
 
 
@@ -103,7 +105,7 @@ def _marked(first: bytes) -> Kind | None:
     """Return the format whose mark a file begins with; None for none."""
     if first.startswith(_BAGS):
         return BAG
-    if len(first) > 1 and first[1] == KEY and b"\0" in first[:BLOCK]:
+    if is_c3d(first):
         return C3D
     text = first.decode("utf-8-sig", "replace").lstrip()
     if text.startswith("HIERARCHY"):
@@ -124,6 +126,5 @@ def _is_table(first: bytes) -> bool:
     if b"\0" in first:
         return False
     lines = first.decode("utf-8-sig", "replace").splitlines()[:20]
-    number = r"[-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?"
-    row = re.compile(rf"\s*{number}(?:[\s,;]+{number}){{5,}}[\s,;]*")
-    return any(row.fullmatch(line) for line in lines)
+    rows = ([word for word in re.split(r"[\s,;]+", line) if word] for line in lines)
+    return any(len(row) >= _ROW and all(map(is_number, row)) for row in rows)

@@ -72,29 +72,40 @@ def centres_of_landmarks(
         widths: of the person.
         size: width between the ASIS and depth from them to the PSIS [m]; NaN if not known.
     """
-    lost = np.full_like(next(iter(at.values())), np.nan)
-    place = _Landmarks(at, lost)
-    centres: dict[str, np.ndarray] = {}
+    place = _Landmarks(at)
     across, hips = _hips(place, size)
-    centres |= hips
     trunk, down, left = _trunk(place, hips)
     left = _first(left, across)
-    centres |= trunk
+    centres = {**hips, **trunk, **_shoulders(place, down, widths)}
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
-        shoulder = place[f"{side}_acromion"] + widths.shoulder * down
-        centres |= _arm(side, out, place, shoulder, left, widths)
-        hip = hips.get(f"{side}_hip", lost)
-        centres |= _leg(side, out, place, hip, across, widths)
+        centres |= _arm(side, out, place, centres[f"{side}_shoulder"], left, widths)
+        centres |= _leg(side, out, place, centres[f"{side}_hip"], across, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}
+
+
+def roots_of(
+    at: Mapping[str, np.ndarray], widths: Widths, size: tuple[float, float]
+) -> dict[str, np.ndarray]:
+    """Return the centres from which limbs hang (n, 3) [m]: they are told without their markers.
+
+    Args:
+        at: as in `centres_of_landmarks`.
+        widths: likewise.
+        size: likewise.
+    """
+    place = _Landmarks(at)
+    _, hips = _hips(place, size)
+    _, down, _ = _trunk(place, hips)
+    return hips | _shoulders(place, down, widths)
 
 
 class _Landmarks:
     """Landmarks, those that are not there too."""
 
-    def __init__(self, at: Mapping[str, np.ndarray], lost: np.ndarray) -> None:
-        self._at, self._lost = at, lost
+    def __init__(self, at: Mapping[str, np.ndarray]) -> None:
+        self._at, self._lost = at, np.full_like(next(iter(at.values())), np.nan)
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self._at.get(name, self._lost)
@@ -134,6 +145,12 @@ def _trunk(
     return {"neck": neck}, down, left
 
 
+def _shoulders(place: _Landmarks, down: np.ndarray, widths: Widths) -> dict[str, np.ndarray]:
+    return {
+        f"{side}_shoulder": place[f"{side}_acromion"] + widths.shoulder * down for side in SIDES
+    }
+
+
 def _head(place: _Landmarks) -> dict[str, np.ndarray]:
     """Return base and top of the head, and where the nose points."""
     front, back = place.middle("head_front"), place.middle("head_back")
@@ -171,7 +188,6 @@ def _arm(
     radial = _unit(radial - _along(radial, along) * along)
     turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
     return {
-        f"{side}_shoulder": shoulder,
         f"{side}_elbow": elbow,
         f"{side}_wrist": wrist,
         f"{side}_knuckles": _first(knuckles, wrist + 0.08 * along),
@@ -199,7 +215,6 @@ def _leg(
     inner = place[f"{side}_inner_ankle"]
     low = _first((ankle + inner) / 2, _inside(middle, ankle, aside, widths.ankle))
     return {
-        f"{side}_hip": hip,
         f"{side}_knee": middle,
         f"{side}_ankle": low,
         f"{side}_toe": place[f"{side}_forefoot"],

@@ -12,7 +12,7 @@ from ergoqp.errors import RecordingError
 from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opening import some
-from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks
+from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of
 from ergoqp.recordings.markers.linked import Links
 from ergoqp.recordings.markers.segments import middle_of, pelvis_size, rigid_segments
 from ergoqp.recordings.motion import JointMotion
@@ -57,8 +57,9 @@ def joints_of_markers(
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
         raise RecordingError(_unplaced(where, _at(landmarks, motion.positions[::every], unit)))
-    links = Links(_at(landmarks, motion.positions[::every], unit))
     widths, count = Widths.of(motion.measures), len(motion.time)
+    sample = _at(landmarks, motion.positions[::every], unit)
+    links = Links(roots_of(sample, widths, size) | sample)
     # Each by itself, so that it can be let go of by itself.
     centres: dict[str, np.ndarray] = {}
     filled: Counter[str] = Counter()
@@ -68,9 +69,12 @@ def joints_of_markers(
         at = _at(landmarks, block, unit)
         for segment in segments:
             segment.complete(at, block, unit, filled, astray)
-        for name, away in links.astray(at).items():
-            astray[name] += int(away.sum())
-            at[name] = np.where(away[:, None], np.nan, at[name])
+        for name, away in links.astray(roots_of(at, widths, size) | at).items():
+            # A shoulder is where its acromion is.
+            landmark = name.replace("shoulder", "acromion")
+            if landmark in at:
+                astray[landmark] += int(away.sum())
+                at[landmark] = np.where(away[:, None], np.nan, at[landmark])
         found = centres_of_landmarks(at, widths, size)
         found |= {name: path for name, path in at.items() if name in CENTRES}
         for name, path in found.items():
@@ -104,12 +108,15 @@ def _median(vectors: np.ndarray) -> float:
 
 
 def unit_of_markers(
-    motion: JointMotion, where: str, landmarks: Mapping[str, tuple[int, ...]]
+    motion: JointMotion,
+    where: str,
+    landmarks: Mapping[str, tuple[int, ...]],
+    stated: float | None,
 ) -> float:
-    """Return the only unit with which pelvis or shoulders are a person's [m].
+    """Return the only unit with which pelvis or shoulders are a person's, or the stated one [m].
 
     Raises:
-        RecordingError: there is none, or more than one.
+        RecordingError: there is none, or more than one; or it is not the one that is stated.
     """
     every = max(1, len(motion.time) // _SAMPLE)
     at = _at(landmarks, motion.positions[::every], 1.0)
@@ -117,9 +124,21 @@ def unit_of_markers(
         if f"right_{name}" not in at or f"left_{name}" not in at:
             continue
         width = _median(at[f"left_{name}"] - at[f"right_{name}"])
+        if not np.isfinite(width):
+            continue
+        if stated is not None and not low / 1.5 <= stated * width <= 1.5 * high:
+            raise RecordingError(
+                f"{where}: with a unit of {stated:g} m the {name.upper()} markers of both sides are"
+                f" {stated * width:.3g} m apart, allowed {low:g} to {high:g} m; check the unit"
+                " (unit_to_m)"
+            )
+        if stated is not None:
+            return stated
         fitting = [unit for unit in _UNITS if low <= unit * width <= high]
         if len(fitting) == 1:
             return fitting[0]
+    if stated is not None:
+        return stated
     raise RecordingError(
         f"{where}: the unit of length is not stated, and neither pelvis nor shoulders tell it;"
         " state the unit (unit_to_m)"

@@ -15,20 +15,24 @@ import numpy as np
 from ergoqp.joints import SIDES
 
 _TOGETHER: Final = (
-    ("upper_arm", "outer_elbow", "inner_elbow"),
+    ("shoulder", "upper_arm", "outer_elbow", "inner_elbow"),
     ("outer_elbow", "inner_elbow", "forearm", "wrist_thumb", "wrist_small"),
     ("wrist_thumb", "wrist_small", "hand"),
-    ("thigh", "outer_knee", "inner_knee"),
+    ("hip", "thigh", "outer_knee", "inner_knee"),
     ("outer_knee", "inner_knee", "shank", "outer_ankle", "inner_ankle"),
     ("outer_ankle", "inner_ankle", "heel", "forefoot"),
 )
-"""Landmarks of a side of which any two keep their distance; joints are near their axes."""
+"""Landmarks and joint centres of a side of which any two keep their distance: markers beside joints
+are near their axes."""
 _SHARE: Final = 0.25
 """For so much of the time at least a marker is where it belongs."""
 _TIMES: Final = 6.0
 """By how many times its usual deviation a distance may be another."""
-_LEEWAY: Final = (0.03, 0.08)
+_LEEWAY: Final = (0.025, 0.08)
 """By how much it may be so at least, as skin moves, and at most [m]."""
+_BLADE: Final = 0.06
+"""By how much at least those from a shoulder: the blade turns with a raised arm, and its marker is
+not where the joint is [m]."""
 
 
 class Links:
@@ -52,13 +56,15 @@ class Links:
                 length = np.linalg.norm(at[one] - at[other], axis=1)
                 length = length[np.isfinite(length)]
                 if len(length):
-                    self._usual[one, other] = _usual(length)
+                    least = _BLADE if "shoulder" in one + other else _LEEWAY[0]
+                    self._usual[one, other] = _usual(length, least)
 
     def astray(self, at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the landmarks that are elsewhere -> those frames (n,) bool.
 
-        Of those whose distances do not hold, the one is elsewhere of which the largest share does
-        not; between equals the one of which the most do not; and both if that is equal, too.
+        It is each that alone explains every distance that does not hold; where none does, the one
+        of which the most do not hold is elsewhere, and so on. Who is right of two that are apart,
+        and both near all others, nobody knows: neither is taken.
 
         Args:
             at: landmark -> positions (n, 3) [m]; NaN where not seen.
@@ -76,36 +82,32 @@ class Links:
         rows = np.flatnonzero(broken.any(axis=1))
         found = np.zeros((len(length), len(names)), dtype=bool)
         if len(rows):
-            found[rows] = _out(seen[rows], broken[rows], which, len(names))
+            found[rows] = _out(broken[rows], which, len(names))
         return {name: found[:, i] for i, name in enumerate(names) if found[:, i].any()}
 
 
-def _out(seen: np.ndarray, broken: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
+def _out(broken: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
     """Return which of some markers are elsewhere (n, count) bool.
 
     Args:
-        seen: links of which both ends are seen (n, links) bool.
-        broken: those whose distance does not hold (n, links) bool.
+        broken: links whose distance does not hold (n, links) bool.
         which: their ends (links, 2).
         count: of the markers.
     """
     ends = np.zeros((len(which), count))
     ends[np.arange(len(which))[:, None], which] = 1.0
-    out = np.zeros((len(seen), count), dtype=bool)
+    out = np.zeros((len(broken), count), dtype=bool)
     for _ in range(count):
-        bad, all_of = broken @ ends, seen @ ends
-        if not bad.any():
+        bad = broken @ ends
+        now = (bad == bad.max(axis=1, keepdims=True)) & (bad > 0)
+        if not now.any():
             break
-        blame = bad / np.maximum(all_of, 1) + 1e-3 * bad
-        worst = blame.max(axis=1, keepdims=True)
-        now = (blame > worst - 1e-9) & (worst > 0)
         out |= now
-        kept = (now @ ends.T) == 0
-        seen, broken = seen & kept, broken & kept
+        broken = broken & ((now @ ends.T) == 0)
     return out
 
 
-def _usual(length: np.ndarray) -> tuple[float, float]:
+def _usual(length: np.ndarray, least: float) -> tuple[float, float]:
     """Return the distance at which two markers mostly are, and by how much it may be another."""
     ordered = np.sort(length)
     count = max(1, round(_SHARE * len(ordered)))
@@ -113,4 +115,4 @@ def _usual(length: np.ndarray) -> tuple[float, float]:
     first = int(np.argmin(widths))
     middle = float(np.median(ordered[first : first + count]))
     varies = 1.4826 * float(np.median(np.abs(ordered - middle)))
-    return middle, float(np.clip(_TIMES * varies, *_LEEWAY))
+    return middle, float(np.clip(_TIMES * varies, least, _LEEWAY[1]))
