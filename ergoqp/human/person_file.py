@@ -18,18 +18,24 @@ names the segments; what is not given follows from the stature, and the stature 
 
 from __future__ import annotations
 
-import json
 import math
+import re
 from collections.abc import Mapping
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from ergoqp.arguments import shown
 from ergoqp.errors import InputError
 from ergoqp.files.text import read_toml
 from ergoqp.human.body import Body
 from ergoqp.human.kinematics import FRAMES
 from ergoqp.human.marker import Marker
+
+_FARTHEST: Final = 2.0
+"""No marker sits farther from its segment [m]."""
+_CONTROLS: Final = re.compile(r'[\x00-\x1f\x7f"\\]')
+"""What TOML does not take as it is within quotes."""
 
 
 def given_person(person: float | str | Path) -> Body:
@@ -49,11 +55,16 @@ def given_person(person: float | str | Path) -> Body:
     entries = read_toml(path, "person file")
     if unknown := set(entries) - {"stature", "mass", "lengths", "markers"}:
         raise InputError(
-            f"person file {path.name}: got {sorted(unknown)}, allowed stature, mass and the tables"
-            " lengths and markers"
+            f"person file {path.name}: got {shown(sorted(unknown))}, allowed stature, mass and the"
+            " tables lengths and markers"
         )
     lengths = entries.get("lengths", {})
-    if not isinstance(lengths, dict) or not (lengths or "stature" in entries):
+    if not isinstance(lengths, dict):
+        raise InputError(
+            f"person file {path.name}: lengths is {shown(lengths)}, allowed a table of segments,"
+            " each with its length in m"
+        )
+    if not (lengths or "stature" in entries):
         raise InputError(
             f"person file {path.name}: got neither, required are a stature in m, a table lengths in"
             " m, or both"
@@ -98,8 +109,12 @@ def given_markers(person: float | str | Path | None) -> dict[str, Marker]:
             )
         if not isinstance(offset, list) or len(offset) != 3:
             raise InputError(f"{where}.{name}.offset is {offset!r:.40}, allowed three lengths in m")
-        x, y, z = (_number(path, f"markers.{name}.offset", each) for each in offset)
-        residual = _number(path, f"markers.{name}.residual", entry.get("residual", 0.0))
+        x, y, z = (
+            _number(path, f"markers.{name}.offset", each, -_FARTHEST, _FARTHEST) for each in offset
+        )
+        residual = _number(
+            path, f"markers.{name}.residual", entry.get("residual", 0.0), 0.0, math.inf
+        )
         found[name] = Marker(frame, (x, y, z), residual)
     return found
 
@@ -110,7 +125,7 @@ def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
     Args:
         path: where to.
         body: the person.
-        markers: where the markers sit.
+        markers: where the markers sit; those that were never seen, or nowhere near, are left out.
 
     Raises:
         OSError: if the file cannot be written.
@@ -120,11 +135,11 @@ def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
         rows.append(f"mass = {body.mass:.1f}")
     rows += ["", "[lengths]", *(f"{name} = {size:.4f}" for name, size in body.lengths.items())]
     for name, marker in markers.items():
-        if not math.isfinite(marker.residual):
+        if not math.isfinite(marker.residual) or max(map(abs, marker.offset)) > _FARTHEST:
             continue
         rows += [
             "",
-            f"[markers.{json.dumps(name)}]",
+            f"[markers.{_quoted(name)}]",
             f'frame = "{marker.frame}"',
             f"offset = [{', '.join(f'{each:.4f}' for each in marker.offset)}]",
             f"residual = {marker.residual:.4f}",
@@ -132,14 +147,25 @@ def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
-def _number(path: Path, name: str, value: Any) -> float:
+def _quoted(name: str) -> str:
+    """Return a name as a TOML key in quotes."""
+    return '"' + _CONTROLS.sub(lambda found: f"\\u{ord(found.group()):04x}", name) + '"'
+
+
+def _number(
+    path: Path, name: str, value: Any, low: float = -math.inf, high: float = math.inf
+) -> float:
     number = (
         _float(value)
         if isinstance(value, int | float) and not isinstance(value, bool)
         else math.nan
     )
-    if not math.isfinite(number):
-        raise InputError(f"person file {path.name}: {name} is {value!r:.40}, allowed a number")
+    if not math.isfinite(number) or not low <= number <= high:
+        above = f" from {low:g}" if math.isfinite(low) else ""
+        below = f" to {high:g}" if math.isfinite(high) else ""
+        raise InputError(
+            f"person file {path.name}: {name} is {value!r:.40}, allowed a number{above}{below}"
+        )
     return number
 
 

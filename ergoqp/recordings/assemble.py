@@ -19,7 +19,7 @@ from ergoqp.recordings.assumed import (
     unit_by_stature,
 )
 from ergoqp.recordings.fitting.axes import check_sides
-from ergoqp.recordings.fitting.leaning import straightened
+from ergoqp.recordings.fitting.leaning import shift_of, straightened
 from ergoqp.recordings.fitting.neutral import (
     calibration_poses,
 )
@@ -29,6 +29,7 @@ from ergoqp.recordings.fitting.smoothing import smoothed
 from ergoqp.recordings.joints import joints_of
 from ergoqp.recordings.markers.completion import completed
 from ergoqp.recordings.markers.fit import markers_on
+from ergoqp.recordings.markers.landmarks import above_hips
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.reading import Reading as Reading
 from ergoqp.recordings.reading import windowed
@@ -95,19 +96,25 @@ def recording_of(
     posed = calibration_poses(world)
     straight = upright and reading.neutral is None
     neutral = None if straight else straight_of(where, world, rest, axes, time, reading)
+    along: dict[str, np.ndarray] = {}
     if neutral is not None:
         assumptions.append(neutral.sentence)
+        shift = shift_of(world, neutral.trunk) if neutral.trunk else None
+        if shift is not None:
+            along = {name: shift for name in markers if above_hips(landmarks[name])}
         world = straightened(world, neutral.trunk, neutral.neck)
 
     result = fit(body, world, time, part_of(progress, _FOUND, 1.0))
+    markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
         to_ours = axes * whole.unit if whole.unit else axes
-        more = completed(whole, sits, body, result.pelvis, result.postures, to_ours)
+        more = completed(whole, sits, body, result.pelvis, result.postures, to_ours, along)
         if more is not None:
             again = replace(reading, window=None, subject=None, completed=True)
-            return recording_of(more, where, again, progress)
-    del whole
+            # Where they sit is told by those that were seen, and by all of them.
+            return replace(recording_of(more, where, again, progress), markers=sits)
+    del whole, along
     if posed.any() and not posed.all():
         result = replace(result, not_scored={CALIBRATION: posed, **result.not_scored})
     assumptions.extend(remarks(time, world, result))

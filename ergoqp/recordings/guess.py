@@ -45,8 +45,9 @@ def guessed(names: tuple[str, ...]) -> dict[str, str]:
         words = _words(name)
         side = next((s for s, theirs in _SIDES.items() if set(words) & set(theirs)), None)
         joined = {"".join(pair) for pair in pairwise(words)} | set(words)
-        # "Thumb1", but no vertebra: "L5".
-        joined |= {bare for word in joined if len(bare := word.rstrip("0123456789")) > 2}
+        if side is not None:
+            # "LeftHandThumb1"; along the spine a number is a part of the name.
+            joined |= {bare for word in joined if len(bare := word.rstrip("0123456789")) > 2}
         said = [
             (-len(word), rank, part)
             for part, theirs in _WORDS.items()

@@ -13,8 +13,8 @@ from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opensim import posed
 from ergoqp.recordings.markers.completion import has_gaps
-from ergoqp.recordings.markers.joints import joints_of_markers, unit_of_markers
-from ergoqp.recordings.markers.landmarks import LANDMARKS, best_set
+from ergoqp.recordings.markers.joints import Astray, astray_said, joints_of_markers, unit_of_markers
+from ergoqp.recordings.markers.landmarks import LANDMARKS, RIGID, best_set, known_sets
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import (
     NamedCentres,
@@ -46,7 +46,7 @@ class Found:
         frames: the frames of that sample.
         landmarks: marker -> the landmark that it is, or the segment that it is on.
         upright: whether trunk and neck are at zero when they are straight, as the file says.
-        whole: the markers themselves, where some are lost for a while; None else.
+        whole: the markers themselves, where some are lost or astray for a while; None else.
     """
 
     motion: JointMotion
@@ -112,6 +112,7 @@ def joints_of(
             upright=ready,
         )
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
+    motion, landmarks = _with_known(motion, landmarks, title, shapes)
     stated = unit or motion.unit
     size = unit_of_markers(motion, where, landmarks, stated)
     if stated is None:
@@ -120,7 +121,9 @@ def joints_of(
     sits = {i: name for name, which in (further | landmarks).items() for i in which}
     markers = {motion.names[i]: size * motion.positions[frames, i].astype(float) for i in sits}
     used = {motion.names[i]: name for i, name in sits.items()}
-    paths, how = joints_of_markers(motion, where, landmarks, further, shapes, size, progress)
+    paths, how, astray = joints_of_markers(
+        motion, where, landmarks, further, shapes, size, progress
+    )
     check_placed(tuple(paths), where)
     things = {name: _scaled(poses, size) for name, poses in motion.objects.items()}
     return Found(
@@ -131,8 +134,39 @@ def joints_of(
         markers,
         frames,
         used,
-        whole=replace(motion, unit=size) if has_gaps(motion, used) else None,
+        whole=_lacking(replace(motion, unit=size), used, astray),
     )
+
+
+def _with_known(
+    motion: JointMotion,
+    landmarks: dict[str, tuple[int, ...]],
+    title: str,
+    shapes: Mapping[str, Marker],
+) -> tuple[JointMotion, dict[str, tuple[int, ...]]]:
+    """Return motion and landmarks with those of rigid segments that only a person file has."""
+    known = next((each for each in known_sets() if each.title == title), None)
+    theirs = known.found_in(tuple(shapes)) if known is not None else {}
+    rigid = [mark for part in RIGID.values() for mark in part]
+    more = [mark for mark in rigid if mark in theirs and mark not in landmarks]
+    if not more:
+        return motion, landmarks
+    count = len(motion.names)
+    positions = np.pad(motion.positions, [(0, 0), (0, len(more)), (0, 0)], constant_values=np.nan)
+    names = (*motion.names, *(theirs[mark] for mark in more))
+    places = {mark: (count + i,) for i, mark in enumerate(more)}
+    return replace(motion, names=names, positions=positions, rest=None), {**landmarks, **places}
+
+
+def _lacking(motion: JointMotion, used: Mapping[str, str], astray: Astray) -> JointMotion | None:
+    """Return the markers without those that are astray; None if none is astray, and none lost."""
+    if not astray:
+        return motion if has_gaps(motion, used) else None
+    positions = motion.positions.copy()
+    for i, name in enumerate(motion.names):
+        for what in (name, used.get(name, "")):
+            positions[astray.get(what, []), i] = np.nan
+    return replace(motion, positions=positions, notes=(*motion.notes, *astray_said(motion, astray)))
 
 
 def _known(names: tuple[str, ...]) -> int:

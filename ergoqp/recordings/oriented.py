@@ -13,13 +13,14 @@ from typing import Final
 import numpy as np
 
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.names import squashed
 from ergoqp.recordings.naming import Naming
 
 _FAR: Final = 0.2
 """How far before the head the nose is put, as a share of the length of the trunk."""
 _SAMPLE: Final = 2000
 """Frames by which lengths and medians are found."""
+_NONE: Final = 1e-6
+"""Quaternions that are shorter are none."""
 AHEAD: Final = (
     "The head is taken to look ahead of the trunk in the median over the recording: how its axes"
     " lie in it is not known."
@@ -42,28 +43,31 @@ def oriented(
     if not motion.turns:
         return added, ()
     long = _trunk(motion, found)
-    names = {squashed(name): name for name in motion.turns}
-    for centre, (segment, along) in naming.turned.items():
-        name = names.get(squashed(segment))
-        if name is not None and name in motion.names and centre not in found:
-            added[centre] = motion.of(name) + long * _turned(motion.turns[name], np.array(along))
+    segments = {centre: (segment,) for centre, (segment, _) in naming.turned.items()}
+    for centre, (place,) in Naming(naming.title, segments).found_in(motion.names).items():
+        name = motion.names[place]
+        if name in motion.turns and centre not in found:
+            along = long * np.array(naming.turned[centre][1])
+            added[centre] = motion.positions[:, place] + _turned(motion.turns[name], along)
     sides = {"right_shoulder", "left_shoulder", "neck", "head"}
     if "nose" in added or "nose" in found or not sides <= set(found):
         return added, ()
     head = motion.names[found["head"][0]]
     if len(found["head"]) > 1 or head not in motion.turns:
         return added, ()
-    right, left, neck, hips = (
-        motion.positions[:, list(found[name])].mean(axis=1)
-        for name in ("right_shoulder", "left_shoulder", "neck", _hips(found))
+    every = max(1, len(motion.time) // _SAMPLE)
+    right, left, neck = (
+        motion.positions[::every, list(found[name])].mean(axis=1)
+        for name in ("right_shoulder", "left_shoulder", "neck")
     )
-    ahead = np.cross(left - right, neck - hips)
-    every = max(1, len(ahead) // _SAMPLE)
-    local = np.nanmedian(_turned(motion.turns[head][::every], ahead[::every], back=True), axis=0)
-    if not np.isfinite(local).all() or not np.linalg.norm(local):
+    ahead = np.cross(left - right, neck - _hips(motion, found, every))
+    local = _turned(motion.turns[head][::every], ahead, back=True)
+    local = local[np.isfinite(local).all(axis=1)]
+    middle = np.median(local, axis=0) if len(local) else np.zeros(3)
+    if not np.linalg.norm(middle):
         return added, ()
-    along = _FAR * local / np.linalg.norm(local)
-    added["nose"] = motion.of(head) + long * _turned(motion.turns[head], along)
+    along = _FAR * long * middle / np.linalg.norm(middle)
+    added["nose"] = motion.of(head) + _turned(motion.turns[head], along)
     return added, (AHEAD,)
 
 
@@ -71,24 +75,30 @@ def _trunk(motion: JointMotion, found: Mapping[str, tuple[int, ...]]) -> float:
     """Return how long the trunk is [file unit]."""
     upper = next(name for name in ("neck", "right_shoulder", "left_shoulder") if name in found)
     every = max(1, len(motion.time) // _SAMPLE)
-    one, other = (
-        motion.positions[::every, list(found[name])].mean(axis=1) for name in (upper, _hips(found))
-    )
-    length = np.linalg.norm(one - other, axis=1)
+    one = motion.positions[::every, list(found[upper])].mean(axis=1)
+    length = np.linalg.norm(one - _hips(motion, found, every), axis=1)
     return float(np.median(length[np.isfinite(length)])) if np.isfinite(length).any() else 1.0
 
 
-def _hips(found: Mapping[str, tuple[int, ...]]) -> str:
-    return next(name for name in ("pelvis", "right_hip", "left_hip") if name in found)
+def _hips(motion: JointMotion, found: Mapping[str, tuple[int, ...]], every: int) -> np.ndarray:
+    """Return the pelvis, or the middle of the hips, in every so many frames (n, 3)."""
+    names = ("pelvis",) if "pelvis" in found else ("right_hip", "left_hip")
+    paths = [
+        motion.positions[::every, list(found[name])].mean(axis=1) for name in names if name in found
+    ]
+    return np.mean(paths, axis=0)
 
 
 def _turned(turns: np.ndarray, vectors: np.ndarray, back: bool = False) -> np.ndarray:
-    """Return vectors (3,) or (n, 3), turned by quaternions (n, 4) or back; NaN: one is lost."""
+    """Return vectors (3,) or (n, 3), turned by quaternions (n, 4) or back; NaN: one is lost.
+
+    Quaternions without a length are none.
+    """
     from scipy.spatial.transform import Rotation
 
     result = np.full((len(turns), 3), np.nan)
     vectors = np.broadcast_to(vectors, result.shape)
-    seen = np.isfinite(turns).all(axis=1)
+    seen = np.isfinite(turns).all(axis=1) & (np.abs(turns) > _NONE).any(axis=1)
     if seen.any():
         result[seen] = Rotation.from_quat(turns[seen]).apply(vectors[seen], inverse=back)
     return result

@@ -51,7 +51,7 @@ def test_the_words_of_a_name(name: str, centre: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["L5", "R12", "L", "r", "1", "", "Leg", "Elbow", "Rib", "lowerback", "LeftHead", "左手", "box"],
+    ["L5", "R12", "L", "r", "1", "", "Leg", "Elbow", "Rib", "Neck9", "LeftHead", "左手", "box"],
 )
 def test_names_that_say_nothing(name: str) -> None:
     assert guessed((name,)) == {}

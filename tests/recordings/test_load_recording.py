@@ -298,7 +298,7 @@ def test_the_person_may_be_stated(demo: Path, tmp_path: Path):
         ("stature = nan", "stature is nan"),
         ("height = 1.7", r"got \['height'\]"),
         ("mass = 70", "required are a stature"),
-        ("lengths = 3", "required are a stature"),
+        ("lengths = 3", "allowed a table of segments"),
         ("[lengths]\nwing = 0.3", "wing"),
         ("stature 1.7", "not a TOML file"),
     ],

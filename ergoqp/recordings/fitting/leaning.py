@@ -57,15 +57,10 @@ def straightened(
         trunk: angle to take away from the trunk [rad].
         neck: angle to take away from the neck [rad], as it is to the trunk before.
     """
-    hips, left = _hips(places), _left(places)
-    if hips is None or left is None or "neck" not in places or trunk == neck == 0.0:
+    left, shift = _left(places), shift_of(places, trunk)
+    if left is None or shift is None or trunk == neck == 0.0:
         return dict(places)
-    # Where a hip is not seen for a moment what is above goes on all the same.
     left = _bridged(left)
-    level = left * [1.0, 1.0, 0.0]
-    level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
-    arm = places["neck"] - hips
-    shift = _bridged(_turned(arm, level, -trunk) - arm)
     found = {
         centre: path if centre.endswith(_LEGS) else (path + shift).astype(path.dtype)
         for centre, path in places.items()
@@ -76,6 +71,23 @@ def straightened(
             arm = _turned(found[name] - found["neck"], left, -trunk - neck)
             found[name] = (found["neck"] + arm).astype(found[name].dtype)
     return found
+
+
+def shift_of(places: Mapping[str, np.ndarray], trunk: float) -> np.ndarray | None:
+    """Return by how much all above the hips goes along (n, 3) [m]; None if there is no trunk.
+
+    Args:
+        places: centre -> positions (n, 3) [m].
+        trunk: angle to take away from the trunk [rad].
+    """
+    hips, left = _hips(places), _left(places)
+    if hips is None or left is None or "neck" not in places:
+        return None
+    # Where a hip is not seen for a moment what is above goes on all the same.
+    level = _bridged(left) * [1.0, 1.0, 0.0]
+    level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-12)
+    arm = places["neck"] - hips
+    return _bridged(_turned(arm, level, -trunk) - arm)
 
 
 def _turned(vectors: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from ergoqp.progress import Progress
 from ergoqp.recordings.formats.c3d_counts import frames_of
 from ergoqp.recordings.formats.c3d_head import Head, fail, read_head
 from ergoqp.recordings.formats.opening import binary, some
-from ergoqp.recordings.formats.rows import LARGEST, Asked
+from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.recordings.motion import JointMotion
@@ -28,6 +28,8 @@ _COMPUTED: Final = ("FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODE
 """Groups of points that are computed and no markers."""
 _NAMELESS: Final = re.compile(r"[*U]?\d*|unlabell?ed.*", re.IGNORECASE)
 """Names that programs give to what was not labelled."""
+_FARTHEST: Final = 1e9
+"""No number of a point or an angle is larger: what is is no number, but other bits."""
 _SUBJECT: Final = "PROCESSING"
 """Where Vicon's programs keep what was measured at the person."""
 
@@ -141,7 +143,7 @@ def _frames(
         now = min(many, count - at)
         with np.errstate(invalid="ignore", over="ignore"):  # bits that are no number
             points = _points(file.read(now * length), head, now)
-            lost = ~(points[:, :, 3] >= 0) | ~(np.abs(points[:, :, :3]) <= LARGEST).all(axis=2)
+            lost = ~(points[:, :, 3] >= 0) | ~(np.abs(points[:, :, :3]) <= _FARTHEST).all(axis=2)
             points[lost, :3] = np.nan
             bent[at : at + now] = points[:, angles, :3]
             places = points[:, markers, :3]
@@ -168,6 +170,6 @@ def _measures(head: Head, unit: float | None) -> dict[str, float]:
     found = {}
     for name in head.parameters.get(_SUBJECT, {}):
         value = head.number(_SUBJECT, name)
-        if unit is not None and value is not None and 0 < value <= LARGEST:
+        if unit is not None and value is not None and 0 < value <= _FARTHEST:
             found[name.casefold()] = value * unit
     return found

@@ -238,7 +238,7 @@ def _parameters(
             break
         next_at = step_at + step
     if next_at > len(raw) and len(raw) < long:
-        fail(path, f"the parameters end within {short(name)}, allowed a whole file")
+        fail(path, f"got parameters that end within {short(name)}, allowed a whole file")
     groups: dict[str, dict[str, Any]] = {}
     for number, group in values.items():
         groups.setdefault(names.get(number, str(number)), {}).update(group)

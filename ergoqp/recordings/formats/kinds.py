@@ -24,6 +24,7 @@ from ergoqp.recordings.formats.storage import read_storage
 from ergoqp.recordings.formats.table import read_table
 from ergoqp.recordings.formats.trc import read_trc
 from ergoqp.recordings.motion import JointMotion
+from ergoqp.registry import registered
 
 _LOOKED_AT: Final = 1 << 17
 """Bytes by which a format is known: a C3D file's parameters begin in them."""
@@ -91,7 +92,8 @@ def kind_of(path: Path) -> Kind:
     if found is None and of_ending is None and _is_table(first):
         return TABLE
     if found is None and of_ending is None:
-        endings = dict.fromkeys(each for kind in KINDS for each in kind.endings)
+        own = [f".{name}" for name in registered("reader")]
+        endings = dict.fromkeys([*(each for kind in KINDS for each in kind.endings), *own])
         raise RecordingError(
             f"{path.name}: got the ending {path.suffix!r} and the content of no known format,"
             f" allowed {', '.join(endings)}"

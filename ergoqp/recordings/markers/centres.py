@@ -18,6 +18,7 @@ import numpy as np
 
 from ergoqp.joints import SIDES
 from ergoqp.recordings.fitting.limbs import THUMB
+from ergoqp.recordings.markers.vectors import across, dot, either, inside, unit
 
 _BENT: Final = (np.sin(np.radians(10)), np.sin(np.radians(25)))
 """A limb that is bent by less does not show its axis, one by more shows it well."""
@@ -73,14 +74,15 @@ def centres_of_landmarks(
         size: width between the ASIS and depth from them to the PSIS [m]; NaN if not known.
     """
     place = _Landmarks(at)
-    across, hips = _hips(place, size)
+    level, hips = _hips(place, size)
     trunk, down, left = _trunk(place, hips)
-    left = _first(left, across)
+    left = either(left, level)
     centres = {**hips, **trunk, **_shoulders(place, down, widths)}
     for side in SIDES:
         out = -1.0 if side == "right" else 1.0
-        centres |= _arm(side, out, place, centres[f"{side}_shoulder"], left, widths)
-        centres |= _leg(side, out, place, centres[f"{side}_hip"], across, widths)
+        shoulder = centres[f"{side}_shoulder"]
+        centres |= _arm(side, out, place, shoulder, (left, down), widths)
+        centres |= _leg(side, out, place, centres[f"{side}_hip"], level, widths)
     centres |= _head(place)
     return {name: path for name, path in centres.items() if np.isfinite(path[:, 0]).any()}
 
@@ -119,10 +121,10 @@ def _hips(place: _Landmarks, size: tuple[float, float]) -> tuple[np.ndarray, dic
     """Return where left is (n, 3), and the hip centres."""
     width, depth = size
     front = place.middle("asis")
-    back = _first(place.middle("psis"), place["sacrum"], place["right_psis"], place["left_psis"])
-    left = _unit(place["left_asis"] - place["right_asis"])
+    back = either(place.middle("psis"), place["sacrum"], place["right_psis"], place["left_psis"])
+    left = unit(place["left_asis"] - place["right_asis"])
     ahead = front - back
-    ahead = _unit(ahead - _along(ahead, left) * left)
+    ahead = unit(across(ahead, left))
     up = np.cross(ahead, left)
     middle = front - (0.24 * depth + 0.0099) * ahead - (0.30 * width + 0.0109) * up
     aside = (0.33 * width + 0.0073) * left
@@ -134,14 +136,14 @@ def _trunk(
 ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Return the base of the neck, and where down and left are in the trunk (n, 3)."""
     shoulders = place.middle("acromion")
-    neck = _first((place["c7"] + place["notch"]) / 2, shoulders)
-    low = _first((place["back"] + place["xiphoid"]) / 2, place["back"], place["xiphoid"])
+    neck = either((place["c7"] + place["notch"]) / 2, shoulders)
+    low = either((place["back"] + place["xiphoid"]) / 2, place["back"], place["xiphoid"])
     pelvis = (hips["right_hip"] + hips["left_hip"]) / 2
-    down = _first(_unit(low - neck), _unit(pelvis - neck))
+    down = either(unit(low - neck), unit(pelvis - neck))
     left = place["left_acromion"] - place["right_acromion"]
-    left = _unit(left - _along(left, down) * down)
+    left = unit(across(left, down))
     ahead = place["notch"] - place["c7"]
-    left = _first(left, _unit(np.cross(ahead, down)))
+    left = either(left, unit(np.cross(ahead, down)))
     return {"neck": neck}, down, left
 
 
@@ -154,10 +156,10 @@ def _shoulders(place: _Landmarks, down: np.ndarray, widths: Widths) -> dict[str,
 def _head(place: _Landmarks) -> dict[str, np.ndarray]:
     """Return base and top of the head, and where the nose points."""
     front, back = place.middle("head_front"), place.middle("head_back")
-    ahead = _unit(front - back)
+    ahead = unit(front - back)
     left = place["left_head_front"] + place["left_head_back"]
     left = left - place["right_head_front"] - place["right_head_back"]
-    up = np.cross(ahead, _unit(left - _along(left, ahead) * ahead))
+    up = np.cross(ahead, unit(across(left, ahead)))
     middle = (front + back) / 2
     base = middle - 0.09 * up - 0.01 * ahead
     return {"head": base, "head_top": middle + 0.10 * up, "nose": base + 0.12 * ahead}
@@ -168,29 +170,30 @@ def _arm(
     out: float,
     place: _Landmarks,
     shoulder: np.ndarray,
-    left: np.ndarray,
+    trunk: tuple[np.ndarray, np.ndarray],
     widths: Widths,
 ) -> dict[str, np.ndarray]:
+    left, down = trunk
     thumb, small = place[f"{side}_wrist_thumb"], place[f"{side}_wrist_small"]
-    wrist = _first((thumb + small) / 2, thumb, small)
+    wrist = either((thumb + small) / 2, thumb, small)
     outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
     # The forearm bends to the front of the arm: across both is the axis. It is taken by the marker
     # and not by the joint below it, as Plug-in Gait does; that is off where the arm is straighter.
-    upper, fore = _unit(outer - shoulder), _unit(wrist - outer)
-    aside = _axis(-out * np.cross(upper, fore), out * left, upper)
-    elbow = _first((outer + inner) / 2, _inside(shoulder, outer, aside, widths.elbow))
+    upper, fore = unit(outer - shoulder), unit(wrist - outer)
+    aside = _axis(-out * np.cross(upper, fore), _carried(out * left, down, upper), upper)
+    elbow = either((outer + inner) / 2, inside(shoulder, outer, aside, widths.elbow))
     # Hands: the marker is on their back.
     radial = thumb - small
     hand = place[f"{side}_hand"]
-    dorsal = _unit(np.cross(hand - wrist, radial)) * -out
+    dorsal = unit(np.cross(hand - wrist, radial)) * -out
     knuckles = hand - widths.hand * dorsal
-    along = _unit(_first(knuckles - wrist, wrist - elbow))
-    radial = _unit(radial - _along(radial, along) * along)
+    along = unit(either(knuckles - wrist, wrist - elbow))
+    radial = unit(across(radial, along))
     turned = np.cos(THUMB) * radial + out * np.sin(THUMB) * np.cross(along, radial)
     return {
         f"{side}_elbow": elbow,
         f"{side}_wrist": wrist,
-        f"{side}_knuckles": _first(knuckles, wrist + 0.08 * along),
+        f"{side}_knuckles": either(knuckles, wrist + 0.08 * along),
         f"{side}_thumb": wrist + 0.05 * turned,
     }
 
@@ -205,15 +208,15 @@ def _leg(
 ) -> dict[str, np.ndarray]:
     knee, ankle = place[f"{side}_outer_knee"], place[f"{side}_outer_ankle"]
     # The shank bends to the back of the thigh.
-    bent, aside = _hinge(hip, knee, ankle, out * left, widths.knee, out)
+    both = (ankle + place[f"{side}_inner_ankle"]) / 2
+    bent, aside = _knee(hip, knee, (ankle, both), out * left, widths, out)
     shown = _shown(hip, knee, place[f"{side}_thigh"])
     inner = place[f"{side}_inner_knee"]
-    middle = _first((knee + inner) / 2, _inside(hip, knee, shown, widths.knee), bent)
-    aside = _first(shown, aside)
-    aside = _first(knee - middle, aside)
-    aside = _first(_shown(middle, ankle, place[f"{side}_shank"]), aside)
-    inner = place[f"{side}_inner_ankle"]
-    low = _first((ankle + inner) / 2, _inside(middle, ankle, aside, widths.ankle))
+    middle = either((knee + inner) / 2, inside(hip, knee, shown, widths.knee), bent)
+    aside = either(shown, aside)
+    aside = either(knee - middle, aside)
+    aside = either(_shown(middle, ankle, place[f"{side}_shank"]), aside)
+    low = either(both, inside(middle, ankle, aside, widths.ankle))
     return {
         f"{side}_knee": middle,
         f"{side}_ankle": low,
@@ -221,32 +224,33 @@ def _leg(
     }
 
 
-def _hinge(
-    origin: np.ndarray,
+def _knee(
+    hip: np.ndarray,
     marker: np.ndarray,
-    end: np.ndarray,
+    ankle: tuple[np.ndarray, np.ndarray],
     usual: np.ndarray,
-    by: float,
-    sign: float,
+    widths: Widths,
+    out: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the hinge below a marker on its outside (n, 3), and where its outside is.
+    """Return the knee by its marker and its bend (n, 3), and where its outside is.
 
-    The axis is across both bones, and these end in the hinge: a few rounds find both.
+    The axis is across both bones, and these end in the knee: a few rounds find both.
 
     Args:
-        origin: where the first bone begins (n, 3).
-        marker: on the outside of the hinge.
-        end: where the second bone ends.
-        usual: the outside while the limb is straight and does not show it.
-        by: from the marker to the hinge [m].
-        sign: of the outside along the cross product of both bones.
+        hip: where the thigh begins (n, 3).
+        marker: on the outside of the knee.
+        ankle: marker on its outside, and the joint where both its sides have one.
+        usual: the outside while the leg is straight and does not show it.
+        widths: of the person.
+        out: sign of the outside along the cross product of both bones.
     """
-    aside, hinge = usual, marker
+    aside, knee = usual, marker
     for _ in range(_ROUNDS):
-        hinge = _inside(origin, marker, aside, by)
-        first, second = _unit(hinge - origin), _unit(end - hinge)
-        aside = _axis(sign * np.cross(first, second), usual, first)
-    return hinge, aside
+        knee = inside(hip, marker, aside, widths.knee)
+        end = either(ankle[1], inside(knee, ankle[0], aside, widths.ankle))
+        thigh, shank = unit(knee - hip), unit(end - knee)
+        aside = _axis(out * np.cross(thigh, shank), usual, thigh)
+    return knee, aside
 
 
 def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -259,43 +263,22 @@ def _axis(shown: np.ndarray, usual: np.ndarray, along: np.ndarray) -> np.ndarray
     """
     size = np.linalg.norm(shown, axis=1, keepdims=True)
     share = np.clip((size - _BENT[0]) / (_BENT[1] - _BENT[0]), 0, 1)
-    usual = _unit(usual - _along(usual, along) * along)
+    usual = unit(across(usual, along))
     both = share * shown / np.where(size > 0, size, 1) + (1 - share) * usual
-    return _first(_unit(both), usual)
+    return either(unit(both), usual)
+
+
+def _carried(aside: np.ndarray, down: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return where the outside of a hanging bone is when it is raised, not turned about itself."""
+    below = np.maximum(1 + dot(down, along), 0.1)
+    raised = aside - dot(aside, along) / below * (down + along)
+    return either(raised, aside)
 
 
 def _shown(origin: np.ndarray, end: np.ndarray, beside: np.ndarray) -> np.ndarray:
     """Return where the outside is by a marker beside a bone (n, 3); NaN if it is too near."""
-    along = _unit(end - origin)
+    along = unit(end - origin)
     away = beside - origin
-    away = away - _along(away, along) * along
+    away = across(away, along)
     far = np.linalg.norm(away, axis=1, keepdims=True) > _OUTSIDE
-    return np.where(far, _unit(away), np.nan)
-
-
-def _inside(origin: np.ndarray, marker: np.ndarray, aside: np.ndarray, by: float) -> np.ndarray:
-    """Return the joint below a marker: across the bone from `origin` to it, `by` inside (n, 3)."""
-    whole = marker - origin
-    length = np.linalg.norm(whole, axis=1, keepdims=True)
-    along = whole / np.where(length > 0, length, np.nan)
-    aside = _unit(aside - _along(aside, along) * along)
-    sine = np.where(length > by, by / np.where(length > 0, length, 1), np.nan)
-    cosine = np.sqrt(1 - sine**2)
-    return origin + length * cosine * (cosine * along - sine * aside)
-
-
-def _first(*choices: np.ndarray) -> np.ndarray:
-    """Return the first of several that is seen (n, 3)."""
-    found = choices[-1]
-    for choice in reversed(choices[:-1]):
-        found = np.where(np.isfinite(choice).all(axis=1, keepdims=True), choice, found)
-    return found
-
-
-def _along(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    return (vectors * axes).sum(axis=1, keepdims=True)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0, length, np.nan)
+    return np.where(far, unit(away), np.nan)

@@ -38,6 +38,7 @@ def completed(
     pelvis: np.ndarray,
     postures: np.ndarray,
     axes: np.ndarray,
+    along: Mapping[str, np.ndarray],
 ) -> JointMotion | None:
     """Return the motion with lost markers where the others tell them; None if they tell none.
 
@@ -48,6 +49,8 @@ def completed(
         pelvis: x, y, z [m] and yaw [rad] (n, 4), as a fit without these markers has it.
         postures: likewise (n, 32) [rad].
         axes: from the file's unit and axes to metres along ours (3, 3).
+        along: marker -> by how much the fitted person is elsewhere (n, 3) [m], if at all: of a
+            skeleton that leans all above the hips is put where it would be upright.
     """
     sits = {name: each for name, each in sits.items() if each.residual < _STEADY}
     if len(sits) < _LEAST:
@@ -57,19 +60,20 @@ def completed(
     gaps = np.flatnonzero(~seen.all(axis=1) & (seen.sum(axis=1) >= _LEAST))
     if not len(gaps):
         return None
+    away = {name: along.get(name, np.zeros((len(motion.time), 1))) for name in sits}
     positions, back = motion.positions.copy(), np.linalg.inv(axes).T
     count, told = 0, np.zeros(len(motion.time), dtype=bool)
     for at in range(0, len(gaps), _BLOCK):
         rows = gaps[at : at + _BLOCK]
         markers = {
-            name: motion.positions[rows, i].astype(float) @ axes.T
+            name: motion.positions[rows, i].astype(float) @ axes.T + away[name][rows]
             for name, i in zip(sits, places, strict=True)
         }
         start = np.hstack([pelvis[rows], postures[rows]])
         found, spread = told_markers(body, start, markers, sits)
         for name, i in zip(sits, places, strict=True):
             put = np.isnan(markers[name][:, 0]) & (spread[name] < _SURE)
-            positions[rows[put], i] = found[name][put] @ back
+            positions[rows[put], i] = (found[name] - away[name][rows])[put] @ back
             count += int(put.sum())
             told[rows[put]] = True
     if not count:

@@ -18,6 +18,8 @@ from ergoqp.human.growth import GROWTH
 from ergoqp.human.marker import Marker
 from ergoqp.joints import JOINTS, SIDES
 from ergoqp.recordings.fitting.centres_of import growth_of
+from ergoqp.recordings.markers.landmarks import RIGID
+from ergoqp.recordings.markers.rigid import brought_to, shape_of
 
 SEGMENTS: Final = (
     "pelvis",
@@ -73,6 +75,9 @@ def markers_on(
 ) -> dict[str, Marker]:
     """Return where markers sit on a body: of the segments beside them, on the one they move with.
 
+    Those of pelvis, trunk or head are on one segment, in the shape that they keep among themselves:
+    a pelvis that tilts is turned against both segments that it may be on.
+
     Args:
         body: the person.
         pelvis: x, y, z [m] and yaw [rad] (n, 4).
@@ -83,27 +88,31 @@ def markers_on(
     if not markers:
         return {}
     turns, places = _frames(body, pelvis, postures)
-    found = {}
-    for name, path in markers.items():
-        seen = np.isfinite(path).all(axis=1)
-        if not seen.any():
-            found[name] = Marker("pelvis", (0.0, 0.0, 0.0), float("nan"))
-            continue
-        best: tuple[float, str, np.ndarray] | None = None
-        for frame in _beside(landmarks[name]):
+    found: dict[str, Marker] = {}
+    for names in _together(markers, landmarks):
+        best: tuple[float, str, list[np.ndarray]] | None = None
+        for frame in _beside(landmarks[names[0]]):
             i = SEGMENTS.index(frame)
-            local = np.einsum("nji,nj->ni", turns[seen, i], path[seen] - places[seen, i])
-            offset, usual = _middle(local)
-            if best is None or usual < best[0]:
-                best = (usual, frame, offset)
+            local = [
+                np.einsum("nji,nj->ni", turns[:, i], markers[name] - places[:, i]) for name in names
+            ]
+            offsets, usual = zip(*map(_middle, local), strict=True)
+            if best is None or sum(usual) < best[0]:
+                best = (sum(usual), frame, list(offsets))
         assert best is not None
-        _, frame, offset = best
-        away = path - _placed(turns, places, frame, offset)
-        residual = float(np.sqrt(np.mean((away[seen] ** 2).sum(axis=1))))
-        found[name] = Marker(
-            frame, (float(offset[0]), float(offset[1]), float(offset[2])), residual
-        )
-    return found
+        _, frame, offsets = best
+        shape = shape_of(np.stack([markers[name] for name in names], axis=1))
+        if shape is not None and (rigid := brought_to(shape, np.array(offsets))) is not None:
+            offsets = list(rigid[0])
+        for name, offset in zip(names, offsets, strict=True):
+            away = np.linalg.norm(markers[name] - _placed(turns, places, frame, offset), axis=1)
+            away = away[np.isfinite(away)]
+            residual = float(np.sqrt(np.mean(away**2)))
+            found[name] = Marker(
+                frame, (float(offset[0]), float(offset[1]), float(offset[2])), residual
+            )
+    lost = Marker("pelvis", (0.0, 0.0, 0.0), float("nan"))
+    return {name: found.get(name, lost) for name in markers}
 
 
 def places_of_markers(
@@ -130,6 +139,20 @@ def _placed(turns: np.ndarray, places: np.ndarray, frame: str, offset: np.ndarra
     return places[:, i] + turns[:, i] @ offset
 
 
+def _together(
+    markers: Mapping[str, np.ndarray], landmarks: Mapping[str, str]
+) -> list[tuple[str, ...]]:
+    """Return the markers that are seen: those of a rigid segment together, others by themselves."""
+    groups: dict[str, tuple[str, ...]] = {}
+    for name, path in markers.items():
+        if np.isfinite(path).all(axis=1).any():
+            mark = landmarks[name]
+            rigid = (part for part, parts in RIGID.items() if mark in (part, *parts))
+            group = next(rigid, name)
+            groups[group] = (*groups.get(group, ()), name)
+    return list(groups.values())
+
+
 def _beside(landmark: str) -> list[str]:
     """Return the frames that a marker may sit on."""
     if landmark in SEGMENTS:
@@ -142,6 +165,7 @@ def _beside(landmark: str) -> list[str]:
 
 def _middle(local: np.ndarray) -> tuple[np.ndarray, float]:
     """Return where points (n, 3) are but for those astray, and how far from there usually."""
+    local = local[np.isfinite(local).all(axis=1)]
     offset = np.median(local, axis=0)
     for _ in range(_ROUNDS):
         away = np.linalg.norm(local - offset, axis=1)

@@ -13,7 +13,7 @@ from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of
-from ergoqp.recordings.markers.linked import Links
+from ergoqp.recordings.markers.linked import Links, usual_distance
 from ergoqp.recordings.markers.segments import middle_of, pelvis_size, rigid_segments
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import CENTRES
@@ -26,7 +26,13 @@ _PELVIS: Final = (0.15, 0.40)
 """How far apart the two ASIS of a person are [m]."""
 _SHOULDERS: Final = (0.22, 0.55)
 """How far apart a person's acromions are [m]."""
+_ON_ITS_WAY: Final = 0.1
+"""For how long a marker is on its way to where it is astray, and back [s]."""
 _UNITS: Final = (1.0, 0.01, 0.001, 0.0254)
+
+
+Astray = dict[str, np.ndarray]
+"""Landmark, or further marker -> the frames in which it is another's or fell off (k,)."""
 
 
 def joints_of_markers(
@@ -37,8 +43,8 @@ def joints_of_markers(
     given: Mapping[str, Marker],
     unit: float,
     progress: Progress = unseen,
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return joint centre -> positions (n, 3) [m] below markers, and sentences on how.
+) -> tuple[dict[str, np.ndarray], list[str], Astray]:
+    """Return joint centre -> positions (n, 3) [m] below markers, sentences on how, and the astray.
 
     Args:
         motion: the markers.
@@ -60,20 +66,23 @@ def joints_of_markers(
     widths, count = Widths.of(motion.measures), len(motion.time)
     sample = _at(landmarks, motion.positions[::every], unit)
     links = Links(roots_of(sample, widths, size) | sample)
+    step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
+    around = round(_ON_ITS_WAY / step)
     # Each by itself, so that it can be let go of by itself.
     centres: dict[str, np.ndarray] = {}
     filled: Counter[str] = Counter()
-    astray: Counter[str] = Counter()
+    astray: Astray = {}
     for start in range(0, count, _BLOCK):
         block = motion.positions[start : start + _BLOCK]
         at = _at(landmarks, block, unit)
         for segment in segments:
-            segment.complete(at, block, unit, filled, astray)
-        for name, away in links.astray(roots_of(at, widths, size) | at).items():
+            for name, away in segment.complete(at, block, unit, filled).items():
+                _add(astray, name, start, away)
+        for name, away in links.astray(roots_of(at, widths, size) | at, around).items():
             # A shoulder is where its acromion is.
             landmark = name.replace("shoulder", "acromion")
             if landmark in at:
-                astray[landmark] += int(away.sum())
+                _add(astray, landmark, start, away)
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
         found = centres_of_landmarks(at, widths, size)
         found |= {name: path for name, path in at.items() if name in CENTRES}
@@ -82,7 +91,14 @@ def joints_of_markers(
                 centres[name] = np.full((count, 3), np.nan, dtype=np.float32)
             centres[name][start : start + len(block)] = path
         progress(min((start + _BLOCK) / count, 1.0))
-    return centres, [*_said(widths, filled, astray, count), *said]
+    return centres, [*_said(widths, filled, count), *astray_said(motion, astray), *said], astray
+
+
+def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:
+    """Note the frames (n,) bool after `start` in which something is astray."""
+    if away.any():
+        before = astray.get(name, np.empty(0, dtype=int))
+        astray[name] = np.concatenate([before, start + np.flatnonzero(away)])
 
 
 def _at(
@@ -101,12 +117,6 @@ def _unplaced(where: str, at: Mapping[str, np.ndarray]) -> str:
     )
 
 
-def _median(vectors: np.ndarray) -> float:
-    length = np.linalg.norm(vectors, axis=1)
-    length = length[np.isfinite(length)]
-    return float(np.median(length)) if len(length) else float("nan")
-
-
 def unit_of_markers(
     motion: JointMotion,
     where: str,
@@ -123,7 +133,7 @@ def unit_of_markers(
     for name, (low, high) in (("asis", _PELVIS), ("acromion", _SHOULDERS)):
         if f"right_{name}" not in at or f"left_{name}" not in at:
             continue
-        width = _median(at[f"left_{name}"] - at[f"right_{name}"])
+        width = usual_distance(at[f"left_{name}"], at[f"right_{name}"])
         if not np.isfinite(width):
             continue
         if stated is not None and not low / 1.5 <= stated * width <= 1.5 * high:
@@ -145,12 +155,7 @@ def unit_of_markers(
     )
 
 
-def _said(
-    widths: Widths,
-    filled: Counter[str],
-    astray: Counter[str],
-    count: int,
-) -> list[str]:
+def _said(widths: Widths, filled: Counter[str], count: int) -> list[str]:
     measured = widths != Widths()
     said = [
         "Joint centres are computed from the markers, which are taken to be 14 mm wide: hips by"
@@ -160,14 +165,27 @@ def _said(
         f" ({'as the file has measured them' if measured else 'adult averages'}) where only one"
         " side has a marker."
     ]
-    for words, each in (
-        ("are not seen and put where those that move with them have them", filled),
-        ("are nowhere near those that move with them, taken for another's and left out", astray),
-    ):
-        if each := +each:
-            shares = ", ".join(
-                f"{name.replace('_', ' ')} in {frames}" for name, frames in each.most_common(6)
-            )
-            more = f" and {len(each) - 6} more markers" if len(each) > 6 else ""
-            said.append(f"Of {count} frames, markers {words}: {shares}{more}.")
-    return said
+    words = "are not seen and put where those that move with them have them"
+    return [*said, *_counted(words, filled, count)]
+
+
+def astray_said(motion: JointMotion, astray: Astray) -> list[str]:
+    """Return a sentence on markers that are another's or fell off, or none.
+
+    It is not said a second time of a motion from which they are taken already.
+    """
+    words = "are nowhere near those that move with them, taken for another's and left out"
+    if any(words in note for note in motion.notes):
+        return []
+    counts = Counter({name: len(frames) for name, frames in astray.items()})
+    return _counted(words, counts, len(motion.time))
+
+
+def _counted(words: str, each: Counter[str], count: int) -> list[str]:
+    each = +each
+    if not each:
+        return []
+    most = each.most_common(6)
+    shares = ", ".join(f"{name.replace('_', ' ')} in {frames}" for name, frames in most)
+    more = f" and {len(each) - 6} more markers" if len(each) > 6 else ""
+    return [f"Of {count} frames, markers {words}: {shares}{more}."]

@@ -41,8 +41,13 @@ SIDED: Final = (
 finger, ``hand`` on the back of the knuckles, ``forefoot`` on the foot above the second toe's ball,
 ``upper_arm``, ``forearm``, ``thigh`` and ``shank`` on the outside between the joints."""
 LANDMARKS: Final = (*MIDDLE, *(f"{side}_{name}" for side in SIDES for name in SIDED))
-RIGID: Final = ("pelvis", "trunk", "head")
-"""Segments that are followed as a whole."""
+RIGID: Final = {
+    "pelvis": ("right_asis", "left_asis", "right_psis", "left_psis", "sacrum"),
+    "trunk": ("c7", "back", "notch", "xiphoid"),
+    "head": tuple(f"{side}_head_{end}" for side in SIDES for end in ("front", "back")),
+}
+"""Segments that are followed as a whole -> the landmarks that move as one with them."""
+_BELOW: Final = ("asis", "psis", "sacrum", "thigh", "knee", "shank", "ankle", "heel", "forefoot")
 _LEAST: Final = 8
 """Fewer landmarks are chance."""
 
@@ -78,6 +83,11 @@ class MarkerSet:
             segment: tuple(there[squashed(t)] for t in theirs if squashed(t) in there)
             for segment, theirs in self.more.items()
         }
+
+
+def above_hips(landmark: str) -> bool:
+    """Return whether a landmark, a joint centre or a rigid segment is above the hips."""
+    return not landmark.endswith((*_BELOW, "pelvis", "hip", "toe"))
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,7 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from ergoqp.joints import SIDES
 
@@ -53,13 +54,15 @@ class Links:
         self._usual: dict[tuple[str, str], tuple[float, float]] = {}
         for one, other in sorted(pairs):
             if one in at and other in at:
-                length = np.linalg.norm(at[one] - at[other], axis=1)
-                length = length[np.isfinite(length)]
-                if len(length):
+                middle = usual_distance(at[one], at[other])
+                if np.isfinite(middle):
                     least = _BLADE if "shoulder" in one + other else _LEEWAY[0]
-                    self._usual[one, other] = _usual(length, least)
+                    off = np.abs(np.linalg.norm(at[one] - at[other], axis=1) - middle)
+                    varies = 1.4826 * float(np.nanmedian(off))
+                    leeway = float(np.clip(_TIMES * varies, least, _LEEWAY[1]))
+                    self._usual[one, other] = (middle, leeway)
 
-    def astray(self, at: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def astray(self, at: Mapping[str, np.ndarray], around: int = 0) -> dict[str, np.ndarray]:
         """Return the landmarks that are elsewhere -> those frames (n,) bool.
 
         It is each that alone explains every distance that does not hold; where none does, the one
@@ -68,6 +71,7 @@ class Links:
 
         Args:
             at: landmark -> positions (n, 3) [m]; NaN where not seen.
+            around: frames before and after those, in which it is on its way.
         """
         if not self._usual:
             return {}
@@ -83,6 +87,7 @@ class Links:
         found = np.zeros((len(length), len(names)), dtype=bool)
         if len(rows):
             found[rows] = _out(broken[rows], which, len(names))
+            found = binary_dilation(found, np.ones((2 * around + 1, 1), dtype=bool))
         return {name: found[:, i] for i, name in enumerate(names) if found[:, i].any()}
 
 
@@ -107,12 +112,15 @@ def _out(broken: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
     return out
 
 
-def _usual(length: np.ndarray, least: float) -> tuple[float, float]:
-    """Return the distance at which two markers mostly are, and by how much it may be another."""
-    ordered = np.sort(length)
+def usual_distance(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the distance at which two points (n, 3) mostly are; NaN if they are never seen.
+
+    It is where a quarter of the frames is the nearest to one another: either may fall off later.
+    """
+    length = np.linalg.norm(one - other, axis=1)
+    ordered = np.sort(length[np.isfinite(length)])
+    if not len(ordered):
+        return float("nan")
     count = max(1, round(_SHARE * len(ordered)))
-    widths = ordered[count - 1 :] - ordered[: len(ordered) - count + 1]
-    first = int(np.argmin(widths))
-    middle = float(np.median(ordered[first : first + count]))
-    varies = 1.4826 * float(np.median(np.abs(ordered - middle)))
-    return middle, float(np.clip(_TIMES * varies, least, _LEEWAY[1]))
+    first = int(np.argmin(ordered[count - 1 :] - ordered[: len(ordered) - count + 1]))
+    return float(np.median(ordered[first : first + count]))

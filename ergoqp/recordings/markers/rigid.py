@@ -25,6 +25,9 @@ _ASTRAY: Final = 0.03
 """What misses a shape by more is another marker, if those without it fit [m]."""
 UNLIKE: Final = 0.04
 """Of points that miss a shape by more, and nobody knows which is wrong, none tells [m]."""
+_THREE: Final = 0.02
+"""Three points fit any triangle that is somewhat like theirs: none of them tells that misses by
+more [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +59,8 @@ def shape_of(points: np.ndarray) -> np.ndarray | None:
         return None
     # Those by which it can be told, and of them the whole ones before others.
     rows = np.flatnonzero(seen.sum(axis=1) >= 3)
-    sample = points[rows[:: max(1, len(rows) // _SAMPLE)]].astype(float)
-    first = points[whole[len(whole) // 2]].astype(float)
+    sample = _finite(points[rows[:: max(1, len(rows) // _SAMPLE)]])
+    first = _finite(points[whole[len(whole) // 2 :][:1]])[0]
     shape = first - np.nanmean(first, axis=0)
     for _ in range(_ROUNDS):
         turn, place, _ = _fitted(sample, shape)
@@ -74,12 +77,12 @@ def follow(points: np.ndarray, shape: np.ndarray) -> Followed:
         points: what is seen (n, m, 3) [m]; NaN where not.
         shape: its points (m, 3) [m]; NaN for one that is not known.
     """
-    points, known = points.astype(float), np.isfinite(shape).all(axis=1)
+    points, known = _finite(points), np.isfinite(shape).all(axis=1)
     turn, place, astray = _fitted(points, shape)
     there = _placed(turn, place, shape)
     seen = _seen(points) & known & ~astray
     miss = np.where(seen, np.linalg.norm(points - there, axis=2), 0.0).max(axis=1, initial=0.0)
-    unlike = miss > UNLIKE
+    unlike = miss > np.where(seen.sum(axis=1) > 3, UNLIKE, _THREE)
     turn[unlike], place[unlike], there[unlike] = np.nan, np.nan, np.nan
     astray[unlike] |= seen[unlike]
     there[:, ~known] = np.nan
@@ -109,17 +112,22 @@ def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
     miss = np.where(seen, np.nan_to_num(away), 0.0).max(axis=1, initial=0.0)
     astray = np.zeros_like(seen)
     bad = np.flatnonzero((miss > _ASTRAY / 2) & (seen.sum(axis=1) >= 4))
-    if len(bad):
-        astray[bad] = _astray(points[bad], shape, seen[bad])
-        again = bad[astray[bad].any(axis=1)]
-        if len(again):
-            turn[again], place[again] = _brought(points[again], shape, seen[again] & ~astray[again])
-        other = bad[~astray[bad].any(axis=1) & (miss[bad] > _ASTRAY)]
-        if len(other):
-            turn[other], place[other], astray[other] = _exchanged(
-                points[other], shape, seen[other], turn[other], place[other]
-            )
+    if not len(bad):
+        return turn, place, astray
+    # What explains all points before what explains all but one.
+    turn[bad], place[bad], astray[bad] = _exchanged(
+        points[bad], shape, seen[bad], turn[bad], place[bad]
+    )
+    bad = bad[~astray[bad].any(axis=1)]
+    astray[bad] = _astray(points[bad], shape, seen[bad])
+    bad = bad[astray[bad].any(axis=1)]
+    turn[bad], place[bad] = _brought(points[bad], shape, seen[bad] & ~astray[bad])
     return turn, place, astray
+
+
+def _finite(points: np.ndarray) -> np.ndarray:
+    """Return points (n, m, 3), NaN for those that are not seen as a whole."""
+    return np.where(_seen(points)[:, :, None], points, np.nan).astype(float)
 
 
 def _seen(points: np.ndarray) -> np.ndarray:
@@ -152,7 +160,7 @@ def _astray(points: np.ndarray, shape: np.ndarray, seen: np.ndarray) -> np.ndarr
         turn, place = _brought(points, shape, without)
         away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
         told = seen[:, i] & np.isfinite(place[:, 0])
-        total = np.where(without, np.nan_to_num(away) ** 2, 0).sum(axis=1)
+        total = (np.where(without, np.nan_to_num(away), 0.0) ** 2).sum(axis=1)
         left[told, i] = np.sqrt(total / without.sum(axis=1).clip(1))[told]
         miss[told, i] = away[told, i]
     best = np.argmin(left, axis=1)
@@ -171,19 +179,22 @@ def _exchanged(
     exchanging those behind and turning it upside down: nothing is exchanged where two ways fit.
     """
     best, ways = np.full(len(points), _ASTRAY / 2), np.zeros(len(points), dtype=int)
+    away = np.linalg.norm(points - _placed(turn, place, shape), axis=2)
+    wrong = np.where(seen, away, 0.0).max(axis=1, initial=0.0) > _ASTRAY
     turn, place, which = turn.copy(), place.copy(), np.zeros_like(seen)
-    for pair in combinations(range(points.shape[1]), 2):
+    for one, other in combinations(range(points.shape[1]), 2):
+        both = seen[:, one] & seen[:, other]
         swapped = points.copy()
-        swapped[:, pair] = points[:, pair[::-1]]
+        swapped[both, one], swapped[both, other] = points[both, other], points[both, one]
         turned, placed = _brought(swapped, shape, seen)
         away = np.linalg.norm(swapped - _placed(turned, placed, shape), axis=2)
         miss = np.where(seen, np.nan_to_num(away, nan=np.inf), 0.0).max(axis=1)
-        miss[~seen[:, pair].all(axis=1)] = np.inf
+        miss[~both] = np.inf
         ways += miss < _ASTRAY
-        better = miss < best
+        better = wrong & (miss < best)
         best[better] = miss[better]
         turn[better], place[better], which[better] = turned[better], placed[better], False
-        which[np.ix_(better, pair)] = True
+        which[better, one], which[better, other] = True, True
     unsure = which.any(axis=1) & (ways > 1)
     turn[unsure], place[unsure], which[unsure] = np.nan, np.nan, seen[unsure]
     return turn, place, which

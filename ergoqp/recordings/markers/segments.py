@@ -5,21 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from ergoqp.human.marker import Marker
 from ergoqp.joints import SIDES
+from ergoqp.recordings.markers.landmarks import RIGID
 from ergoqp.recordings.markers.rigid import UNLIKE, brought_to, follow, shape_of
 from ergoqp.recordings.motion import JointMotion
-
-SEGMENTS: Final = {
-    "pelvis": ("right_asis", "left_asis", "right_psis", "left_psis", "sacrum"),
-    "trunk": ("c7", "back", "notch", "xiphoid"),
-    "head": tuple(f"{side}_head_{end}" for side in SIDES for end in ("front", "back")),
-}
-"""Landmarks that move as one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +20,7 @@ class Segment:
     """What moves as one.
 
     Attributes:
-        name: of `SEGMENTS`.
+        name: of `ergoqp.recordings.markers.landmarks.RIGID`.
         names: its landmarks and further markers.
         places: of each, which points are its middle.
         shape: where they are in it (m, 3) [m]; NaN for one that nobody knows.
@@ -44,8 +37,7 @@ class Segment:
         block: np.ndarray,
         unit: float,
         filled: Counter[str],
-        astray: Counter[str],
-    ) -> None:
+    ) -> dict[str, np.ndarray]:
         """Put landmarks that are not seen, or astray, where the others have them.
 
         Args:
@@ -53,19 +45,20 @@ class Segment:
             block: of the recording's points (n, m, 3).
             unit: of length [m].
             filled: landmark -> in how many frames it is not seen and put, which is added to.
-            astray: likewise, in how many it is elsewhere.
+
+        Returns:
+            What is astray -> those frames (n,) bool.
         """
         points = np.stack([middle_of(block, each, unit) for each in self.places], axis=1)
         followed = follow(points, self.shape)
         for i, name in enumerate(self.names):
-            away = followed.astray[:, i]
-            astray[name] += int(away.sum())
             if name not in at:
                 continue
             lost = np.isnan(at[name]).any(axis=1) & np.isfinite(followed.points[:, i, 0])
             filled[name] += int(lost.sum())
-            put = (lost | away)[:, None]
+            put = (lost | followed.astray[:, i])[:, None]
             at[name] = np.where(put, followed.points[:, i], at[name])
+        return {name: followed.astray[:, i] for i, name in enumerate(self.names)}
 
 
 def rigid_segments(
@@ -87,7 +80,7 @@ def rigid_segments(
         every: frames between those that are looked at.
     """
     found, said = [], []
-    for segment, parts in SEGMENTS.items():
+    for segment, parts in RIGID.items():
         which = {name: landmarks[name] for name in parts if name in landmarks}
         which |= {motion.names[i]: (i,) for i in more.get(segment, ())}
         if len(which) < 3:

@@ -125,9 +125,7 @@ def test_ezc3d_reads_what_is_made(processor: str, scale: float, tmp_path: Path) 
 
 
 def test_what_is_not_seen(tmp_path: Path) -> None:
-    points = np.array(
-        [[[0, 0, 0], [0, 0, 1]], [[np.nan, 1, 1], [1, np.inf, 1]], [[1e31, 1, 1]] * 2]
-    )
+    points = np.array([[[0, 0, 0], [0, 0, 1]], [[np.nan, 1, 1], [1, np.inf, 1]], [[2e9, 1, 1]] * 2])
     lost = np.full(3, np.nan)
     found = read_made(tmp_path, points=points).positions
     np.testing.assert_array_equal(found, [[lost, [0, 0, 1]], [lost, lost], [lost, lost]])

@@ -168,7 +168,7 @@ def test_folders(tmp_path: Path) -> None:
 def test_bags(kind: str, tmp_path: Path) -> None:
     ros_bags = pytest.importorskip("ros_bags")
     bag = ros_bags.Bag(tmp_path, kind)
-    places = {name: [i, 0, 0] for i, name in enumerate(("pelvis", "neck", "head"))}
+    places = {i: [i, 0, 0] for i in range(3)}
     bag.write([(time, "/joints", bag.markers(time, places)) for time in (0.0, 0.1)])
     assert kind_of(bag.path) is kinds.BAG
     # A bag that is a folder has no ending, and needs none.
@@ -216,7 +216,9 @@ def test_an_own_reader_reads_its_ending(
     path = write(tmp_path / f"take.{ending.removeprefix('.')}", content)
     with pytest.raises(RecordingError, match=r"got .*Error \(.*, allowed what .*loads.* reads$"):
         read_motion(path)
-    # Other endings are not its.
+    # Other endings are not its, and it is among those that are read.
+    with pytest.raises(RecordingError, match=rf"allowed \.bvh, .*\.{path.suffix[1:].lower()}\b"):
+        read_motion(write(tmp_path / "take.dat", TEXT))
     assert read_motion(write(tmp_path / "take.c3d", made())).names == ("LASI", "RASI")
 
 
