@@ -131,7 +131,8 @@ def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
         OSError: if the file cannot be written.
     """
     rows = [f"stature = {body.stature:.4f}"]
-    if body.mass:
+    # A mass that only follows from the stature is none that anybody weighed.
+    if abs(body.mass - Body.of_stature(body.stature).mass) > 0.05:
         rows.append(f"mass = {body.mass:.1f}")
     rows += ["", "[lengths]", *(f"{name} = {size:.4f}" for name, size in body.lengths.items())]
     for name, marker in markers.items():
@@ -141,7 +142,7 @@ def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
             "",
             f"[markers.{_quoted(name)}]",
             f'frame = "{marker.frame}"',
-            f"offset = [{', '.join(f'{each:.4f}' for each in marker.offset)}]",
+            f"offset = [{', '.join(f'{round(each, 4) + 0.0:.4f}' for each in marker.offset)}]",
             f"residual = {marker.residual:.4f}",
         ]
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")

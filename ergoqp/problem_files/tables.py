@@ -65,7 +65,9 @@ class IkTable(Table):
     @model_validator(mode="after")
     def _one_person(self) -> Self:
         if self.stature is not None and self.person is not None:
-            raise ValueError("stature and person are both given, allowed one of them")
+            raise PydanticCustomError(
+                "person", "Input should be a table with `stature` or with `person`, not with both"
+            )
         return self
 
 

@@ -109,7 +109,11 @@ def recording_of(
     sits = _calibrated(body, result, frames, markers, landmarks)
     if whole is not None and not reading.completed:
         to_ours = axes * whole.unit if whole.unit else axes
-        more = completed(whole, sits, body, result.pelvis, result.postures, to_ours, along)
+        # Without what is astray others are told, and with it their user is.
+        seen = {name: whole.of(name)[frames].astype(float) @ to_ours.T for name in markers}
+        seen |= {name: seen[name] + shift[frames] for name, shift in along.items()}
+        steady = _calibrated(body, result, frames, seen, landmarks)
+        more = completed(whole, steady, body, result.pelvis, result.postures, to_ours, along)
         if more is not None:
             again = replace(reading, window=None, subject=None, completed=True)
             # Where they sit is told by those that were seen, and by all of them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ergoqp.arguments import shown
 from ergoqp.cli.commands.common import (
     RecordingOptions,
     console,
@@ -13,9 +14,10 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
-from ergoqp.errors import RecordingError, UnknownNamesError
+from ergoqp.errors import InputError, RecordingError, UnknownNamesError
 from ergoqp.human.person_file import write_person
 from ergoqp.progress import part_of
+from ergoqp.recordings import Recording
 from ergoqp.recordings.guess import template
 from ergoqp.recordings.markers.landmarks import LANDMARKS
 from ergoqp.recordings.naming import CENTRES
@@ -62,8 +64,7 @@ def score(
             f"{unknown}; a file with the nearest guesses, to be looked through, is {mapping}"
         ) from None
     if save_person is not None:
-        with writing(save_person):
-            write_person(save_person, recording.person, recording.markers)
+        _save(save_person, recording)
     assessment = assess(recording.scored_postures, method, **task)
     folder = make_folder(out, recording_path.stem)
     screen = console()
@@ -80,6 +81,21 @@ def score(
             recording, assessment, path, _words(task, method), recording_path.name
         ),
     )
+
+
+def _save(path: Path, recording: Recording) -> None:
+    """Write the person and where their markers sit.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    try:
+        write_person(path, recording.person, recording.markers)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"--save-person: got {shown(str(path), 80)}: {why}, allowed the path of a file"
+        ) from None
 
 
 def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:

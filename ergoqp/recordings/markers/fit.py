@@ -103,7 +103,8 @@ def markers_on(
         _, frame, offsets = best
         shape = shape_of(np.stack([markers[name] for name in names], axis=1))
         if shape is not None and (rigid := brought_to(shape, np.array(offsets))) is not None:
-            offsets = list(rigid[0])
+            # One that is never seen with the others is not in the shape.
+            offsets = list(np.where(np.isfinite(rigid[0]), rigid[0], offsets))
         for name, offset in zip(names, offsets, strict=True):
             away = np.linalg.norm(markers[name] - _placed(turns, places, frame, offset), axis=1)
             away = away[np.isfinite(away)]

@@ -11,8 +11,8 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
-from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of
+from ergoqp.recordings.markers.landmarks import RIGID
 from ergoqp.recordings.markers.linked import Links, usual_distance
 from ergoqp.recordings.markers.segments import middle_of, pelvis_size, rigid_segments
 from ergoqp.recordings.motion import JointMotion
@@ -110,10 +110,11 @@ def _at(
 
 def _unplaced(where: str, at: Mapping[str, np.ndarray]) -> str:
     """Return what is said of landmarks (n, 3) that do not place the pelvis."""
-    seen = [name for name, path in at.items() if np.isfinite(path).all(axis=1).any()]
+    lost = np.full((1, 3), np.nan)
+    seen = [mark for mark in RIGID["pelvis"] if np.isfinite(at.get(mark, lost)).any()]
     return (
         f"{where}: the pelvis cannot be placed; the recording needs both ASIS, and a PSIS or the"
-        f" sacrum, three of them at once; it has {some(seen)}"
+        f" sacrum, three of them at once; of these it has {', '.join(seen) or 'none'}"
     )
 
 

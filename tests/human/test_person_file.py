@@ -1,0 +1,180 @@
+"""Person files and statures that the user gives: read, written, or refused in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ergoqp.errors import InputError
+from ergoqp.human import FRACTIONS, Body
+from ergoqp.human.marker import Marker
+from ergoqp.human.person_file import given_markers, given_person, write_person
+
+NAMES = ["LASI", "L ASI", "Ärm.1", 'with "quotes" and \\', "tab\tline\nbell\x07", "\x7f", "🦴", ""]
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "me.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_person_file_is_the_body_it_describes(tmp_path: Path) -> None:
+    path = written(tmp_path, "stature = 1.82\nmass = 81\n[lengths]\nforearm = 0.27\n")
+    body = given_person(path)
+    assert (body.stature, body.mass, body.lengths["forearm"]) == (1.82, 81, 0.27)
+    assert given_person(str(path)).stature == given_person(1.82).stature == 1.82
+    assert given_markers(path) == given_markers(1.82) == given_markers(None) == {}
+
+
+def test_lengths_alone_tell_the_stature(tmp_path: Path) -> None:
+    body = given_person(written(tmp_path, "[lengths]\nthigh = 0.43\nshank = 0.43\n"))
+    assert body.stature == pytest.approx(0.43 / FRACTIONS["thigh"], rel=0.01)
+    assert body.lengths["thigh"] == 0.43
+
+
+def test_markers_are_read(tmp_path: Path) -> None:
+    text = """stature = 1.7
+[markers.LASI]
+frame = "pelvis"
+offset = [0.09, 0.12, 1]
+[markers.RTHI]
+frame = "right_hip"
+offset = [0, -0.1, -0.2]
+residual = 0.004
+"""
+    path = written(tmp_path, text)
+    assert given_markers(path) == {
+        "LASI": Marker("pelvis", (0.09, 0.12, 1.0), 0.0),
+        "RTHI": Marker("right_hip", (0.0, -0.1, -0.2), 0.004),
+    }
+    assert given_person(path).stature == 1.7
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        Body.of_stature(1.68, 62.0),
+        Body(1.8, {"trunk": 0.5, "forearm": 0.3}),
+        Body.of_lengths({"upper_arm": 0.29}),
+        Body.of_stature(1.2),
+        Body.of_stature(2.3, 150.0),
+    ],
+)
+def test_what_is_written_is_read_back(tmp_path: Path, body: Body) -> None:
+    markers = {
+        name: Marker("left_elbow", (0.01 * i, -0.2, 1e-9), 0.001 * i)
+        for i, name in enumerate(NAMES)
+    }
+    path = tmp_path / "me.toml"
+    write_person(path, body, markers)
+    again = given_person(path)
+    assert again.stature == pytest.approx(body.stature, abs=5e-5)
+    assert again.mass == pytest.approx(body.mass, abs=0.05)
+    assert again.lengths == pytest.approx(body.lengths, abs=5e-5)
+    found = given_markers(path)
+    assert list(found) == NAMES
+    for name, marker in markers.items():
+        assert found[name].frame == marker.frame
+        assert found[name].offset == pytest.approx(marker.offset, abs=5e-5)
+        assert found[name].residual == pytest.approx(marker.residual, abs=5e-5)
+
+
+def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_path: Path) -> None:
+    markers = {
+        "never": Marker("pelvis", (0.0, 0.0, 0.0), float("nan")),
+        "on the floor": Marker("pelvis", (0.0, 3.0, 0.0), 0.1),
+        "seen": Marker("pelvis", (0.0, 0.0, 0.0), 0.0),
+    }
+    write_person(tmp_path / "me.toml", Body(), markers)
+    assert list(given_markers(tmp_path / "me.toml")) == ["seen"]
+    write_person(tmp_path / "me.toml", Body(), {})
+    assert given_markers(tmp_path / "me.toml") == {}
+    with pytest.raises(OSError, match="none"):
+        write_person(tmp_path / "none" / "me.toml", Body(), {})
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "required are a stature"),
+        ("mass = 80", "required are a stature"),
+        ("[lengths]", "required are a stature"),
+        ("stature = 1" + 400 * "0", "stature is 1000"),
+        ("stature = 1.8\nmass = 1" + 400 * "0", "mass is 1000"),
+        ("stature = nan", "stature is nan, allowed a number"),
+        ("stature = inf", "stature is inf, allowed a number"),
+        ("stature = true", "stature is True, allowed a number"),
+        ('stature = "tall"', "stature is 'tall', allowed a number"),
+        ("stature = [1.8]", "stature is [1.8], allowed a number"),
+        ("stature = 2020-01-01", "stature is datetime.date(2020, 1, 1), allowed a number"),
+        ("stature = 180", "stature: got 180"),
+        ("stature = -1.8", "stature: got -1.8"),
+        ("stature = 1.8\nmass = -3", "mass: got -3"),
+        ("stature = 1.8\nmass = nan", "mass is nan, allowed a number"),
+        ("height = 1.8", "got ['height'], allowed stature, mass"),
+        ("stature = 1.8\n" + "\n".join(f"k{i} = 1" for i in range(99)), "allowed stature, mass"),
+        ("stature = 1.8\nlengths = 0.3", "lengths is 0.3, allowed a table"),
+        ("lengths = [0.3]", "lengths is [0.3], allowed a table"),
+        ("[lengths]\nupper_arm = 'long'", "lengths.upper_arm is 'long', allowed a number"),
+        ("[lengths]\nupper_arm = 300", "length of upper_arm: got 300"),
+        ("stature = 1.8\n[lengths]\nupper_arm = 0.9", "length of upper_arm: got 0.900 m"),
+        ("stature = 1.8\n[lengths]\nupperarm = 0.3", "got ['upperarm'], allowed"),
+        ("stature = ", "not a TOML file"),
+        ("\x00", "not a TOML file"),
+    ],
+)
+def test_what_describes_nobody_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(InputError) as told:
+        given_person(written(tmp_path, text))
+    assert sentence in str(told.value)
+    assert str(told.value).count("me.toml") == 1
+    assert "\n" not in str(told.value)
+    assert len(str(told.value)) < 350
+
+
+LASI = "stature = 1.8\n[markers.LASI]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("markers = 3", "markers is 3, allowed a table for each marker"),
+        ("[markers]\nLASI = 3", "markers.LASI is 3, allowed a table of frame, offset"),
+        ("[markers]\nLASI = {}", "markers.LASI.frame is None, allowed one of pelvis, trunk"),
+        (LASI + "at = 'pelvis'", "markers.LASI is {'at': 'pelvis'}, allowed a table of frame"),
+        (LASI + "frame = 'hip'\noffset = [0, 0, 0]", "markers.LASI.frame is 'hip', allowed one of"),
+        (LASI + "frame = []\noffset = [0, 0, 0]", "markers.LASI.frame is [], allowed one of"),
+        (LASI + "frame = 'pelvis'", "markers.LASI.offset is None, allowed three lengths in m"),
+        (LASI + "frame = 'pelvis'\noffset = [0, 0]", "offset is [0, 0], allowed three lengths"),
+        (LASI + "frame = 'pelvis'\noffset = 'here'", "offset is 'here', allowed three lengths"),
+        (LASI + "frame = 'pelvis'\noffset = [0, 'a', 0]", "offset is 'a', allowed a number"),
+        (LASI + "frame = 'pelvis'\noffset = [0, nan, 0]", "offset is nan, allowed a number"),
+        (
+            LASI + "frame = 'pelvis'\noffset = [90, 120, 10]",
+            "offset is 90, allowed a number from",
+        ),
+        (LASI + "frame = 'pelvis'\noffset = [0, 0, 0]\nresidual = -1", "residual is -1, allowed"),
+        (LASI + "frame = 'pelvis'\noffset = [0, 0, 0]\nresidual = inf", "residual is inf, allowed"),
+    ],
+)
+def test_markers_that_sit_nowhere_are_refused(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(InputError) as told:
+        given_markers(written(tmp_path, text))
+    assert sentence in str(told.value)
+    assert str(told.value).startswith("person file me.toml: markers")
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("person", [10**400, float("nan"), True, [1.8], {"stature": 1.8}, b"me"])
+def test_a_stature_that_is_none_is_refused(person: Any) -> None:
+    with pytest.raises(InputError, match=r"got .*allowed"):
+        given_person(person)
+
+
+@pytest.mark.parametrize("path", ["none.toml", "", ".", "a\x00b", "x" * 5000])
+def test_a_file_that_is_none(path: str) -> None:
+    with pytest.raises(InputError, match=r"^person file: .*allowed a file$"):
+        given_person(path)
