@@ -147,8 +147,9 @@ def _with_known(
     """Return motion and landmarks with those of rigid segments that only a person file has."""
     known = next((each for each in known_sets() if each.title == title), None)
     theirs = known.found_in(tuple(shapes)) if known is not None else {}
-    rigid = [mark for part in RIGID.values() for mark in part]
-    more = [mark for mark in rigid if mark in theirs and mark not in landmarks]
+    # Fewer than three show no segment.
+    parts = [part for part in RIGID.values() if len(set(part) & set(landmarks)) >= 3]
+    more = [mark for part in parts for mark in part if mark in theirs and mark not in landmarks]
     if not more:
         return motion, landmarks
     count = len(motion.names)
