@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_files import MVNX, mvnx_frame, read, refused, write
 
-from ergoqp.recordings.formats import mvnx
+from ergoqp.recordings.formats import mvnx, mvnx_wearer
 from ergoqp.recordings.formats.mvnx import read_mvnx
 
 UNIFORM = "The frames are uniform in time, 0.1 s apart."
@@ -74,7 +74,7 @@ def test_blocks_are_as_the_whole(
 ) -> None:
     path = write(tmp_path / "a.mvnx", MVNX)
     whole = read(read_mvnx, path)
-    monkeypatch.setattr(mvnx, "_BLOCK", block)
+    monkeypatch.setattr(mvnx_wearer, "_BLOCK", block)
     told: list[float] = []
     motion = read_mvnx(path, told.append, mvnx.Asked())
     np.testing.assert_array_equal(motion.positions, whole.positions)
@@ -131,6 +131,28 @@ def test_declarations_are_refused_before_they_grow(content: str | bytes, tmp_pat
         tracemalloc.stop()
 
 
+def twice(label: str) -> str:
+    """A second person, who is 1 m farther to the left and has no frame 1."""
+    begin, end = MVNX.index("  <subject"), MVNX.index("</mvnx>")
+    other = MVNX[begin:end].replace("Somebody", label).replace(mvnx_frame(1), "")
+    return MVNX[:end] + other.replace("<position>2 0 1", "<position>2 1 1") + MVNX[end:]
+
+
+def test_two_people(tmp_path: Path) -> None:
+    motion = read(read_mvnx, write(tmp_path / "a.mvnx", twice("B")))
+    assert motion.names == ("Somebody:Pelvis", "Somebody:L5", "B:Pelvis", "B:L5")
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+    np.testing.assert_array_equal(
+        motion.positions[2], [[2, 0, 1], [2, 0.5, 1.5], [2, 1, 1], [2, 0.5, 1.5]]
+    )
+    assert np.isnan(motion.positions[1, 2:]).all()
+    assert not np.isnan(motion.positions[:, :2]).any()
+    assert np.isnan(motion.turns["B:L5"]).all(axis=1).tolist() == [False, True, False]
+    assert motion.turns["B:L5"][2] == pytest.approx([0, 0, 0.6, 0.8])
+    assert motion.angles["B:jL5S1 flexion"][[0, 2]] == pytest.approx(np.radians([0, 20]))
+    assert motion.notes == (UNIFORM, f"Somebody: {POSED}", f"B: {POSED}")
+
+
 BROKEN = {
     "empty": ("", "^a.mvnx, line 1: got no XML at column 1 .*, allowed a whole MVNX file"),
     "other": ("HIERARCHY\n", "^a.mvnx, line 1: got no XML at column 1 "),
@@ -144,9 +166,18 @@ BROKEN = {
         MVNX.replace("<subject", "<object").replace("</subject", "</object"),
         "^a.mvnx: got no segments, allowed an MVNX file with a subject",
     ),
-    "several people": (
-        MVNX.replace("  </subject>", '  </subject><subject frameRate="10"/>'),
-        "^a.mvnx: got several people, allowed one: export them one by one",
+    "somebody without segments": (
+        MVNX.replace("  </subject>", '  </subject><subject label="B" frameRate="10"/>'),
+        "^a.mvnx: got no segments, allowed an MVNX file with a subject",
+    ),
+    "people of one name": (
+        twice("Somebody"),
+        "^a.mvnx: got 2 people with the labels 'Somebody', 'Somebody', allowed a name of their own",
+    ),
+    "somebody without a name": (twice(""), "^a.mvnx: got 2 people with the labels 'Somebody', ''"),
+    "two rates": (
+        twice("B").replace('"B" frameRate="10"', '"B" frameRate="20"'),
+        "^a.mvnx: got people with 10, 20 frames per second, allowed the same for all",
     ),
     "frames and no segments": (
         MVNX.replace("segments>", "things>").replace("1 0 0 0 0.8 0 0 0.6", ""),
@@ -228,7 +259,7 @@ def test_places_that_are_no_file(tmp_path: Path) -> None:
 
 
 def test_frames_are_let_go_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mvnx, "_BLOCK", 100)
+    monkeypatch.setattr(mvnx_wearer, "_BLOCK", 100)
     monkeypatch.setattr(mvnx, "_CHUNK", 1 << 14)
     frames = "".join(map(mvnx_frame, range(3, 3003)))
     path = write(tmp_path / "a.mvnx", MVNX.replace("    </frames>", frames + "    </frames>"))
