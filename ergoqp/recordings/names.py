@@ -24,6 +24,18 @@ CENTRES: Final[tuple[str, ...]] = (
 skull."""
 
 
+_NAMELESS: Final = re.compile(r"[*U]?\d*|C_\d+|unlabell?ed.*", re.IGNORECASE)
+
+
+def nameless(name: str) -> bool:
+    """Return whether a marker's name, but for its prefix, is what programs write without a label.
+
+    >>> nameless("*21"), nameless("Anna:U7"), nameless("LASI")
+    (True, True, False)
+    """
+    return _NAMELESS.fullmatch(name.rpartition(":")[2]) is not None
+
+
 def squashed(name: str) -> str:
     """Return a name in small letters, without what parts its words.
 

@@ -7,7 +7,6 @@ such; its angles are handed on.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -21,13 +20,12 @@ from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.formats.stamps import repeated, seconds
 from ergoqp.recordings.formats.trc import UNITS, UNITS_WORDS
 from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.names import nameless
 
 _BLOCK: Final = 4 << 20
 """Bytes that are read at once."""
 _COMPUTED: Final = ("FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS")
 """Groups of points that are computed and no markers."""
-_NAMELESS: Final = re.compile(r"[*U]?\d*|unlabell?ed.*", re.IGNORECASE)
-"""Names that programs give to what was not labelled."""
 _FARTHEST: Final = 1e9
 """No number of a point or an angle is larger: what is is no number, but other bits."""
 _SUBJECT: Final = "PROCESSING"
@@ -110,16 +108,16 @@ def _labels(head: Head) -> tuple[dict[str, int], list[str]]:
             f"The file names {len(stated)} points and has {head.points}: the first names are"
             " theirs."
         )
-    nameless = max(head.points - len(stated), 0)
+    lost = max(head.points - len(stated), 0)
     for i, name in enumerate(stated[: head.points]):
-        if _NAMELESS.fullmatch(name.rpartition(":")[2]):
-            nameless += 1
+        if nameless(name):
+            lost += 1
         elif name in labels:
             twice[name] = None
         else:
             labels[name] = i
-    if nameless:
-        notes.append(f"{nameless} of {head.points} points have no label and are left out.")
+    if lost:
+        notes.append(f"{lost} of {head.points} points have no label and are left out.")
     if twice:
         notes.append(f"{some(list(twice))}: there twice; the first is taken.")
     return labels, notes

@@ -18,6 +18,7 @@ from ergoqp.recordings.formats.c3d import read_c3d
 from ergoqp.recordings.formats.c3d_head import is_c3d
 from ergoqp.recordings.formats.motive import read_motive
 from ergoqp.recordings.formats.mvnx import read_mvnx
+from ergoqp.recordings.formats.nexus import read_nexus, section_of
 from ergoqp.recordings.formats.opening import beginning
 from ergoqp.recordings.formats.rows import Asked, is_number
 from ergoqp.recordings.formats.storage import read_storage
@@ -54,10 +55,11 @@ TRC: Final = Kind("TRC", (".trc",), read_trc)
 STORAGE: Final = Kind("OpenSim motion", (".mot", ".sto"), read_storage)
 MVNX: Final = Kind("MVNX", (".mvnx",), read_mvnx)
 MOTIVE: Final = Kind("Motive CSV", (".csv",), read_motive)
+NEXUS: Final = Kind("Nexus CSV", (".csv",), read_nexus)
 TABLE: Final = Kind("table", (".csv", ".tsv", ".txt"), read_table)
 BAG: Final = Kind("ROS bag", (".bag", ".db3", ".mcap"), read_bag)
 BODIES: Final = Kind("folder of poses", (), read_bodies)
-KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, TABLE, BAG, BODIES)
+KINDS: Final = (BVH, C3D, TRC, STORAGE, MVNX, MOTIVE, NEXUS, TABLE, BAG, BODIES)
 """What is read, with the endings that the files of each usually have."""
 
 
@@ -118,6 +120,8 @@ def _marked(first: bytes) -> Kind | None:
         return MVNX
     if text.startswith(("Format Version", '"Format Version')):
         return MOTIVE
+    if section_of(text.partition("\n")[0]):
+        return NEXUS
     if re.search(r"^\W*endheader\W*$", text, re.MULTILINE | re.IGNORECASE):
         return STORAGE
     return None

@@ -94,6 +94,16 @@ MVNX = f"""<?xml version="1.0" encoding="UTF-8"?>
 </mvnx>
 """
 
+NEXUS = """Trajectories
+10
+,,Anna:LASI,,,Anna:R Knee,,,Anna:*21,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z
+,,mm,mm,mm,mm,mm,mm,mm,mm,mm
+5,0,1,2,3,4,5,6,0,0,0
+6,0,1.5,2.5,3.5,,,,0,0,0
+8,0,-0.1,2,3,4,5,6.25,0,0,0
+"""
+
 BODY = """x,y,z,q0,q1,q2,q3
 1,2,3,0,0,0,1
 1.5,2,3,0,0,0.6,0.8

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from small_files import BODY, MOTIVE, MVNX, STORAGE, TABLE, TRC, Reader, read, write
+from small_files import BODY, MOTIVE, MVNX, NEXUS, STORAGE, TABLE, TRC, Reader, read, write
 
 from ergoqp.errors import RecordingError
 from ergoqp.recordings.formats.bodies import read_bodies
 from ergoqp.recordings.formats.motive import read_motive
 from ergoqp.recordings.formats.mvnx import read_mvnx
+from ergoqp.recordings.formats.nexus import read_nexus
 from ergoqp.recordings.formats.storage import read_storage
 from ergoqp.recordings.formats.table import read_table
 from ergoqp.recordings.formats.trc import read_trc
@@ -27,6 +28,7 @@ FORMATS = {
     "storage": (read_storage, STORAGE),
     "motive": (read_motive, MOTIVE),
     "mvnx": (read_mvnx, MVNX),
+    "nexus": (read_nexus, NEXUS),
     "bodies": (read_bodies, BODY),
 }
 PIECES = st.sampled_from(
