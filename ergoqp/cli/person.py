@@ -46,7 +46,8 @@ Examples:
 
 _ABOUT_SCORE = """Score every frame of a recording by REBA.
 
-Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints, ROS bags and folders of poses.
+Reads BVH, C3D, TRC, OpenSim MOT, MVNX, Motive and Nexus CSV, tables of joints, ROS bags
+and folders of poses.
 
 Prints a table and writes scores.csv, scores.json, angles.csv, angles.mot and report.html. What
 joint angles cannot tell is given by options. Frames that show no posture are not scored, and named.
