@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, part_of, unseen
@@ -26,6 +27,7 @@ from ergoqp.recordings.fitting.neutral import (
 from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
 from ergoqp.recordings.fitting.posture_fit import Fit, fit
 from ergoqp.recordings.fitting.smoothing import smoothed
+from ergoqp.recordings.formats.opening import short
 from ergoqp.recordings.joints import joints_of
 from ergoqp.recordings.markers.completion import completed
 from ergoqp.recordings.markers.fit import markers_on
@@ -40,6 +42,8 @@ CALIBRATION = "calibration pose"
 """Why the frames of a T-pose at the begin or end of a recording are not scored."""
 _FOUND: Final = 0.3
 """What finding the joint centres is of the whole work."""
+_FARTHEST: Final = 1e9
+"""No coordinate is larger in any unit: what is, is no place, and its square would be infinite."""
 _FEW: Final = 20
 """Frames by which markers are not calibrated, if there are others."""
 
@@ -59,6 +63,7 @@ def recording_of(
         RecordingError: the skeleton, the unit or the axes are not known.
         InputError: what was stated does not fit the recording.
     """
+    _check_extent(where, motion)
     if reading.window is not None:
         motion = windowed(motion, reading.window)
     found = joints_of(
@@ -137,6 +142,18 @@ def recording_of(
         not_scored=result.not_scored,
         markers=sits,
     )
+
+
+def _check_extent(where: str, motion: JointMotion) -> None:
+    """Refuse coordinates that are no places."""
+    for i, name in enumerate(motion.names):
+        path = motion.positions[:, i]
+        farthest = max(np.fmax.reduce(path, axis=None), -np.fmin.reduce(path, axis=None))
+        if farthest > _FARTHEST:
+            raise RecordingError(
+                f"{where}: got a coordinate of {farthest:.3g} for {short(name)}, allowed numbers"
+                f" from {-_FARTHEST:g} to {_FARTHEST:g}"
+            )
 
 
 def _with_both_hips(

@@ -262,3 +262,12 @@ def test_a_body_that_is_nowhere_near_is_not_scored(work: Places) -> None:
     # Someone much smaller than who is stated.
     recording = fitted(work, person=2.2)
     assert "body far from the recording" in recording.not_scored
+
+
+@pytest.mark.parametrize("size", [1e12, 1e30, -1e38])
+def test_a_coordinate_that_is_no_place(work: Places, size: float) -> None:
+    work["right_wrist"][7, 1] = size
+    with pytest.raises(
+        RecordingError, match=r"got a coordinate of 1e\+.* for 'right_wrist', allow"
+    ):
+        fitted(work)
