@@ -19,13 +19,13 @@ from ergoqp.recordings.assumed import (
     straight_of,
     unit_by_stature,
 )
-from ergoqp.recordings.fitting.axes import check_sides
 from ergoqp.recordings.fitting.leaning import shift_of, straightened
 from ergoqp.recordings.fitting.neutral import (
     calibration_poses,
 )
 from ergoqp.recordings.fitting.person import measured_lengths, suggested_stature
 from ergoqp.recordings.fitting.posture_fit import Fit, fit
+from ergoqp.recordings.fitting.sides import check_sides
 from ergoqp.recordings.fitting.smoothing import smoothed
 from ergoqp.recordings.formats.opening import short
 from ergoqp.recordings.joints import joints_of
@@ -33,6 +33,8 @@ from ergoqp.recordings.markers.completion import completed
 from ergoqp.recordings.markers.fit import markers_on
 from ergoqp.recordings.markers.landmarks import above_hips
 from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.naming import check_placed
+from ergoqp.recordings.oriented import AHEAD
 from ergoqp.recordings.reading import Reading as Reading
 from ergoqp.recordings.reading import windowed
 from ergoqp.recordings.recording import Recording
@@ -44,6 +46,8 @@ _FOUND: Final = 0.3
 """What finding the joint centres is of the whole work."""
 _FARTHEST: Final = 1e9
 """No coordinate is larger in any unit: what is, is no place, and its square would be infinite."""
+_EXACT: Final = 1e-3
+"""Numbers have to be as exact as this [m]."""
 _FEW: Final = 20
 """Frames by which markers are not calibrated, if there are others."""
 
@@ -63,7 +67,7 @@ def recording_of(
         RecordingError: the skeleton, the unit or the axes are not known.
         InputError: what was stated does not fit the recording.
     """
-    _check_extent(where, motion)
+    exact = _exactness(where, motion)
     if reading.window is not None:
         motion = windowed(motion, reading.window)
     found = joints_of(
@@ -77,17 +81,24 @@ def recording_of(
         part_of(progress, 0.0, _FOUND),
     )
     named, motion = found.centres, found.motion
-    assumptions = list(found.said)
-    lengths = measured_lengths(named.paths)
+    found_out = found.said
+    assumptions = list(found_out)
+    centres = _seen_at_all(named.paths, where, assumptions)
+    lengths = measured_lengths(centres)
     stature = suggested_stature(lengths)
     unit = found.unit or unit_by_stature(where, stature, assumptions)
-    axes = unit * axes_to_ours(where, named.paths, reading.up or motion.up, assumptions)
+    if exact * unit > _EXACT:
+        raise RecordingError(
+            f"{where}: got coordinates so far from the origin that they are exact to"
+            f" {1000 * exact * unit:.0f} mm only, allowed with the origin near the person"
+        )
+    axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
     held = held_object(where, motion.objects, reading.thing, axes, assumptions)
     markers = {name: path @ axes.T / unit for name, path in found.markers.items()}
     body = reading.body or measured_body(where, lengths, stature, unit, assumptions)
     # An hour of it is much: what is not needed any more goes, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in named.rest.items()}
-    paths, frames, landmarks = dict(named.paths), found.frames, found.landmarks
+    paths, frames, landmarks = centres, found.frames, found.landmarks
     upright, whole = found.upright, found.whole
     del motion, named, found
     world = {}
@@ -97,7 +108,11 @@ def recording_of(
     world = _with_both_hips(world, assumptions)
     world, said = smoothed(world, time)
     assumptions.extend(said)
-    check_sides(where, world)
+    # A nose that was put ahead of the trunk shows nothing.
+    shown = {name: path for name, path in world.items() if name != "nose" or AHEAD not in found_out}
+    if unsure := check_sides(where, shown):
+        assumptions.append(unsure)
+    del shown
     posed = calibration_poses(world)
     straight = upright and reading.neutral is None
     neutral = None if straight else straight_of(where, world, rest, axes, time, reading)
@@ -144,8 +159,21 @@ def recording_of(
     )
 
 
-def _check_extent(where: str, motion: JointMotion) -> None:
-    """Refuse coordinates that are no places."""
+def _seen_at_all(
+    paths: Mapping[str, np.ndarray], where: str, assumptions: list[str]
+) -> dict[str, np.ndarray]:
+    """Return the centres without those that the recording names and never sees."""
+    found = {name: path for name, path in paths.items() if np.isfinite(path).any()}
+    if len(found) < len(paths):
+        check_placed(tuple(found), where)
+        lost = ", ".join(name.replace("_", " ") for name in paths if name not in found)
+        assumptions.append(f"Never seen and left out: {lost}.")
+    return found
+
+
+def _exactness(where: str, motion: JointMotion) -> float:
+    """Return how exact the positions are as numbers; refuse coordinates that are no places."""
+    most = 0.0
     for i, name in enumerate(motion.names):
         path = motion.positions[:, i]
         farthest = max(np.fmax.reduce(path, axis=None), -np.fmin.reduce(path, axis=None))
@@ -154,6 +182,8 @@ def _check_extent(where: str, motion: JointMotion) -> None:
                 f"{where}: got a coordinate of {farthest:.3g} for {short(name)}, allowed numbers"
                 f" from {-_FARTHEST:g} to {_FARTHEST:g}"
             )
+        most = np.fmax(most, farthest)
+    return float(np.spacing(np.asarray(most, dtype=motion.positions.dtype)))
 
 
 def _with_both_hips(

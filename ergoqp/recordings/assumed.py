@@ -11,7 +11,8 @@ import numpy as np
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.human import Body
 from ergoqp.joints import spoken
-from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up, tilt_of
+from ergoqp.recordings.another_take import check_same_person, check_stands
+from ergoqp.recordings.fitting.axes import axes_of, find_unit, find_up, tilt_of, upright_line
 from ergoqp.recordings.fitting.neutral import Neutral, neutral_of, stated_neutral
 from ergoqp.recordings.fitting.person import measured_person
 from ergoqp.recordings.formats.opening import some
@@ -57,11 +58,17 @@ def axes_to_ours(
             " vertical axis (up)"
         )
     axes = axes_of(found)
-    tilt = tilt_of({centre: path @ axes.T for centre, path in centres.items()})
+    line = upright_line({centre: path @ axes.T for centre, path in centres.items()})
+    tilt = None if line is None else tilt_of(line)
     if tilt is None:
         assumptions.append(
             f"The vertical axis is taken as {found}, along which the head is above the feet."
         )
+        if line is None:
+            assumptions.append(
+                "Nobody is seen to stand upright from the feet to the neck: if the camera is tilted"
+                " to that axis, the trunk is read as leaning by as much."
+            )
         return axes
     angle = math.degrees(math.acos(min(1.0, tilt[2, 2])))
     assumptions.append(
@@ -92,7 +99,9 @@ def straight_of(
             reading.unit,
             reading.shapes,
         )
+        check_same_person(where, world, trial.centres.paths)
         there = {centre: path @ axes.T for centre, path in trial.centres.paths.items()}
+        check_stands(where, there)
         every = np.ones(len(stated.time), dtype=bool)
         return stated_neutral(there, every, "in the recording that is stated to be neutral")
     if isinstance(stated, float):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,9 @@ from ergoqp import reba
 from ergoqp.errors import ErgoqpError, RecordingError
 from ergoqp.joints import INDEX, SIDES
 from ergoqp.recordings import fit_postures
+from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.centres_of import centres_of
+from ergoqp.recordings.motion import JointMotion
 
 
 @pytest.fixture
@@ -271,3 +275,27 @@ def test_a_coordinate_that_is_no_place(work: Places, size: float) -> None:
         RecordingError, match=r"got a coordinate of 1e\+.* for 'right_wrist', allow"
     ):
         fitted(work)
+
+
+def test_columns_in_which_nothing_is_seen(work: Places) -> None:
+    plain = fitted({name: path for name, path in work.items() if "knee" not in name})
+    for side in SIDES:
+        work[f"{side}_knee"][:] = np.nan
+    recording = fitted(work, up=None)
+    np.testing.assert_allclose(recording.postures, plain.postures, atol=1e-6)
+    said = " ".join(recording.assumptions)
+    assert "Never seen and left out: right knee, left knee." in said
+    for name in ("pelvis", "right_hip", "left_hip"):
+        work[name][:] = np.nan
+    with pytest.raises(RecordingError, match="the pelvis cannot be placed"):
+        fitted(work)
+
+
+def test_far_from_the_origin_numbers_are_not_exact(work: Places) -> None:
+    far = np.stack(list(work.values()), axis=1).astype(np.float32) + np.float32(1e5)
+    motion = JointMotion(tuple(work), far, np.arange(len(far)) / 60)
+    with pytest.raises(
+        RecordingError, match="they are exact to 8 mm only, allowed with the origin"
+    ):
+        recording_of(motion, "a", Reading(unit=1.0, up="z"))
+    recording_of(replace(motion, positions=far.astype(float)), "a", Reading(unit=1.0, up="z"))

@@ -112,71 +112,48 @@ def axes_of(up: str) -> np.ndarray:
     return turn if up == up[-1] else np.diag([1.0, -1.0, -1.0]) @ turn
 
 
-def tilt_of(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the rotation (3, 3) that makes people vertical who stand upright.
+def upright_line(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the direction (3,) of bodies that stand upright, legs and trunk in line.
 
-    None where nobody does, or those who do are vertical already.
+    One leg is enough, and the shoulders instead of the neck. None where nobody stands upright, or
+    too little is seen to tell.
 
     Args:
         places: centre -> positions (n, 3), any unit, along our axes.
     """
-    names = [f"{side}_{name}" for name in ("hip", "ankle") for side in SIDES]
-    if "neck" not in places or any(name not in places for name in names):
+    legs = [
+        places[f"{side}_hip"] - places[f"{side}_ankle"]
+        for side in SIDES
+        if f"{side}_hip" in places and f"{side}_ankle" in places
+    ]
+    top, hips = (_centre(places, *which) for which in (("neck", "shoulder"), ("pelvis", "hip")))
+    if not legs or top is None or hips is None:
         return None
-    hips, feet = (
-        (places[f"right_{name}"] + places[f"left_{name}"]) / 2 for name in ("hip", "ankle")
-    )
-    legs, trunk = hips - feet, places["neck"] - hips
-    size = np.linalg.norm(legs, axis=1) * np.linalg.norm(trunk, axis=1)
-    line = (legs * trunk).sum(axis=1) > _IN_LINE * size
+    leg, trunk = np.mean(legs, axis=0), top - hips
+    size = np.linalg.norm(leg, axis=1) * np.linalg.norm(trunk, axis=1)
+    line = (leg * trunk).sum(axis=1) > _IN_LINE * size
     upright = line & stands_straight(places)
     if upright.sum() < _FEW:
         return None
-    body = np.median((legs + trunk)[upright], axis=0)
-    body /= np.linalg.norm(body)
-    if np.arccos(np.clip(body[2], -1, 1)) < _TILTED:
+    body = np.median((leg + trunk)[upright], axis=0)
+    return body / np.linalg.norm(body)
+
+
+def tilt_of(line: np.ndarray) -> np.ndarray | None:
+    """Return the rotation (3, 3) that makes a direction (3,) vertical; None if it nearly is."""
+    if np.arccos(np.clip(line[2], -1, 1)) < _TILTED:
         return None
-    across = np.cross(body, [0.0, 0.0, 1.0])
-    angle = np.arctan2(np.linalg.norm(across), body[2])
+    across = np.cross(line, [0.0, 0.0, 1.0])
+    angle = np.arctan2(np.linalg.norm(across), line[2])
     return Rotation.from_rotvec(angle * across / np.linalg.norm(across)).as_matrix()
 
 
-def check_sides(where: str, places: Mapping[str, np.ndarray]) -> None:
-    """Raise for somebody whose feet point backward.
-
-    Left and right are then exchanged, or an axis is mirrored.
-
-    Args:
-        where: the recording's name, for messages.
-        places: centre -> positions (n, 3), any unit, along our axes.
-
-    Raises:
-        RecordingError: saying so.
-    """
-    pair = next((name for name in ("hip", "shoulder") if f"left_{name}" in places), "hip")
-    if f"left_{pair}" not in places or f"right_{pair}" not in places:
-        return
-    rise = (_middle(places, _UPPER) - _middle(places, _LOWER))[:, 2]
-    if not (np.isfinite(rise).any() and np.nanmedian(rise) > 0):
-        return  # head down, nothing is known of left and right
-    left = places[f"left_{pair}"] - places[f"right_{pair}"]
-    ahead = np.stack([left[:, 1], -left[:, 0], 0 * left[:, 0]], axis=1)
-    signs = []
-    for side in SIDES:
-        knee, ankle, toe = (places.get(f"{side}_{name}") for name in ("knee", "ankle", "toe"))
-        if knee is None or ankle is None or toe is None:
-            continue
-        # Who kneels has the toes behind.
-        shank = knee - ankle
-        stands = shank[:, 2] > 0.7 * np.linalg.norm(shank, axis=1)
-        ways = (ahead * (toe - ankle)).sum(axis=1)[stands]
-        if np.isfinite(ways).any():
-            signs.append(float(np.nanmedian(ways)))
-    if signs and max(signs) < 0:
-        raise RecordingError(
-            f"{where}: the feet point backward: left and right are exchanged, or an axis is"
-            " mirrored; exchange their names (mapping) or turn the axis round"
-        )
+def _centre(places: Mapping[str, np.ndarray], one: str, pair: str) -> np.ndarray | None:
+    """Return a centre, or the middle of a pair instead; None if neither is there."""
+    sides = [places[f"{side}_{pair}"] for side in SIDES if f"{side}_{pair}" in places]
+    if one in places:
+        return places[one]
+    return (sides[0] + sides[1]) / 2 if len(sides) == 2 else None
 
 
 def _middle(centres: Mapping[str, np.ndarray], choices: tuple[tuple[str, ...], ...]) -> np.ndarray:

@@ -166,16 +166,14 @@ def _straight(trunk: np.ndarray, neck: np.ndarray, least: float, when: str) -> N
 
 
 def stands_straight(places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where no knee is bent much (n,) bool; nowhere, without legs."""
-    count = len(next(iter(places.values())))
-    stands = np.zeros(count, dtype=bool)
+    """Return where no knee that is there is bent much (n,) bool; nowhere, without a leg."""
+    stands: np.ndarray | None = None
     for side in SIDES:
         hip, knee, ankle = (places.get(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
-        if hip is None or knee is None or ankle is None:
-            return np.zeros(count, dtype=bool)
-        straight = _cosine(knee - hip, ankle - knee) > math.cos(_STRAIGHT)
-        stands = straight if side == SIDES[0] else stands & straight
-    return stands
+        if hip is not None and knee is not None and ankle is not None:
+            straight = _cosine(knee - hip, ankle - knee) > math.cos(_STRAIGHT)
+            stands = straight if stands is None else stands & straight
+    return np.zeros(len(next(iter(places.values()))), dtype=bool) if stands is None else stands
 
 
 def _arms_hang(places: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -1,0 +1,76 @@
+"""Another recording of the same person, in which they stand straight: whether it is that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from ergoqp.errors import RecordingError
+from ergoqp.joints import SIDES
+from ergoqp.recordings.fitting.neutral import stands_straight
+from ergoqp.recordings.fitting.person import measured_lengths
+
+_SIMILAR: Final = math.log(1.15)
+"""By how much the proportions of a person's segments may differ between two recordings."""
+_STANDS: Final = math.radians(12)
+"""Straight legs of somebody who stands lean by less [rad]."""
+
+
+def check_same_person(
+    where: str, own: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]
+) -> None:
+    """Raise if two recordings are of skeletons with other proportions.
+
+    Args:
+        where: the recording's name, for messages.
+        own: centre -> positions (n, 3), any unit.
+        other: likewise in the other recording, in its unit.
+
+    Raises:
+        RecordingError: saying which segment differs the most.
+    """
+    mine, theirs = measured_lengths(own), measured_lengths(other)
+    both = [name for name in mine if name in theirs]
+    if len(both) < 3:
+        return
+    ratios = np.array([math.log(theirs[name] / mine[name]) for name in both])
+    off = np.abs(ratios - np.median(ratios))
+    # One segment may be measured badly in one of them.
+    if np.sort(off)[-2] <= _SIMILAR:
+        return
+    worst = int(np.argmax(off))
+    raise RecordingError(
+        f"{where}: neutral: got a skeleton of other proportions ({both[worst].replace('_', ' ')}"
+        f" {100 * (math.exp(off[worst]) - 1):.0f} % off), allowed the same person's"
+    )
+
+
+def check_stands(where: str, places: Mapping[str, np.ndarray]) -> None:
+    """Raise if the straight legs of another recording are not vertical.
+
+    Args:
+        where: the recording's name, for messages.
+        places: centre -> positions (n, 3), along our axes as they are in the first recording.
+
+    Raises:
+        RecordingError: the person leans as a whole there, or the camera is tilted otherwise.
+    """
+    stands = stands_straight(places)
+    legs = [
+        places[f"{side}_hip"] - places[f"{side}_ankle"]
+        for side in SIDES
+        if f"{side}_hip" in places and f"{side}_ankle" in places
+    ]
+    if not legs or not stands.any():
+        return
+    leg = np.nanmedian(np.mean(legs, axis=0)[stands], axis=0)
+    angle = math.acos(float(np.clip(leg[2] / np.linalg.norm(leg), -1, 1)))
+    if angle > _STANDS:
+        raise RecordingError(
+            f"{where}: neutral: got a recording in which straight legs lean by"
+            f" {math.degrees(angle):.0f} deg to this one's vertical axis, allowed one with the"
+            " camera and the axes as here"
+        )
