@@ -14,6 +14,7 @@ from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of
 from ergoqp.recordings.markers.landmarks import RIGID
 from ergoqp.recordings.markers.linked import Links, usual_distance
+from ergoqp.recordings.markers.order import check_order
 from ergoqp.recordings.markers.segments import middle_of, pelvis_size, rigid_segments
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import CENTRES
@@ -65,6 +66,7 @@ def joints_of_markers(
         raise RecordingError(_unplaced(where, _at(landmarks, motion.positions[::every], unit)))
     widths, count = Widths.of(motion.measures), len(motion.time)
     sample = _at(landmarks, motion.positions[::every], unit)
+    check_order(where, sample)
     links = Links(roots_of(sample, widths, size) | sample)
     step = float(np.median(np.diff(motion.time))) if count > 1 else _ON_ITS_WAY
     around = round(_ON_ITS_WAY / step)

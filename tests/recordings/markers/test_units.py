@@ -25,10 +25,11 @@ def test_a_unit_that_cannot_be(unit: float):
         fit_postures(NAMES, PLACES, 60.0, unit_to_m=unit)
 
 
-def test_units_that_are_mixed_are_not_scored():
+def test_units_that_are_mixed_are_refused():
     places = PLACES.copy()
     places[:, [NAMES.index(name) for name in ("RKNE", "LKNE", "RELB")]] *= 0.001
-    assert not fit_postures(NAMES, places, 60.0).scored.any()
+    with pytest.raises(RecordingError, match="markers are named wrongly"):
+        fit_postures(NAMES, places, 60.0)
 
 
 def test_a_lower_body_cannot_be_scored():
