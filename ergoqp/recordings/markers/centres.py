@@ -112,6 +112,9 @@ class _Landmarks:
     def __getitem__(self, name: str) -> np.ndarray:
         return self._at.get(name, self._lost)
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._at
+
     def middle(self, name: str) -> np.ndarray:
         """Return the middle between both sides."""
         return (self[f"right_{name}"] + self[f"left_{name}"]) / 2
@@ -174,8 +177,10 @@ def _arm(
     widths: Widths,
 ) -> dict[str, np.ndarray]:
     left, down = trunk
-    thumb, small = place[f"{side}_wrist_thumb"], place[f"{side}_wrist_small"]
-    wrist = either((thumb + small) / 2, thumb, small)
+    pair = (f"{side}_wrist_thumb", f"{side}_wrist_small")
+    thumb, small = (place[name] for name in pair)
+    # While one of two is lost, the other is 3 cm beside the joint, and it is not known where.
+    wrist = (thumb + small) / 2 if all(name in place for name in pair) else either(thumb, small)
     outer, inner = place[f"{side}_outer_elbow"], place[f"{side}_inner_elbow"]
     # The forearm bends to the front of the arm: across both is the axis. It is taken by the marker
     # and not by the joint below it, as Plug-in Gait does; that is off where the arm is straighter.

@@ -10,6 +10,7 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.human.marker import Marker
+from ergoqp.joints import SIDES
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of
 from ergoqp.recordings.markers.landmarks import RIGID
@@ -29,6 +30,11 @@ _SHOULDERS: Final = (0.22, 0.55)
 """How far apart a person's acromions are [m]."""
 _ON_ITS_WAY: Final = 0.1
 """For how long a marker is on its way to where it is astray, and back [s]."""
+_BARE_ELBOW: Final = (
+    "An elbow with one marker is taken to bend about the axis that this marker shows, as in"
+    " Plug-in Gait: where the arm is bent by less than 25 deg it may be off by 12 deg, and the"
+    " upper arm's rotation by 15 deg."
+)
 _UNITS: Final = (1.0, 0.01, 0.001, 0.0254)
 
 
@@ -60,6 +66,12 @@ def joints_of_markers(
         RecordingError: the pelvis cannot be placed.
     """
     every = max(1, len(motion.time) // _SAMPLE)
+    # Of a wrist with one marker that is never seen the other is all there is.
+    landmarks = {
+        name: which
+        for name, which in landmarks.items()
+        if "_wrist_" not in name or np.isfinite(motion.positions[:, list(which), 0]).any()
+    }
     segments, said = rigid_segments(motion, landmarks, more, given, unit, every)
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
@@ -93,7 +105,9 @@ def joints_of_markers(
                 centres[name] = np.full((count, 3), np.nan, dtype=np.float32)
             centres[name][start : start + len(block)] = path
         progress(min((start + _BLOCK) / count, 1.0))
-    return centres, [*_said(widths, filled, count), *astray_said(motion, astray), *said], astray
+    bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
+    how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
+    return centres, [*how, *astray_said(motion, astray), *said], astray
 
 
 def _add(astray: Astray, name: str, start: int, away: np.ndarray) -> None:

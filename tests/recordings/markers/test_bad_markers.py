@@ -191,3 +191,22 @@ def test_nothing_at_all() -> None:
     with pytest.raises(Exception, match="positions: ") as told:
         read(recording_of_nothing)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["RWRA", "LWRB"])
+def test_a_wrist_is_not_where_one_of_its_markers_is(name: str) -> None:
+    # Neither the hand nor the forearm has another marker that could tell the lost one.
+    kept = [i for i, each in enumerate(NAMES) if each[1:] not in ("FIN", "FRM")]
+    places, names = PLACES[:, kept].copy(), tuple(NAMES[i] for i in kept)
+    lost = slice(200, 400)
+    places[lost, names.index(name)] = np.nan
+    recording = read(places, names)
+    assert worst(recording) < OFF
+    assert not recording.scored[220:380].any()
+    places[:, names.index(name)] = np.nan
+    # Where it is never seen, the other is all that there is, and the elbow off by as much.
+    assert read(places, names).scored.all()
+
+
+def test_an_elbow_with_one_marker_is_said() -> None:
+    assert "An elbow with one marker is taken to bend about" in said(undisturbed())
