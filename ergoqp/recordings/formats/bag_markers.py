@@ -117,13 +117,13 @@ class Markers:
         sent, recorded = (np.frombuffer(s, dtype=np.int64) for s in (self._sent, self._recorded))
         shown = np.zeros(len(sent), dtype=bool)
         shown[messages] = True
-        frames = frames_of(self.where, sent, recorded, shown)
         names, columns, said = self._kinect_columns(messages) if self.kinect else self._named()
         column = columns[np.frombuffer(self._id, dtype=np.intc)]
         read = column >= 0
         positions = np.full((len(sent), len(names), 3), np.nan, dtype=np.float32)
         places = np.frombuffer(self._places, dtype=np.float32).reshape(-1, 3)
         positions[messages[read], column[read]] = finite(places[read], self.where)
+        frames = frames_of(self.where, sent, recorded, positions, shown)
         notes = [
             *frames.notes,
             *said,

@@ -69,7 +69,7 @@ class Series:
     def frames(self, where: str) -> Frames:
         """Return its rows as frames."""
         sent, recorded = self._stamps()
-        return frames_of(where, sent, recorded)
+        return frames_of(where, sent, recorded, self._table())
 
     def at(self, frames: Frames, where: str) -> np.ndarray:
         """Return the rows that hold at frames (n, width), NaN where there is none or it is old.
@@ -81,7 +81,7 @@ class Series:
             where: what it is, for messages.
         """
         sent, recorded = self._stamps()
-        rows = finite(np.frombuffer(self._rows, dtype=np.float32), where).reshape(-1, self.width)
+        rows = finite(self._table(), where)
         stamps = recorded + frames.lag
         if usable(sent) and abs(_lag(sent, recorded) - frames.lag) < _APART:
             stamps = sent
@@ -92,6 +92,9 @@ class Series:
         fresh = (last >= 0) & (frames.stamps - stamps[held] <= _OLD)
         return np.where(fresh[:, None], rows[held], np.float32(np.nan))
 
+    def _table(self) -> np.ndarray:
+        return np.frombuffer(self._rows, dtype=np.float32).reshape(-1, self.width)
+
     def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
         return (
             np.frombuffer(self._sent, dtype=np.int64),
@@ -100,7 +103,11 @@ class Series:
 
 
 def frames_of(
-    where: str, sent: np.ndarray, recorded: np.ndarray, stated: np.ndarray | None = None
+    where: str,
+    sent: np.ndarray,
+    recorded: np.ndarray,
+    shown: np.ndarray,
+    stated: np.ndarray | None = None,
 ) -> Frames:
     """Return messages as frames, at their senders' stamps if these increase.
 
@@ -108,10 +115,11 @@ def frames_of(
         where: the file's name, for messages.
         sent: their senders' stamps (n,) [ns].
         recorded: the recorder's (n,) [ns].
+        shown: what the messages say (n, ...).
         stated: which messages have a sender's stamp, (n,) bool; None: all.
 
     Raises:
-        RecordingError: time runs backwards.
+        RecordingError: time runs backwards, or messages of one time differ.
     """
     stated = np.ones(len(sent), dtype=bool) if stated is None else stated
     notes = []
@@ -121,7 +129,7 @@ def frames_of(
         stamps = _between(sent, recorded, stated)
     else:
         notes.append("The times are those of the recorder: the messages are not stamped in order.")
-    time, kept, said = seconds(where, (stamps - stamps[0]) * 1e-9, 1.0)
+    time, kept, said = seconds(where, (stamps - stamps[0]) * 1e-9, 1.0, [shown])
     return Frames(stamps[kept], lag, time, kept, (*notes, *said))
 
 
@@ -135,7 +143,8 @@ def usable(sent: np.ndarray) -> bool:
 def finite(values: np.ndarray, where: str) -> np.ndarray:
     """Return values that may be NaN and not more than anybody measures, or say where they are."""
     if (np.abs(values) > _LARGEST).any():
-        raise RecordingError(f"{where}: got a number that is not finite, allowed finite ones")
+        what = "not finite" if np.isinf(values).any() else "too large"
+        raise RecordingError(f"{where}: got a number that is {what}, allowed up to {_LARGEST:g}")
     return values
 
 

@@ -22,13 +22,13 @@ from ergoqp.recordings.formats.poses import poses_of, unit_turns
 from ergoqp.recordings.formats.rows import (
     Asked,
     Gathered,
-    TextLines,
     blocks,
     cells,
     count_of,
     is_number,
 )
 from ergoqp.recordings.formats.stamps import repeated, seconds
+from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.motion import JointMotion
 
 _UNITS: Final = {"meters": 1.0, "centimeters": 0.01, "millimeters": 0.001}
@@ -116,7 +116,8 @@ def read_motive(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         raise RecordingError(f"{path.name}: got no frame, allowed a take with movement in it")
     notes = _counted(path, stated, len(places))
     positions, quaternions = places.whole, turns.whole
-    time, kept, said = seconds(path.name, _times(numbered.whole, stated), 1.0)
+    stamps = _times(numbered.whole, stated)
+    time, kept, said = seconds(path.name, stamps, 1.0, [positions, quaternions])
     if not kept.all():
         positions, quaternions = positions[kept], quaternions[kept]
     units = {id(thing): quaternions[:, i] for i, thing in enumerate(oriented)}

@@ -64,7 +64,7 @@ def read_mvnx(path: Path, progress: Progress, asked: Asked) -> JointMotion:
                 if _last(path, people).add(kind, str(element.get("index")), found, share):
                     progress(share)
     motion, stamps = together(path, people)
-    time, kept, notes = seconds(path.name, stamps, 1.0)
+    time, kept, notes = seconds(path.name, stamps, 1.0, [motion.positions])
     motion = replace(motion if kept.all() else motion.at(kept), time=time)
     return replace(motion, notes=(*notes, *motion.notes, *repeated(motion.positions)))
 

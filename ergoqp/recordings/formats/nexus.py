@@ -19,13 +19,13 @@ from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.rows import (
     Asked,
     Gathered,
-    TextLines,
     blocks,
     cells,
     is_number,
     separator_of,
 )
 from ergoqp.recordings.formats.stamps import repeated, seconds
+from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import nameless
 
@@ -76,8 +76,9 @@ def read_nexus(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             places.add(block, lines.share)
     if not frames:
         raise RecordingError(f"{path.name}: got no frame of trajectories, allowed a movement")
-    time, kept, notes = seconds(path.name, frames.whole / float(stated), 1.0)
-    positions = places.whole if kept.all() else places.whole[kept]
+    positions = places.whole
+    time, kept, notes = seconds(path.name, frames.whole / float(stated), 1.0, [positions])
+    positions = positions if kept.all() else positions[kept]
     if lost:
         notes.append(f"{lost} trajectories have no label and are left out.")
     return JointMotion(

@@ -6,24 +6,18 @@ A blank is a place that was not seen. A word where a number belongs is a mistake
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import BinaryIO, Final, NoReturn
+from typing import Final
 
 import numpy as np
 
-from ergoqp.errors import RecordingError
-from ergoqp.progress import Progress
 from ergoqp.recordings.formats.opening import short
+from ergoqp.recordings.formats.text_lines import EMPTY, TextLines
 
 _BLOCK: Final = 4000
 """Lines that are read at once."""
-_LONGEST: Final = 1 << 20
-"""Bytes in a line, at most: what has longer ones is no text."""
-_MOST: Final = 16 << 20
-"""Bytes that are read at once, about."""
 _TOGETHER: Final = 4_000_000
 """Numbers that are made at once, about."""
 _LEFT_OUT: Final = 20
@@ -34,9 +28,6 @@ _EXPECTED: Final = 1 << 31
 """Bytes that are asked for in advance, at most."""
 _MARKS: Final = "\t;,"
 """What parts columns, the surest first: a decimal comma is no mark of columns."""
-_EMPTY: Final = " \t,;"
-_EMPTY_LINES: Final = 1000
-"""Empty lines above the numbers, at most."""
 _NOTHING: Final = frozenset(
     {"", "nan", "na", "n/a", "#n/a", "null", "none", "-nan", "nan(ind)", "-nan(ind)"}
     | {"1.#qnan", "-1.#ind"}
@@ -59,98 +50,18 @@ class Asked:
     rate: float | None = None
 
 
-@dataclass
-class TextLines:
-    """The lines of a text file, counted.
+@dataclass(frozen=True)
+class Chosen:
+    """The columns of a table that are read.
 
     Attributes:
-        path: the file.
-        file: it, opened.
-        size: its size [bytes].
-        progress: told how much of it is read.
-        line: number of the last line that was read.
-        ends: whether that line has an end; the last one of a file that is cut has none.
+        columns: which, in the order in which they are handed on.
+        told: place among them -> what makes a number of each of its words; it raises a ValueError
+            that says where it is and what is allowed.
     """
 
-    path: Path
-    file: BinaryIO
-    size: int
-    progress: Progress
-    line: int = 0
-    ends: bool = True
-    _again: list[str] = field(default_factory=list)
-
-    def put_back(self, row: str) -> None:
-        """Let the last line be read once more."""
-        self._again.append(row)
-        self.line -= 1
-
-    def peek(self) -> str:
-        """Return the next line that is not empty, which stays to be read; "" if there is none."""
-        for _ in range(_EMPTY_LINES):
-            rows = self.take(1)
-            if rows and rows[0].strip(_EMPTY):
-                self.put_back(rows[0])
-                return rows[0]
-        return ""
-
-    def next(self, wanted: str) -> str:
-        """Return the next line, without what ends it.
-
-        Args:
-            wanted: what it should be, for the message.
-        """
-        lines = self.take(1)
-        if not lines:
-            raise RecordingError(
-                f"{self.path.name}: the file ends in line {self.line}, required is {wanted}"
-            )
-        return lines[0]
-
-    @property
-    def share(self) -> float:
-        """How much of the file is read, from 0 to 1."""
-        return min(self.file.tell() / self.size, 1.0) if self.size else 1.0
-
-    def take(self, count: int) -> list[str]:
-        """Return the next lines, at most so many."""
-        if self._again:
-            self.line += 1
-            return [self._again.pop()]
-        raw: list[bytes] = []
-        size = 0
-        while len(raw) < count and size < _MOST and (row := self.file.readline(_LONGEST)):
-            raw.append(row)
-            size += len(row)
-            if len(row) >= _LONGEST:
-                break
-        if not raw:
-            return []
-        first = not self.line
-        self.line += len(raw)
-        self.ends = raw[-1].endswith(b"\n")
-        self._check(raw[0], raw[-1], first)
-        try:
-            text = b"".join(raw).decode("utf-8-sig" if first else "utf-8")
-        except UnicodeDecodeError:
-            # What Windows programs write where names have accents; every byte is a letter of it.
-            text = b"".join(raw).decode("latin-1")
-        self.progress(self.share)
-        # Not splitlines: for it more than these end a line, and lines would be counted wrongly.
-        return text.replace("\r\n", "\n").removesuffix("\n").split("\n")
-
-    def _check(self, begin: bytes, end: bytes, first: bool) -> None:
-        if first and begin.startswith((b"\xff\xfe", b"\xfe\xff")):
-            self.fail("got text in UTF-16, allowed UTF-8: save the file as such", 1)
-        if first and b"\n" not in begin and begin.count(b"\r") > 1:
-            self.fail("got lines that end in a carriage return alone, allowed line feeds", 1)
-        if len(end) >= _LONGEST and not self.ends:
-            self.fail(f"got a line of more than {_LONGEST >> 20} MB, allowed a text with rows")
-
-    def fail(self, problem: str, line: int | None = None) -> NoReturn:
-        """Say what is wrong with a line, the last one if no other is given."""
-        at = self.line if line is None else line
-        raise RecordingError(f"{self.path.name}, line {at}: {problem}")
+    columns: Sequence[int]
+    told: Mapping[int, Callable[[str], str]] = field(default_factory=dict)
 
 
 @dataclass
@@ -191,7 +102,11 @@ class Gathered:
 
 
 def blocks(
-    lines: TextLines, separator: str | None, width: int, blanks: bool = False
+    lines: TextLines,
+    separator: str | None,
+    width: int,
+    blanks: bool = False,
+    chosen: Chosen | None = None,
 ) -> Iterator[np.ndarray]:
     """Return the rest of a file as numbers (n, width), NaN for blanks, block by block.
 
@@ -203,6 +118,7 @@ def blocks(
         separator: what parts numbers; None for any white space.
         width: numbers in a row.
         blanks: whether a row of nothing but separators is a frame, in which nothing was seen.
+        chosen: the columns that are read, if not all are.
     """
     decimal = separator in {"\t", ";"}
     count = 0
@@ -211,16 +127,17 @@ def blocks(
         rows = [
             (i, row.replace(",", ".") if decimal else row)
             for i, row in enumerate(text, first)
-            if row.strip(_EMPTY) or (blanks and separator is not None and separator in row)
+            if row.strip(EMPTY) or (blanks and separator is not None and separator in row)
         ]
         if not rows:
             continue
         count += len(rows) * width
         if count > max(_BEARABLE, _LEFT_OUT * lines.file.tell()):
             lines.fail(f"got rows with hardly any number, allowed {width} in each")
-        values = np.array([_values(lines, i, row, separator, width) for i, row in rows])
-        if (large := np.flatnonzero((np.abs(values) > LARGEST).any(axis=1))).size:
-            lines.fail("got a number that is not finite, allowed finite ones", rows[large[0]][0])
+        values = np.array([_values(lines, i, row, separator, width, chosen) for i, row in rows])
+        if (large := np.argwhere(np.abs(values) > LARGEST)).size:
+            at, column = large[0]
+            lines.fail(_too_large(float(values[at, column])), rows[at][0])
         yield values
 
 
@@ -258,24 +175,47 @@ def is_nothing(word: str) -> bool:
 
 
 def _values(
-    lines: TextLines, line: int, row: str, separator: str | None, width: int
+    lines: TextLines,
+    line: int,
+    row: str,
+    separator: str | None,
+    width: int,
+    chosen: Chosen | None,
 ) -> list[float]:
     """Return the numbers of a row."""
     words = row.split(separator)
     while len(words) > width and not words[-1].strip():
         words.pop()
+    count = len(words)
+    if count > width or (separator is None and count < width):
+        lines.fail(f"got a row of {count} numbers, allowed {width}", line)
+    if count < width:
+        if line == lines.line and not lines.ends:
+            lines.fail(f"got a row of {count} numbers, allowed {width}: the file is cut", line)
+        words += [""] * (width - count)
+    if chosen is not None:
+        words = [words[column] for column in chosen.columns]
+        row = row if row.isascii() and "_" not in row else "".join(words)
+        for i, number in chosen.told.items():
+            words[i] = _told(lines, line, number, words[i])
     # `float` takes more for numbers than anybody writes into files: 1_0, and digits of all scripts.
-    if len(words) == width and "_" not in row and row.isascii():
+    if "_" not in row and row.isascii():
         try:
             return list(map(float, [word or "nan" for word in words] if "" in words else words))
         except ValueError:
             pass  # words for blanks, quotes, or a mistake that is to be named
-    if len(words) > width or (separator is None and len(words) < width):
-        lines.fail(f"got a row of {len(words)} numbers, allowed {width}", line)
-    if len(words) < width and line == lines.line and not lines.ends:
-        lines.fail(f"got a row of {len(words)} numbers, allowed {width}: the file is cut", line)
-    values = [_number(lines, line, word.strip().strip('"').strip()) for word in words]
-    return values + [np.nan] * (width - len(words))
+    return [_number(lines, line, word.strip().strip('"').strip()) for word in words]
+
+
+def _told(lines: TextLines, line: int, number: Callable[[str], str], word: str) -> str:
+    """Return the number that a word stands for."""
+    word = word.strip().strip('"').strip()
+    if is_nothing(word):
+        return "nan"
+    try:
+        return number(word)
+    except ValueError as error:
+        lines.fail(f"got {short(word)} {error}", line)
 
 
 def _number(lines: TextLines, line: int, word: str) -> float:
@@ -283,7 +223,10 @@ def _number(lines: TextLines, line: int, word: str) -> float:
         return float("nan")
     if not is_number(word) or "," in word:
         lines.fail(f"got {short(word)}, allowed a number", line)
-    value = float(word)
-    if not abs(value) <= LARGEST:
-        lines.fail(f"got {short(word)}, allowed a finite number", line)
-    return value
+    return float(word)
+
+
+def _too_large(value: float) -> str:
+    if np.isinf(value):
+        return f"got a number that is not finite, allowed numbers up to {LARGEST:g}"
+    return f"got {value:g}, which is too large, allowed numbers up to {LARGEST:g}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -15,22 +17,39 @@ _SLOWEST, _FASTEST = 0.01, 10_000.0
 """Rates that may be stated [Hz]."""
 _BLOCK: Final = 4000
 """Frames that are compared at once."""
+_OTHERS: Final = 0.02
+"""Share of frames that may have the time of the one before and differ from it: a mistake or two."""
+_UNIT: Final = r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds"
+_TIMES: Final = re.compile(
+    r"[%#]?\s*(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
+    rf"(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|[\s_.]+(?P<tail>{_UNIT}))?",
+    re.IGNORECASE,
+)
+_SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
+"""First letter of a unit of time -> it [s]; the letter my is the Greek one, as `casefold` says."""
 
 
 def seconds(
-    where: str, stamps: np.ndarray, unit: float | None = None
+    where: str,
+    stamps: np.ndarray,
+    unit: float | None = None,
+    shown: Sequence[np.ndarray] = (),
+    remedy: str = "",
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return times from zero [s], the frames that are kept (n,) bool, and sentences.
 
-    A frame with the time of the one before it is that frame once more, and left out.
+    A frame with the time of the one before it is left out.
 
     Args:
         where: the file's name, for messages.
         stamps: the time column (n,).
         unit: its unit [s]; None finds it.
+        shown: what the frames show, arrays (n, ...): those of one time should show the same.
+        remedy: what the user can do where they do not, for the message.
 
     Raises:
-        RecordingError: time is missing, runs backwards or has no unit that can be.
+        RecordingError: time is missing, runs backwards, has no unit that can be, or is so coarse
+            that frames which differ have the same.
     """
     if not len(stamps):
         raise RecordingError(f"{where}: got no frame, allowed a recording with movement in it")
@@ -59,16 +78,59 @@ def seconds(
         if unit != 1.0:
             notes.append(f"Times are taken as {_UNITS[unit]}.")
     time = unit * time
+    kept, said = once(where, time, shown, remedy)
+    time = time if kept.all() else time[kept]
+    return time, kept, [*said, *notes, _spacing(time)]
+
+
+def once(
+    where: str, time: np.ndarray, shown: Sequence[np.ndarray], remedy: str = ""
+) -> tuple[np.ndarray, list[str]]:
+    """Return which frames have another time than the one before, (n,) bool, and sentences.
+
+    Args:
+        where: the file's name, for messages.
+        time: times that do not run backwards (n,).
+        shown: what the frames show, arrays (n, ...).
+        remedy: what the user can do where frames of one time differ, for the message.
+
+    Raises:
+        RecordingError: many frames of one time differ.
+    """
     kept = np.concatenate([[True], np.diff(time) > 0])
-    if not kept.all():
-        notes.insert(
-            0,
-            f"{int((~kept).sum())} of {len(kept)} frames have the time of the frame before and are"
-            " left out.",
+    again = np.flatnonzero(~kept)
+    if not len(again):
+        return kept, []
+    others = 0
+    for begin in range(0, len(again), _BLOCK):
+        at = again[begin : begin + _BLOCK]
+        same = np.ones(len(at), dtype=bool)
+        for values in shown:
+            same &= _alike(values[at], values[at - 1])
+        others += int((~same).sum())
+    if others > _OTHERS * len(kept):
+        raise RecordingError(
+            f"{where}: {others} of {len(kept)} frames have the time of the frame before and show"
+            " something else, so the times are too coarse or there are several people, allowed"
+            f" times that increase{remedy}"
         )
-        time = time[kept]
-    notes.append(_spacing(time))
-    return time, kept, notes
+    differing = f", {others} of them differ from it" if others else ""
+    return kept, [
+        f"{len(again)} of {len(kept)} frames have the time of the frame before{differing} and are"
+        " left out."
+    ]
+
+
+def time_head(word: str) -> tuple[bool, float | None]:
+    """Return whether a column's head is that of times, and the unit that it states [s]."""
+    match = _TIMES.fullmatch(word)
+    stated = match and (match["unit"] or match["tail"])
+    return match is not None, tick_of(stated) if stated else None
+
+
+def tick_of(word: str) -> float | None:
+    """Return the unit of time that a word is [s]; None if it is none."""
+    return _SECONDS[word.casefold()[0]] if re.fullmatch(_UNIT, word, re.IGNORECASE) else None
 
 
 def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
@@ -91,11 +153,16 @@ def repeated(positions: np.ndarray) -> list[str]:
     for at in range(1, len(positions), _BLOCK):
         now = positions[at : at + _BLOCK]
         before = positions[at - 1 : at - 1 + len(now)]
-        same = (now == before) | (np.isnan(now) & np.isnan(before))
-        count += int(same.all(axis=(1, 2)).sum())
+        count += int(_alike(now, before).sum())
     if count < 0.01 * len(positions):
         return []
     return [f"{count} of {len(positions)} frames are the frame before once more."]
+
+
+def _alike(now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return which frames (n, ...) are as others (n, ...), unseen places being alike, (n,) bool."""
+    same = (now == before) | (np.isnan(now) & np.isnan(before))
+    return same.all(axis=tuple(range(1, same.ndim)))
 
 
 def _spacing(time: np.ndarray) -> str:

@@ -18,13 +18,13 @@ from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.rows import (
     Asked,
     Gathered,
-    TextLines,
     blocks,
     cells,
     count_of,
     separator_of,
 )
 from ergoqp.recordings.formats.stamps import seconds
+from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 200
@@ -77,7 +77,7 @@ def read_storage(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     if not rows:
         raise RecordingError(f"{path.name}: got no row below the names, allowed a movement")
     values = rows.whole
-    time, kept, notes = seconds(path.name, values[:, 0], 1.0)
+    time, kept, notes = seconds(path.name, values[:, 0], 1.0, [values[:, 1:]])
     if (total := count_of(stated.get("nrows", ""))) not in {None, len(values)}:
         notes.insert(0, f"The file states {total} rows and has {len(values)}: all are read.")
     degrees = stated.get("indegrees", "no") in {"yes", "true", "1"}

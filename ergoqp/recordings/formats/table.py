@@ -2,13 +2,14 @@
 
 Depth cameras and body trackers write such tables (Kinect, Nuitrack, ZED, MediaPipe), and so do
 motion-capture programs. Names stand before the coordinate ("NECK.x", "neck_x", "neck x (mm)"), or
-in a row above the coordinates.
+in a row above the coordinates. Each of several people may have a row for each frame, with a column
+that says whose it is.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -16,11 +17,13 @@ import numpy as np
 
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
+from ergoqp.recordings.formats.heads import Layout, layout_asked, layout_of
 from ergoqp.recordings.formats.opening import binary, short, some
+from ergoqp.recordings.formats.row_people import People, side_by_side
 from ergoqp.recordings.formats.rows import (
     Asked,
+    Chosen,
     Gathered,
-    TextLines,
     blocks,
     cells,
     is_nothing,
@@ -28,116 +31,189 @@ from ergoqp.recordings.formats.rows import (
     separator_of,
 )
 from ergoqp.recordings.formats.stamps import repeated, seconds, steady
+from ergoqp.recordings.formats.sureness import Doubts
+from ergoqp.recordings.formats.text_lines import EMPTY, TextLines
+from ergoqp.recordings.formats.words import Clock, surety
 from ergoqp.recordings.motion import JointMotion
 
 _HEAD: Final = 20
 """Lines above the numbers that are not empty, at most: Qualisys writes twelve."""
 _BLANK: Final = 1000
-"""The same where most lines are empty."""
-_LONGEST: Final = 100
-"""Letters in a name, at most: what is longer is no name, and slow to be taken apart."""
-_AXIS: Final = re.compile(r"t?(?P<axis>[xyz])\d*", re.IGNORECASE)
-_COLUMN: Final = re.compile(
-    r"(?P<name>.*?)[\s._:/-]*(?:pos(?:ition)?[\s._:/-]*|(?<=[\s._:/-])t)?(?P<axis>[xyz])\d*"
-    r"\s*(?:[\[(](?P<unit>[a-zµ]*)[\])])?",
-    re.IGNORECASE,
-)
-_NO_PLACE: Final = re.compile(
-    r"(?:(?:.*[\s._:/-])?(?i:q|quat|quaternion|rot|rotation|ori|orient|orientation|euler|angles?|"
-    r"vel|velocity|acc|accel|acceleration|gyro|mag)|.*(?:Quat|Quaternion|Rot|Rotation|Orientation|"
-    r"Vel|Velocity|Acc|Acceleration))"
-)
-"""How names of columns with x, y and z end that are no places."""
-_UNIT: Final = r"s|sec|seconds|ms|msec|milliseconds|us|µs|usec|microseconds|ns|nsec|nanoseconds"
-_TIMES: Final = re.compile(
-    r"(?:time[\s_]?stamps?|time|ts?|sec|seconds)"
-    rf"(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|[\s_.]+(?P<tail>{_UNIT}))?",
-    re.IGNORECASE,
-)
-_SURE: Final = re.compile(
-    r"(?P<name>.*?)[\s._:/-]*(?:confidence|visibility|likelihood|score|quality)"
-)
-_SECONDS: Final = {"s": 1.0, "m": 1e-3, "u": 1e-6, "μ": 1e-6, "n": 1e-9}
-"""First letter of a unit of time -> it [s]; the letter my is the Greek one, as `casefold` says."""
-_METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What the columns of a table are.
-
-    Attributes:
-        points: name -> the columns of x, y and z.
-        sure: name -> the column that says how surely it is seen.
-        time: the column of the times, or None.
-        tick: unit of the times [s], or None.
-        unit: unit of length [m], or None.
-        width: columns.
-    """
-
-    points: dict[str, tuple[int, int, int]]
-    sure: dict[str, int]
-    time: int | None
-    tick: float | None
-    unit: float | None
-    width: int
+"""Lines above the numbers without a word or a mark, at most."""
+_RATE: Final = "; or state the frames per second (rate)"
 
 
 def read_table(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     """Return the points of a table of positions.
 
-    A place with a confidence of zero is not seen.
+    Places that are not surely seen are left out, by what the table says of that. Of several people
+    each point's name begins with whose it is: "2:NECK".
 
     Args:
         path: the file.
         progress: told how much of it is read.
-        asked: names of the columns and frames per second, where the file has none.
+        asked: names of the columns, where the file has none, and frames per second, which go before
+            its times.
 
     Raises:
         RecordingError: it is no such table; says where.
     """
     with binary(path) as file:
         lines = TextLines(path, file, path.stat().st_size, progress)
-        head, first = _head(lines)
+        head, first, line = _head(lines)
         separator = separator_of(first, *reversed(head))
-        width = len(first.split(separator))
+        words = cells(first, separator)
         layout = (
-            _layout(lines, [cells(row, separator) for row in head], width)
+            layout_of(lines, [cells(row, separator) for row in head], len(words))
             if head
-            else _asked(lines, cells(first, separator), asked)
+            else layout_asked(lines, words, asked)
         )
         if layout.time is None and asked.rate is None:
             raise RecordingError(
                 f"{path.name}: got no column of times, allowed one that is called time or"
-                " timestamp; or state the frames per second (rate)"
+                f" timestamp{_RATE}"
             )
-        points = [column for columns in layout.points.values() for column in columns]
-        sure = [layout.sure.get(name, -1) for name in layout.points]
-        places, stamps = Gathered(), Gathered()
-        for values in blocks(lines, separator, layout.width, blanks=layout.time is None):
-            block = values[:, points].astype(np.float32).reshape(len(values), -1, 3)
-            for i, column in enumerate(sure):
-                if column >= 0:
-                    block[~(values[:, column] > 0), i] = np.nan
-            places.add(block, lines.share)
+        table = _Table(path.name, layout, asked.rate)
+        chosen = table.chosen(lines, words, line)
+        for values in blocks(lines, separator, layout.width, layout.time is None, chosen):
+            table.add(values, lines.share)
+    notes = [*table.unread(words)]
+    if head and asked.columns:
+        notes.append("The stated names (columns) are not used: the table has its own.")
+    return table.motion(notes)
+
+
+class _Table:
+    """The numbers of a table, as they are read."""
+
+    def __init__(self, where: str, layout: Layout, rate: float | None) -> None:
+        self._where = where
+        self._layout = layout
+        self._rate = rate
+        self._people = People()
+        self._doubts = Doubts(layout.sure)
+        self._places, self._keys, self._whose = Gathered(), Gathered(), Gathered()
+        self._points = [c for columns in layout.points.values() for c in columns]
+        several = layout.whose is not None
+        # By their numbers frames are the same, however coarse times are.
+        self._numbered = (
+            several and layout.frame is not None and (layout.time is None or rate is not None)
+        )
+        if self._numbered:
+            self._key = layout.frame
+        else:
+            self._key = layout.time if rate is None or several else None
+        self._fine = layout.fine if self._key is not None and not self._numbered else None
+
+    def chosen(self, lines: TextLines, words: list[str], line: int) -> Chosen:
+        """Return the columns that are read, by the first row of numbers, which is in this line.
+
+        Raises:
+            RecordingError: there is a word where a number belongs.
+        """
+        layout = self._layout
+        words = [*words, *[""] * layout.width][: layout.width]
+        texts = {i for i, word in enumerate(words) if not is_nothing(word) and not is_number(word)}
+        if wrong := [column for column in self._points if column in texts]:
+            lines.fail(
+                f"got {short(words[wrong[0]])} in the column {short(layout.head(wrong[0]))},"
+                " allowed a number",
+                line,
+            )
+        sure = [each.column for each in layout.sure]
+        others = [c for c in (self._key, self._fine, layout.whose) if c is not None]
+        columns = [*self._points, *sure, *others]
+        told: dict[int, Callable[[str], str]] = {
+            i: surety for i, column in enumerate(columns) if column in sure and column in texts
+        }
+        if self._key is not None and self._key in texts:
+            told[columns.index(self._key, len(self._points))] = Clock(layout.head(self._key))
+        if layout.whose is not None:
+            told[len(columns) - 1] = self._people
+        return Chosen(columns, told)
+
+    def unread(self, words: list[str]) -> list[str]:
+        """Name the columns that are not read although somebody may expect it."""
+        layout = self._layout
+        used = {*self._points, *(each.column for each in layout.sure)}
+        used |= {layout.time, layout.fine, layout.frame, layout.whose}
+        texts = [
+            i
+            for i, word in enumerate(words)
+            if i not in used and not is_nothing(word) and not is_number(word)
+        ]
+        if not (columns := sorted({*layout.unread, *texts})):
+            return []
+        if len(columns) == 1:
+            return [f"The column {layout.head(columns[0])} is not read."]
+        return [f"The columns {some([layout.head(each) for each in columns], 6)} are not read."]
+
+    def add(self, values: np.ndarray, share: float) -> None:
+        """Add rows of the chosen columns."""
+        points, sure = len(self._points), len(self._layout.sure)
+        block = values[:, :points].astype(np.float32).reshape(len(values), -1, 3)
+        self._places.add(block, share)
+        if sure:
+            self._doubts.add(values[:, points : points + sure], share)
+        if self._key is not None:
+            keys = values[:, points + sure]
+            if self._fine is not None:
+                keys = keys + 1e-9 * values[:, points + sure + 1]
+            self._keys.add(keys, share)
+        if self._layout.whose is not None:
+            self._whose.add(values[:, -1], share)
+
+    def motion(self, notes: list[str]) -> JointMotion:
+        """Return everything that was read, with sentences."""
+        layout, names, positions = self._layout, tuple(self._layout.points), self._places.whole
+        keys = self._keys.whole if self._key is not None else None
+        if layout.time is None:
+            last = _seen(positions)
+            positions, keys = positions[:last], keys if keys is None else keys[:last]
+        notes += self._doubts.blank(positions)
+        numbered = False
+        if layout.whose is not None and self._people.are_several(keys):
+            if keys is None:
+                raise RecordingError(
+                    f"{self._where}: got the rows of {len(self._people.labels)} people without"
+                    " times, allowed a column of times, or of frames with their rate"
+                )
+            names, positions, keys, said = side_by_side(
+                self._where,
+                names,
+                positions,
+                self._whose.whole[: len(positions)],
+                self._people,
+                keys,
+                _RATE if layout.frame is not None else "",
+            )
+            notes += said
+            numbered = self._numbered
+        elif layout.whose is not None and (self._people.counts or len(self._people.labels) > 1):
+            notes.append(
+                f"The column {layout.head(layout.whose)} is another in each row and is not used."
+            )
+        if self._rate is not None:
+            time, said = steady(self._where, len(positions), self._rate)
+            if keys is not None and numbered:
+                time = (keys - keys[0]) / self._rate
             if layout.time is not None:
-                stamps.add(values[:, layout.time], lines.share)
-    positions = places.whole
-    if layout.time is None:
-        assert asked.rate is not None
-        positions = positions[: _seen(positions)]
-        time, notes = steady(path.name, len(positions), asked.rate)
-    else:
-        time, kept, notes = seconds(path.name, stamps.whole, layout.tick)
-        positions = positions if kept.all() else positions[kept]
-    return JointMotion(
-        tuple(layout.points),
-        positions,
-        time,
-        None,
-        (*notes, *repeated(positions)),
-        unit=layout.unit,
-    )
+                said.append(
+                    f"The times of the column {layout.head(layout.time)} are not used: the frames"
+                    " per second are stated (rate)."
+                )
+        else:
+            assert keys is not None
+            time, kept, said = seconds(self._where, keys, layout.tick, [positions], _RATE)
+            positions = positions if kept.all() else positions[kept]
+        return JointMotion(
+            names,
+            positions,
+            time,
+            None,
+            (*said, *notes, *repeated(positions)),
+            unit=layout.unit,
+        )
 
 
 def _seen(positions: np.ndarray) -> int:
@@ -148,110 +224,42 @@ def _seen(positions: np.ndarray) -> int:
     return count
 
 
-def _head(lines: TextLines) -> tuple[list[str], str]:
-    """Return the rows above the numbers that are not empty, and the first row of numbers.
+def _head(lines: TextLines) -> tuple[list[str], str, int]:
+    """Return the rows above the numbers that are not empty, the first row of numbers and its line.
 
-    That one stays to be read.
+    That one stays to be read, and so do rows without anything above it: they may be frames.
+    Numbers begin where nothing but rows that are mostly numbers follows.
     """
     head: list[str] = []
-    while len(head) < _HEAD and lines.line < _BLANK:
-        row = lines.next("a row of numbers")
-        if not row.strip(" \t,;"):
+    rows: list[str] = []
+    numbers, empty = 0, 0
+    while len(head) + numbers < _HEAD and empty < _BLANK:
+        taken = lines.take(1)
+        if not taken and numbers:
+            break
+        row = taken[0] if taken else lines.next("a row of numbers")
+        rows.append(row)
+        if not row.strip(EMPTY):
+            # Thousands of rows before somebody is seen are looked at together.
+            more = lines.take(max(_BLANK - empty - 1, 1))
+            end = next((i for i, each in enumerate(more) if each.strip(EMPTY)), len(more))
+            lines.put_back(*more[end:])
+            rows += more[:end]
+            empty += sum(not each.strip() for each in [row, *more[:end]])
             continue
-        words = [word.strip('"') for word in re.split(r"[\s,;]+", row.strip(" \t,;"))]
+        words = [word.strip('"') for word in re.split(r"[\s,;]+", row.strip(EMPTY))]
         seen = [word for word in words if not is_nothing(word)]
-        if seen and all(map(is_number, seen)):
-            lines.put_back(row)
-            return head, row
-        head.append(row)
-    lines.fail(f"got {lines.line} lines without a row of numbers, allowed a table of positions")
-
-
-def _layout(lines: TextLines, head: list[list[str]], width: int) -> Layout:
-    """Return the layout that the rows above the numbers state."""
-    row, unit, tick = head[-1], None, None
-    # Units below the coordinates, as some programs write them.
-    units = [word.strip("[]()").lower() for word in row if word]
-    lengths = [_METRES[word] for word in units if word in _METRES]
-    ticks = [word for word in units if word not in _METRES and re.fullmatch(_UNIT, word, re.I)]
-    if len(head) > 1 and lengths and len(lengths) + len(ticks) == len(units):
-        head, unit = head[:-1], lengths[-1]
-        tick = _SECONDS[ticks[0].casefold()[0]] if ticks else None
-        row = head[-1]
-    axes = [_AXIS.fullmatch(word) for word in row]
-    if len(head) > 1 and sum(map(bool, axes)) >= 3:
-        above = [*head[-2], *[""] * len(row)][: len(row)]
-        row = [
-            f"{name}.{axis['axis'] if axis else word}"
-            if axis or _SURE.fullmatch(word.lower())
-            else word or over
-            for name, over, word, axis in zip(_spread(above), above, row, axes, strict=True)
-        ]
-    found: dict[str, dict[str, int]] = {}
-    sure: dict[str, int] = {}
-    twice: dict[str, str] = {}
-    time = None
-    for column, word in enumerate(row):
-        if len(word) > _LONGEST:
+        known = sum(map(is_number, seen))
+        if seen and known == len(seen):
+            numbers += 1
+            break
+        if known >= 3 and 2 * known >= len(seen):
+            numbers += 1
             continue
-        if times := _TIMES.fullmatch(word):
-            if time is None:
-                time = column
-                stated = times["unit"] or times["tail"]
-                tick = _SECONDS[stated.casefold()[0]] if stated else tick
-        elif sureness := _SURE.fullmatch(word.lower()):
-            sure[sureness["name"]] = column
-        elif (match := _COLUMN.fullmatch(word)) and _is_place(name := match["name"]):
-            axes_found = found.setdefault(name, {})
-            if match["axis"].lower() in axes_found:
-                twice.setdefault(name, word)
-            axes_found[match["axis"].lower()] = column
-            unit = _METRES.get((match["unit"] or "").lower(), unit)
-    points = {
-        name: (axes["x"], axes["y"], axes["z"]) for name, axes in found.items() if len(axes) == 3
-    }
-    if not points:
-        lines.fail(
-            f"got the columns {some([short(word) for word in row if word], 6)}, allowed three for"
-            " each joint, such as neck.x, neck.y, neck.z"
-        )
-    if again := [word for name, word in twice.items() if name in points]:
-        lines.fail(f"got the column {short(again[0])} twice, allowed each once")
-    sure = {name: sure[name.lower()] for name in points if name.lower() in sure}
-    return Layout(points, sure, time, tick, unit, max(width, len(row)))
-
-
-def _is_place(name: str) -> bool:
-    return bool(name) and not _NO_PLACE.fullmatch(name)
-
-
-def _asked(lines: TextLines, first: list[str], asked: Asked) -> Layout:
-    """Return the layout of a table without names."""
-    line, width = lines.line + 1, 3 * len(asked.columns)
-    while len(first) > width and not first[-1]:
-        first.pop()
-    if not asked.columns:
-        lines.fail(
-            f"got {len(first)} numbers and no names above them, allowed a row of names; or state"
-            " the names of the points in their order (columns)",
-            line,
-        )
-    if len(set(asked.columns)) < len(asked.columns):
-        lines.fail("columns: got a name twice, allowed different ones", line)
-    if width != len(first):
-        lines.fail(
-            f"got {len(first)} numbers and {len(asked.columns)} names (columns), allowed three"
-            " numbers for each name",
-            line,
-        )
-    points = {name: (3 * i, 3 * i + 1, 3 * i + 2) for i, name in enumerate(asked.columns)}
-    return Layout(points, {}, None, None, None, width)
-
-
-def _spread(names: list[str]) -> list[str]:
-    """Return the names above the coordinates, one for each column: blanks belong to the last."""
-    found, last = [], ""
-    for name in names:
-        last = name or last
-        found.append(last.removeprefix("Name:"))
-    return found
+        head += [each for each in rows if each.strip(EMPTY)]
+        rows, numbers = [], 0
+    if not numbers:
+        lines.fail(f"got {lines.line} lines without a row of numbers, allowed a table of positions")
+    lines.put_back(*rows)
+    at, first = next((i, row) for i, row in enumerate(rows, 1) if row.strip(EMPTY))
+    return head, first, lines.line + at

@@ -19,13 +19,13 @@ from ergoqp.recordings.formats.opening import binary, short
 from ergoqp.recordings.formats.rows import (
     Asked,
     Gathered,
-    TextLines,
     blocks,
     cells,
     count_of,
     separator_of,
 )
 from ergoqp.recordings.formats.stamps import repeated, seconds
+from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.motion import JointMotion
 
 UNITS: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0, "dm": 0.1, "in": 0.0254, "inches": 0.0254}
@@ -76,7 +76,7 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     if not stamps:
         raise RecordingError(f"{path.name}: got no row of numbers, allowed a movement")
     positions = places.whole
-    time, kept, notes = seconds(path.name, stamps.whole, 1.0)
+    time, kept, notes = seconds(path.name, stamps.whole, 1.0, [positions])
     positions = positions if kept.all() else positions[kept]
     for key, found, what in (
         ("numframes", len(kept), "frames"),

@@ -136,3 +136,11 @@ def refused(
     assert path.name[:37] in text
     assert "\n" not in text
     assert len(text) < 400
+
+
+def folder_of(path: Path, **files: str | bytes) -> Path:
+    folder = path / "take"
+    folder.mkdir()
+    for name, content in files.items():
+        write(folder / f"{name}.csv", content)
+    return folder

@@ -8,36 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small_files import BODY, read, refused, write
+from small_files import BODY, folder_of, read, refused, write
 
 from ergoqp.errors import RecordingError
 from ergoqp.recordings.formats.bodies import is_folder_of_bodies, read_bodies
 
 POSED = "The quaternions are taken as "
-
-
-def folder_of(path: Path, **files: str | bytes) -> Path:
-    folder = path / "take"
-    folder.mkdir()
-    for name, content in files.items():
-        write(folder / f"{name}.csv", content)
-    return folder
-
-
-def table(places: np.ndarray, turns: np.ndarray, head: str = "x,y,z,q0,q1,q2,q3") -> str:
-    rows = [",".join(map(str, row)) for row in np.hstack([places, turns])]
-    return "\n".join([head, *rows, ""])
-
-
-def arm(order: list[int], generator: np.random.Generator, **lost: slice) -> dict[str, str]:
-    """Tables of an upper arm, and of a forearm that hinges on it."""
-    upper, hinge = Rotation.random(50, rng=generator), Rotation.random(50, rng=generator)
-    place = generator.normal(size=(50, 3))
-    below = place + upper.apply([0, 0, -0.3])
-    turns = {"upper": upper.as_quat()[:, order], "fore": hinge.as_quat()[:, order]}
-    for name, frames in lost.items():
-        turns[name][frames] = 0
-    return {"upper": table(place, turns["upper"]), "fore": table(below, turns["fore"])}
 
 
 def test_names_places_turns_poses_and_times(tmp_path: Path) -> None:
@@ -80,63 +56,6 @@ def test_the_same_table_of_other_programs(content: str, tmp_path: Path) -> None:
     assert motion.turns["box"][1] == pytest.approx([0, 0, 0.6, 0.8])
 
 
-@pytest.mark.parametrize(
-    ("order", "said"), [([0, 1, 2, 3], "x, y, z, w"), ([3, 0, 1, 2], "w, x, y, z")]
-)
-@pytest.mark.parametrize("lost", [{}, {"upper": slice(20)}, {"fore": slice(None)}])
-def test_the_order_of_quaternions_is_found(
-    order: list[int], said: str, lost: dict[str, slice], tmp_path: Path
-) -> None:
-    files = arm(order, np.random.default_rng(4), **lost)
-    motion = read(read_bodies, folder_of(tmp_path, **files), rate=10)
-    assert any(note.startswith(f"{POSED}{said}: a bone's neighbour") for note in motion.notes)
-    upper = Rotation.random(50, rng=np.random.default_rng(4)).as_quat()
-    seen = slice(20, None) if "upper" in lost else slice(None)
-    assert motion.turns["upper"][seen] == pytest.approx(upper[seen], abs=1e-6)
-    for name, frames in lost.items():
-        assert np.isnan(motion.turns[name][frames]).all()
-        assert np.isnan(motion.objects[name][frames, :3, :3]).all()
-
-
-def test_each_table_may_tell_its_order(tmp_path: Path) -> None:
-    last, first = (
-        BODY.replace("q0,q1,q2,q3", "qx,qy,qz,qw"),
-        "x,y,z,qw,qx,qy,qz\n1,2,3,0.8,0,0,.6\n",
-    )
-    rows = first + "1,2,3,1,0,0,0\n" * 2
-    motion = read(read_bodies, folder_of(tmp_path, a=last, b=rows), rate=10)
-    assert motion.turns["a"][1] == pytest.approx([0, 0, 0.6, 0.8])
-    assert motion.turns["b"][0] == pytest.approx([0, 0, 0.6, 0.8])
-    assert not any(note.startswith(POSED) for note in motion.notes)
-    files = arm([3, 0, 1, 2], np.random.default_rng(4))
-    fore = files["fore"].replace("q0,q1,q2,q3", "qw,qx,qy,qz")
-    (tmp_path / "other").mkdir()
-    folder = folder_of(tmp_path / "other", upper=files["upper"], fore=fore)
-    motion = read(read_bodies, folder, rate=10)
-    upper = Rotation.random(50, rng=np.random.default_rng(4)).as_quat()
-    assert motion.turns["upper"] == pytest.approx(upper, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("files", "objects"),
-    [
-        (["ann_hip", "ann_neck", "box"], ["box"]),
-        (["ann_hip", "ann_neck"], ["hip", "neck"]),
-        (["hip", "box"], ["box", "hip"]),
-    ],
-)
-def test_the_bodies_of_a_person_are_no_objects(
-    files: list[str], objects: list[str], tmp_path: Path
-) -> None:
-    folder = folder_of(tmp_path, **dict.fromkeys(files, BODY))
-    assert list(read(read_bodies, folder, rate=10).objects) == objects
-
-
-def test_one_body_does_not_tell_its_order(tmp_path: Path) -> None:
-    motion = read(read_bodies, folder_of(tmp_path, box=BODY), rate=10)
-    assert motion.notes[1] == f"{POSED}x, y, z, w: with one body nothing tells their order."
-
-
 @pytest.mark.parametrize("row", [",,,,,,", "nan,nan,nan,nan,nan,nan,nan", "1,2,3,0,0,0,0"])
 def test_what_is_not_seen_keeps_its_time(row: str, tmp_path: Path) -> None:
     content = BODY.replace("1.5,2,3,0,0,0.6,0.8", row)
@@ -144,36 +63,6 @@ def test_what_is_not_seen_keeps_its_time(row: str, tmp_path: Path) -> None:
     assert motion.positions.shape == (3, 2, 3)
     assert np.isnan(motion.turns["a"][1]).all()
     assert np.isnan(motion.of("a")[1]).all() == ("2" not in row)
-
-
-@pytest.mark.parametrize("number", ["1e30", "5", "0.2"])
-def test_what_is_no_unit_quaternion_is_not_seen(number: str, tmp_path: Path) -> None:
-    content = BODY.replace("1,2,3,0,0,0,1", f"1,2,3,0,0,0,{number}")
-    motion = read(read_bodies, folder_of(tmp_path, a=content, b=BODY), rate=10)
-    np.testing.assert_array_equal(np.isnan(motion.turns["a"][:, 0]), [True, False, True])
-
-
-@pytest.mark.parametrize(
-    ("files", "names"),
-    [
-        (["giver_hip_pose", "giver_neck_pose", "baton_pose"], ["baton", "hip", "neck"]),
-        (["a_x", "a_y", "b_x", "b_y"], ["x", "y", "b_x", "b_y"]),
-        (["one"], ["one"]),
-        (["hip", "hips"], ["hip", "hips"]),
-        (["s1_hip", "s1_"], ["s1_", "s1_hip"]),
-    ],
-)
-def test_names(files: list[str], names: list[str], tmp_path: Path) -> None:
-    folder = folder_of(tmp_path, **dict.fromkeys(files, BODY))
-    assert read(read_bodies, folder, rate=10).names == tuple(names)
-
-
-def test_files_of_one_name_are_two_bodies(tmp_path: Path) -> None:
-    folder = folder_of(tmp_path, hip=BODY)
-    write(folder / "hip.txt", BODY)
-    write(folder / "notes.txt", "x marks the place\n")
-    write(folder / "hip.json", BODY)
-    assert read(read_bodies, folder, rate=10).names == ("hip.csv", "hip.txt")
 
 
 BROKEN = {
@@ -208,6 +97,42 @@ def test_a_folder_without_poses(content: str | bytes, tmp_path: Path) -> None:
     refused(
         read_bodies, folder, "take: got no table of poses, allowed one with the columns", rate=1
     )
+
+
+def timed(times: list[float], head: str = "time", body: str = BODY) -> str:
+    rows = body.splitlines()
+    return "\n".join(f"{time},{row}" for time, row in zip([head, *times], rows, strict=True)) + "\n"
+
+
+def test_times_of_the_tables(tmp_path: Path) -> None:
+    late = timed([3.001, 3.201, 3.301], "Timestamp")
+    folder = folder_of(tmp_path, a=timed([3, 3.2, 3.3]), b=late, c=BODY)
+    refused(read_bodies, folder, "take: got tables of poses without times, allowed with a column")
+    (folder / "c.csv").unlink()
+    motion = read(read_bodies, folder)
+    assert motion.time == pytest.approx([0, 0.2, 0.3])
+    assert motion.notes[0].startswith("The frames are not uniform in time")
+    stated = read(read_bodies, folder, rate=10)
+    assert stated.time == pytest.approx([0, 0.1, 0.2])
+    assert stated.notes[1] == (
+        "The times of the tables are not used: the frames per second are stated (rate)."
+    )
+    write(folder / "b.csv", timed([3, 3.1, 3.3]))
+    refused(read_bodies, folder, "take: got other times for b than for a, allowed the same for")
+    write(folder / "b.csv", timed([3000, 3200, 3300], "time (ms)"))
+    refused(read_bodies, folder, "take: got other times for b than for a, allowed the same for")
+
+
+def test_poses_of_one_time(tmp_path: Path) -> None:
+    same = BODY.replace("1.5,2,3,0,0,0.6,0.8", "1,2,3,0,0,0,1")
+    folder = folder_of(tmp_path, a=timed([3, 3, 3.1], body=same), b=timed([3, 3, 3.1], body=same))
+    motion = read(read_bodies, folder)
+    assert motion.time == pytest.approx([0, 0.1])
+    assert motion.positions.shape == (2, 2, 3)
+    assert motion.turns["a"].shape == (2, 4)
+    assert motion.objects["a"].shape == (2, 4, 4)
+    write(folder / "b.csv", timed([3, 3, 3.1]))
+    refused(read_bodies, folder, r"take: 1 of 3 frames have the time .* per second \(rate\)$")
 
 
 def test_a_rate_is_needed(tmp_path: Path) -> None:

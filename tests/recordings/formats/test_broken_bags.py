@@ -197,3 +197,18 @@ def test_without_rosbags_its_extra_is_named(ros1: Bag, monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(MissingExtraError, match=r"reading ROS bags needs the package 'rosbags'"):
         read(path)
+
+
+@pytest.mark.parametrize("topic", ["/bodies", "/tf", "/cup"])
+def test_messages_of_one_time_that_differ(ros1: Bag, topic: str) -> None:
+    messages = []
+    for i in range(20):
+        time, place = 0.1 * (i // 2), (i, 0, 0)
+        if topic == "/bodies":
+            message = ros1.markers(time, {5: place})
+        elif topic == "/tf":
+            message = ros1.tf(ros1.transform(time, "map", "hand", place))
+        else:
+            message = ros1.pose(time, place)
+        messages.append((0.05 * i, topic, message))
+    sentence(ros1.write(messages), "10 of 20 frames have the time of the frame before and show")

@@ -130,6 +130,10 @@ def test_more_frames_than_stated_are_read(tmp_path: Path) -> None:
 
 
 BROKEN = {
+    "times too coarse": (
+        MOTIVE.replace("1,0.100000", "0,0.000000"),
+        "1 of 3 frames have the time of the frame before and show something else",
+    ),
     "empty": ("", "^a.csv: the file ends in line 0, required is the row 'Format Version'"),
     "blank": ("\n\n", "line 1: got '', allowed 'Format Version'"),
     "other": ("time,a.x\n", "line 1: got 'time', allowed 'Format Version'"),

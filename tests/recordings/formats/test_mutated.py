@@ -24,6 +24,11 @@ FORMATS = {
     "table": (read_table, TABLE),
     "semicolons": (read_table, TABLE.replace(",", ";").replace(".", ",")),
     "two rows above": (read_table, ",neck,,,\ntime,x,y,z,score\n(s),mm,mm,mm,\n0,1,2,3,1\n"),
+    "two people": (
+        read_table,
+        "time,id,a.x,a.y,a.z,a.c,mood\n12:00:00,1,1,2,3,0.1,x\n12:00:00,Al,1,2,3,0.9,y\n"
+        "12:00:00.5,1,1,2,3,0.9,y\n12:00:01,Al,1,2,4,0.9,y\n",
+    ),
     "trc": (read_trc, TRC),
     "storage": (read_storage, STORAGE),
     "motive": (read_motive, MOTIVE),

@@ -53,6 +53,7 @@ def test_markers_times_and_notes(content: str, tmp_path: Path) -> None:
 
 
 BROKEN = {
+    "a frame twice": (NEXUS.replace("\n6,", "\n5,"), "1 of 3 frames have the time of the frame"),
     "no trajectories": (DEVICES, "the file ends in line .*, required is the section Trajectories"),
     "no rate": (NEXUS.replace("\n10\n", "\nmany\n"), "line 2: got 'many', allowed frames per sec"),
     "rate nan": (NEXUS.replace("\n10\n", "\nnan\n"), "line 2: got 'nan', allowed frames per sec"),

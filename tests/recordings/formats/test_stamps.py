@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.stamps import repeated, seconds, steady
+from ergoqp.recordings.formats.stamps import repeated, seconds, steady, time_head
 
 STEPS = np.array([0.0, 0.1, 0.2, 0.35])
 
@@ -103,3 +103,52 @@ def test_frames_that_are_there_twice() -> None:
     positions[4000] = positions[3999]  # the first of a block
     assert repeated(positions)[0].startswith(f"{3000 + (4000 % 3 != 1)} ")
     assert repeated(positions[:1]) == []
+
+
+SHOWN = np.random.default_rng(1).normal(size=(100, 2, 3)).astype(np.float32)
+
+
+def test_frames_of_one_time_that_show_the_same_are_one() -> None:
+    stamps, shown = 0.1 * (np.arange(100) // 2), np.repeat(SHOWN[:50], 2, axis=0)
+    shown[20:22] = np.nan
+    time, kept, notes = seconds("a", stamps, 1.0, [shown, shown[:, :0]])
+    assert len(time) == kept.sum() == 50
+    assert notes[0] == "50 of 100 frames have the time of the frame before and are left out."
+
+
+def test_few_frames_of_one_time_may_differ() -> None:
+    stamps = 0.1 * np.arange(100)
+    stamps[[20, 40]] = stamps[[19, 39]]
+    _, kept, notes = seconds("a", stamps, 1.0, [SHOWN])
+    np.testing.assert_array_equal(np.flatnonzero(~kept), [20, 40])
+    assert notes[0] == (
+        "2 of 100 frames have the time of the frame before, 2 of them differ from it and are left"
+        " out."
+    )
+    stamps[60] = stamps[59]
+    with pytest.raises(RecordingError, match=r"^a: 3 of 100 frames have the time of the frame"):
+        seconds("a", stamps, 1.0, [SHOWN])
+
+
+@pytest.mark.parametrize("stamps", [np.arange(100) // 50, np.zeros(100)])
+def test_times_that_are_too_coarse_are_refused(stamps: np.ndarray) -> None:
+    with pytest.raises(RecordingError) as caught:
+        seconds("a", stamps.astype(float), 1.0, [SHOWN], "; or state the rate")
+    assert str(caught.value).endswith(
+        "frames have the time of the frame before and show something else, so the times are too"
+        " coarse or there are several people, allowed times that increase; or state the rate"
+    )
+
+
+@pytest.mark.parametrize(
+    ("word", "found"),
+    [
+        ("%time", (True, None)),
+        ("Timestamp [ms]", (True, 1e-3)),
+        ("t_ns", (True, 1e-9)),
+        ("tip", (False, None)),
+        ("time of day", (False, None)),
+    ],
+)
+def test_heads_of_times(word: str, found: tuple[bool, float | None]) -> None:
+    assert time_head(word) == found

@@ -92,9 +92,11 @@ def test_the_count_of_rows_is_compared(rows: str, notes: tuple[str, ...], tmp_pa
 
 
 def test_a_frame_that_is_there_twice_is_left_out(tmp_path: Path) -> None:
-    content = STORAGE.replace("0.1\t45", "0.0\t45")
+    content = STORAGE.replace("0.1\t45\t0.6", "0.0\t90\t0.5")
     motion = read(read_storage, write(tmp_path / "a.mot", content))
     np.testing.assert_array_equal(motion.angles["pelvis_tx"], [0.5, 0.7])
+    other = write(tmp_path / "b.mot", STORAGE.replace("0.1\t45", "0.0\t45"))
+    refused(read_storage, other, "^b.mot: 1 of 3 frames have the time of the frame before and show")
 
 
 BROKEN = {

@@ -56,6 +56,7 @@ def test_the_points_times_and_notes(tmp_path: Path) -> None:
         (headed("time,neck,,,hip,,", ",x,y,z,x,y,z"), None),
         (headed(",neck,neck,neck,hip,hip,hip", "time,X1,Y1,Z1,X2,Y2,Z2"), None),
         (headed(",Name:neck,,,Name:hip,,", "Time,TX,TY,TZ,TX,TY,TZ"), None),
+        (headed("time,neck,,,hip,,", "s,x,y,z,x,y,z"), None),
         (
             headed(
                 "time,Left Wrist.x,Left Wrist.y,Left Wrist.z,R (big) toe x,R (big) toe y,"
@@ -81,7 +82,7 @@ def test_the_same_table_of_other_programs(
 
 
 def test_frames_that_are_there_twice(tmp_path: Path) -> None:
-    content = TABLE + "0.2,9,9,9,9,9,9\n0.3,-1e-1,2,3,4,5,6.25\n"
+    content = TABLE + "0.2,-1e-1,2,3,4,5,6.25\n0.3,-1e-1,2,3,4,5,6.25\n"
     motion = read(read_table, write(tmp_path / "a.csv", content))
     np.testing.assert_array_equal(motion.positions, POINTS[[0, 1, 2, 2]].astype(np.float32))
     assert motion.time == pytest.approx([0, 0.1, 0.2, 0.3])
@@ -90,6 +91,8 @@ def test_frames_that_are_there_twice(tmp_path: Path) -> None:
         "The frames are uniform in time, 0.1 s apart.",
         "1 of 4 frames are the frame before once more.",
     )
+    other = write(tmp_path / "b.csv", TABLE + "0.2,9,9,9,9,9,9\n")
+    refused(read_table, other, r"^b.csv: 1 of 4 frames have the time .* per second \(rate\)$")
 
 
 def test_names_of_windows_programs(tmp_path: Path) -> None:
@@ -97,52 +100,10 @@ def test_names_of_windows_programs(tmp_path: Path) -> None:
     assert read(read_table, write(tmp_path / "a.csv", content)).names[0] == "Schlüsselbein"
 
 
-@pytest.mark.parametrize(
-    ("column", "factor"),
-    [
-        ("Time (Seconds)", 1),
-        ("time_s", 1),
-        ("timestamp[ms]", 1e3),
-        ("Time (milliseconds)", 1e3),
-        ("t_us", 1e6),
-        ("time (µs)", 1e6),
-        ("time (μs)", 1e6),
-        ("time (\u017f)", 1),
-        ("time [ns]", 1e9),
-        ("timestamp", 1e6),
-        ("timestamps", 1e6),
-        ("ts", 1e9),
-        ("Time", 1e3),
-    ],
-)
-def test_units_of_time(column: str, factor: float, tmp_path: Path) -> None:
-    content = TABLE.replace("time,", f"{column},").replace("0.1,", f"{0.1 * factor},")
-    content = content.replace("0.2,", f"{0.2 * factor},")
-    motion = read(read_table, write(tmp_path / "a.csv", content))
-    assert motion.time == pytest.approx([0, 0.1, 0.2])
-
-
-@pytest.mark.parametrize(
-    ("content", "unit", "tick"),
-    [
-        (TABLE.replace(".x", ".x (mm)"), 0.001, 1),
-        (TABLE.replace(".x", ".x [cm]"), 0.01, 1),
-        (headed("time,neck,,,hip,,", ",x,y,z,x,y,z", "s,mm,mm,mm,mm,mm,mm"), 0.001, 1),
-        (headed("time,neck,,,hip,,", ",x,y,z,x,y,z", ",m,m,m,m,m,m"), 1.0, 1),
-        (headed(HEAD, "(ms),[mm],[mm],[mm],[mm],[mm],[mm]"), 0.001, 1e-3),
-        (headed(HEAD, "μs,m,m,m,m,m,m"), 1.0, 1e-6),
-    ],
-)
-def test_units_in_the_head(content: str, unit: float, tick: float, tmp_path: Path) -> None:
-    motion = read(read_table, write(tmp_path / "a.csv", content))
-    assert (motion.names, motion.unit) == (("neck", "hip"), unit)
-    assert motion.time == pytest.approx([0, 0.1 * tick, 0.2 * tick])
-
-
 def test_what_is_not_seen(tmp_path: Path) -> None:
     content = (
         "time,a.x,a.y,a.z,a.confidence,b.x,b.y,b.z,b score\n"
-        "0,,null,,1,4,5,6,0.2\n"
+        "0,,null,,1,4,5,6,0.4\n"
         "0.1,1,2,3,0,4,5,6,nan\n"
         "0.2,1,,3,-1,4,5\n"
         "0.3,1,,3,1,NaN,5,6,1\n"
@@ -153,21 +114,60 @@ def test_what_is_not_seen(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[:, 1], [[4, 5, 6], lost, lost, [np.nan, 5, 6]])
 
 
-def test_confidence_below_the_names(tmp_path: Path) -> None:
-    content = ",a,,,,b,,,\ntime,x,y,z,Confidence,x,y,z,Confidence\n0,1,2,3,0,4,5,6,1\n"
-    found = read(read_table, write(tmp_path / "a.csv", content)).positions
-    np.testing.assert_array_equal(found, [[[np.nan] * 3, [4, 5, 6]]])
+def test_words_in_columns_that_are_not_read(tmp_path: Path) -> None:
+    rows = [
+        row + word for row, word in zip(TABLE.split(), (",n_a", ",é", ",a b", ",1"), strict=True)
+    ]
+    for content in ("\n".join(rows), "\n".join(rows).replace(",", "\t")):
+        motion = read(read_table, write(tmp_path / "a.csv", content))
+        np.testing.assert_array_equal(motion.positions, POINTS.astype(np.float32))
+        assert motion.notes[1] == "The column n_a is not read."
 
 
-def test_columns_that_are_no_places(tmp_path: Path) -> None:
-    content = (
-        "frame,time,a.x,a.y,a.z,a.qx,a.qy,a.qz,a.qw,a.rot.x,a.rot.y,a.rot.z,aVelX,aVelY,aVelZ,"
-        "qx,qy,qz,qw,b.x,b.y,max,may,state\n"
-        "1,0,1,2,3,0,0,0,1,7,7,7,8,8,8,0,0,0,1,5,5,1,1,2\n"
-    )
+@pytest.mark.parametrize(
+    ("words", "mark"),
+    [
+        (("12:59:59.95", "13:00:00.05", "13:00:00.15"), ","),
+        (("2026-01-31 23:59:59.95", "2026-02-01 00:00:00.05", "2026-02-01 00:00:00.15"), ","),
+        (("12:59:59,95", "13:00:00,05", "13:00:00,15"), ";"),
+        (("2026-01-31T12:00:00.0Z", "2026-01-31T12:00:00.1Z", "2026-01-31T12:00:00.2Z"), "\t"),
+    ],
+)
+def test_clock_times(words: tuple[str, ...], mark: str, tmp_path: Path) -> None:
+    content = TABLE.replace(",", mark)
+    for old, word in zip(("0.0", "0.1", "0.2"), words, strict=True):
+        content = content.replace(f"\n{old}{mark}", f"\n{word}{mark}")
     motion = read(read_table, write(tmp_path / "a.csv", content))
-    assert motion.names == ("a",)
-    np.testing.assert_array_equal(motion.positions, [[[1, 2, 3]]])
+    assert motion.time == pytest.approx([0, 0.1, 0.2], abs=1e-6)
+    np.testing.assert_array_equal(motion.positions, POINTS.astype(np.float32))
+
+
+@pytest.mark.parametrize("times", [("0", "0", "0"), ("0.2", "0.1", "x"), ("", "", "")])
+def test_a_stated_rate_goes_before_times(times: tuple[str, ...], tmp_path: Path) -> None:
+    content = TABLE
+    for i, word in enumerate(times):
+        content = content.replace(f"\n0.{i},", f"\n{word},")
+    motion = read(read_table, write(tmp_path / "a.csv", content), rate=10)
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+    assert motion.notes[:2] == (
+        "There are 10 frames per second, as stated.",
+        "The times of the column time are not used: the frames per second are stated (rate).",
+    )
+
+
+@pytest.mark.parametrize("count", [1, 30, 5000])
+def test_rows_before_anybody_is_seen_are_frames(count: int, tmp_path: Path) -> None:
+    rows = [row.partition(",")[2] for row in TABLE.splitlines()]
+    content = "\n".join([",,", rows[0], *[",,,,,"] * count, "", *rows[1:]])
+    motion = read(read_table, write(tmp_path / "a.csv", content), rate=10)
+    assert np.isnan(motion.positions[:count]).all()
+    np.testing.assert_array_equal(motion.positions[count:], POINTS.astype(np.float32))
+    without = "\n".join([",,,,,"] * count + rows[1:])
+    motion = read(read_table, write(tmp_path / "b.csv", without), ("neck", "hip"), 10)
+    assert len(motion.time) == count + 3
+    # Where there are times a row without one is none.
+    timed = TABLE.replace("\n", "\n" + ",,\n" * count, 1)
+    assert len(read(read_table, write(tmp_path / "c.csv", timed)).time) == 3
 
 
 def test_a_rate_where_there_are_no_times(tmp_path: Path) -> None:
@@ -181,21 +181,6 @@ def test_a_rate_where_there_are_no_times(tmp_path: Path) -> None:
     assert motion.notes[0] == "There are 50 frames per second, as stated."
     refused(read_table, path, r"^a\.csv: got no column of times, allowed .* \(rate\)$")
     refused(read_table, path, r"^a\.csv: rate: got 0, allowed", rate=0)
-
-
-@pytest.mark.parametrize("content", ["1 2 3 4 5 6\n1 2 3 4 5 6\n", "1,2,3,4,5,6,\n\n1,2,3,4,5,6,,"])
-def test_a_table_without_names(content: str, tmp_path: Path) -> None:
-    path = write(tmp_path / "a.txt", content)
-    motion = read(read_table, path, columns=("b", "a"), rate=10)
-    assert motion.names == ("b", "a")
-    np.testing.assert_array_equal(motion.positions, [[[1, 2, 3], [4, 5, 6]]] * 2)
-    for columns, rate, sentence in (
-        ((), 10, r"line 1: got 6 numbers and no names above .* \(columns\)$"),
-        (("a", "a"), 10, "line 1: columns: got a name twice, allowed different ones"),
-        (("a",), 10, r"line 1: got 6 numbers and 1 names \(columns\), allowed three"),
-        (("a", "b"), None, "got no column of times"),
-    ):
-        refused(read_table, path, sentence, columns, rate)
 
 
 BROKEN = {
@@ -224,6 +209,19 @@ BROKEN = {
     "a wide row": (TABLE + "1,2,3,4,5,6,7,8\n", "line 5: got a row of 8 numbers, allowed 7"),
     "no time": (TABLE.replace("0.1,", ",", 1), "frame 2 has no time, allowed a time for each"),
     "time back": (TABLE.replace("0.2", "0.05"), "time runs backwards from frame 2 to 3"),
+    "a word at first": (
+        TABLE.replace("\n0.0,1,2", "\n,,\n0.0,1,two"),
+        "line 3: got 'two' in the column 'neck.y', allowed a number",
+    ),
+    "no clock": (
+        TABLE.replace("\n0.0", "\n12h"),
+        "line 2: got '12h' in the column 'time', allowed a number or a time such as 12:00:00.5",
+    ),
+    "a clock that stops": (
+        TABLE.replace("\n0.0", "\n12:00:00").replace("\n0.1", "\nnoon"),
+        "line 3: got 'noon' in the column 'time', allowed a number or a time such as 12:00:00.5",
+    ),
+    "too large": (TABLE.replace("4.5", "1e31"), r"line 3: got 1e\+31, which is too large, allowed"),
     "infinite": (TABLE.replace("4.5", "inf"), "line 3: got a number that is not finite"),
 }
 
@@ -243,6 +241,7 @@ def test_a_broken_table_is_told(name: str, tmp_path: Path) -> None:
     [
         (bytes(5000), "line 1|ends in line 1"),
         (bytes(range(256)) * 40, "got 20 lines without a row of numbers"),
+        (TABLE.encode("utf-16-le"), "line 1: got text in UTF-16, allowed UTF-8"),
         (TABLE.encode("utf-16"), "line 1: got text in UTF-16, allowed UTF-8"),
         (TABLE.replace("\n", "\r").encode(), "line 1: got lines that end in a carriage return"),
     ],

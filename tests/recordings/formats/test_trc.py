@@ -115,10 +115,12 @@ def test_a_broken_file_is_told(name: str, tmp_path: Path) -> None:
 
 
 def test_the_time_of_a_frame_twice(tmp_path: Path) -> None:
-    content = TRC.replace("2\t0.1", "2\t0.0")
+    content = TRC.replace("2\t0.1\t1.5\t2.5\t3.5\t4.5\t5.5\t6.5", "2\t0.0\t1\t2\t3\t4\t5\t6")
     motion = read(read_trc, write(tmp_path / "a.trc", content))
     np.testing.assert_array_equal(motion.positions, POINTS[[0, 2]])
     assert motion.notes[0].startswith("1 of 3 frames have the time of the frame before")
+    other = write(tmp_path / "b.trc", TRC.replace("2\t0.1", "2\t0.0"))
+    refused(read_trc, other, "^b.trc: 1 of 3 frames have the time of the frame before and show")
 
 
 def test_as_another_reader_reads_it(tmp_path: Path) -> None:
