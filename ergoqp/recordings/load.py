@@ -66,7 +66,8 @@ def load_recording(
         subject: whose posture, where there are several people: the prefix of their joints' names.
         thing: the object that is held, by its name, where there are several.
         columns: names of the points of a table without names, three columns each.
-        rate: frames per second of a file without times [Hz].
+        rate: frames per second of a table or folder of poses, before its own times if it has any
+            [Hz].
         progress: told the share that is done.
 
     Returns:

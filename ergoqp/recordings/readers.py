@@ -16,7 +16,7 @@ from ergoqp.arguments import shown
 from ergoqp.errors import ErgoqpError, RecordingError, in_words
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.fitting.axes import UPS
-from ergoqp.recordings.formats.kinds import KINDS, TABLE, kind_of
+from ergoqp.recordings.formats.kinds import BODIES, KINDS, TABLE, Kind, kind_of
 from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.registry import check_free, own_term, registered
@@ -47,17 +47,34 @@ def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = N
     if ending[1:] in READERS:
         check_free("reader", [ending[1:]])
     elif ending in [f".{name}" for name in registered("reader")]:
-        return _own_motion(path, own_term("reader", ending[1:]))
+        return _noted(_own_motion(path, own_term("reader", ending[1:])), _unused(asked, None))
     kind = kind_of(path)
-    motion = kind.read(path, progress, asked or Asked())
+    motion = _noted(kind.read(path, progress, asked or Asked()), _unused(asked, kind))
     # A bag may be a folder, and then has no ending.
     if ending not in kind.endings and not os.path.isdir(path):
         said = (
             f"The file is read as {kind.title}, by what is in it, although its ending is"
             f" {ending or 'none'}."
         )
-        return replace(motion, notes=(said, *motion.notes))
+        return _noted(motion, [said])
     return motion
+
+
+def _noted(motion: JointMotion, notes: list[str]) -> JointMotion:
+    """Return a motion with sentences before its own."""
+    return replace(motion, notes=(*notes, *motion.notes)) if notes else motion
+
+
+def _unused(asked: Asked | None, kind: Kind | None) -> list[str]:
+    """Say what was stated of a file that its format, or an own reader, does not ask for."""
+    notes = []
+    if asked and asked.columns and kind is not TABLE:
+        notes.append("The stated names (columns) are not used: only tables have none of their own.")
+    if asked and asked.rate is not None and kind not in (TABLE, BODIES):
+        notes.append(
+            "The stated frames per second (rate) are not used: the file has its own times."
+        )
+    return notes
 
 
 def _own_motion(path: Path, reader: Any) -> JointMotion:

@@ -32,6 +32,13 @@ _LOOKED_AT: Final = 1 << 17
 _ROW: Final = 6
 """Numbers in a row of a table, at least: two points."""
 _BAGS: Final = (b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n")
+_COMPRESSED: Final = (
+    *(b"\x1f\x8b", b"PK\3\4", b"PK\5\6", b"7z\xbc\xaf\x27\x1c", b"\xfd7zXZ\0"),
+    *(b"BZh", b"\x28\xb5\x2f\xfd", b"Rar!\x1a\7"),
+)
+"""How files of gzip, zip, 7z, xz, bzip2, Zstandard and RAR begin."""
+_SHEETS: Final = (b"[Content_Types].xml", b"xl/", b"opendocument.spreadsheet")
+"""What is at the begin of a zip file that is a table of a spreadsheet program."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,15 @@ def kind_of(path: Path) -> Kind:
     if of_ending is not None and not os.path.isfile(path):
         return of_ending  # its reader says what is there instead
     first = beginning(path, _LOOKED_AT)
+    if first.startswith(_COMPRESSED):
+        if first.startswith(b"PK") and any(word in first for word in _SHEETS):
+            raise RecordingError(
+                f"{path.name} is a file of a spreadsheet program, allowed the recording as text:"
+                " save it as CSV"
+            )
+        raise RecordingError(
+            f"{path.name} is compressed, allowed the recording itself: unpack it first"
+        )
     found = _marked(first)
     if found is None and of_ending is MOTIVE:
         return TABLE
@@ -122,7 +138,8 @@ def _marked(first: bytes) -> Kind | None:
         return MOTIVE
     if section_of(text.partition("\n")[0]):
         return NEXUS
-    if re.search(r"^\W*endheader\W*$", text, re.MULTILINE | re.IGNORECASE):
+    # Line by line: a pattern that may begin at every line and go on to the last takes for ever.
+    if any(re.fullmatch(r"\W*endheader\W*", row, re.IGNORECASE) for row in text.split("\n")):
         return STORAGE
     return None
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import importlib
+import lzma
 import os
 import time
 from pathlib import Path
@@ -55,13 +58,19 @@ def test_the_content_is_surer_than_the_ending(name: str, ending: str, tmp_path: 
     kind, content = FILES[name]
     path = write(tmp_path / f"take{ending}", content)
     assert kind_of(path) is kind
-    motion, notes = read_motion(path, asked=Asked(rate=10)), []
+    motion, notes = read_motion(path), []
     if path.suffix.lower() not in kind.endings:
         notes = [
             f"The file is read as {kind.title}, by what is in it, although its ending is"
             f" {path.suffix.lower() or 'none'}."
         ]
-    assert list(motion.notes) == [*notes, *kind.read(path, unseen, Asked(rate=10)).notes]
+    assert list(motion.notes) == [*notes, *kind.read(path, unseen, Asked()).notes]
+    stated = read_motion(path, asked=Asked(("neck",), 10.0))
+    assert stated.notes[len(notes) :] == (
+        "The stated names (columns) are not used: only tables have none of their own.",
+        "The stated frames per second (rate) are not used: the file has its own times.",
+        *motion.notes[len(notes) :],
+    )
 
 
 @pytest.mark.parametrize("begin", ["\ufeff", "\n\n ", "\ufeff\r\n"])
@@ -125,7 +134,6 @@ def test_a_text_without_any_mark_may_be_a_table(content: str, tmp_path: Path) ->
         "1 2 3 4 5 six\n",
         b"1 2 3 4 5 6\n\0",
         TABLE.encode("utf-16-le"),
-        b"PK\3\4" + bytes(1000),
         b"\x89PNG\r\n\x1a\n" + bytes(1000),
         b"P" * 1000,
         bytes(range(256)) * 10,
@@ -140,6 +148,36 @@ def test_what_is_of_no_known_format_is_told(content: str | bytes, tmp_path: Path
             f"{name}: got the ending {path.suffix!r} and the content of no known format, allowed"
             f" .bvh, .c3d, .trc, .mot, .sto, .mvnx, .csv, .tsv, .txt, .bag, .db3, .mcap"
         )
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (gzip.compress(TABLE.encode()), "is compressed, allowed the recording itself: unpack it"),
+        (lzma.compress(TABLE.encode()), "is compressed, allowed the recording itself: unpack it"),
+        (bz2.compress(TABLE.encode()), "is compressed, allowed the recording itself: unpack it"),
+        (b"PK\3\4" + bytes(1000), "is compressed, allowed the recording itself: unpack it first"),
+        (b"7z\xbc\xaf\x27\x1c" + bytes(99), "is compressed, allowed the recording itself: unpack"),
+        (
+            b"PK\3\4" + bytes(26) + b"[Content_Types].xml" + bytes(99),
+            "is a file of a spreadsheet program, allowed the recording as text: save it as CSV",
+        ),
+    ],
+)
+@pytest.mark.parametrize("ending", [*ENDINGS, "", ".dat", ".gz", ".xlsx"])
+def test_what_is_compressed_is_told(content: bytes, said: str, ending: str, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=f"^take{ending} {said.replace('[', '.')}"):
+        read_motion(write(tmp_path / f"take{ending}", content))
+
+
+@pytest.mark.parametrize("rows", [",\n", "-;-\n", "\n", "\n-", "endheader,x\n", "\t\n"])
+def test_no_begin_takes_long_to_look_at(rows: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "take.csv", rows * ((1 << 17) // len(rows)))
+    began = time.monotonic()
+    assert kind_of(path) is kinds.TABLE
+    with pytest.raises(RecordingError):
+        read_motion(path)
+    assert time.monotonic() - began < 1
 
 
 @pytest.mark.parametrize(
