@@ -12,16 +12,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ergoqp.arguments import path_of, shown
+from ergoqp.arguments import names_of, path_of, shown, unmasked
 from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_markers, given_person
 from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.axes import UPS
 from ergoqp.recordings.formats.rows import Asked
+from ergoqp.recordings.formats.stamps import FASTEST, RATES, SLOWEST
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.naming import read_mapping
-from ergoqp.recordings.readers import lacking, read_motion
+from ergoqp.recordings.own_motions import lacking, normalised
+from ergoqp.recordings.readers import read_motion
 from ergoqp.recordings.recording import Recording
 
 _READ: Final = 0.6
@@ -131,17 +133,13 @@ def fit_postures(
         RecordingError: if too little of a person is there.
     """
     hertz = _rate(rate)
-    try:
-        places = np.array(positions, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"positions: got {shown(positions)}, allowed numbers of shape (n, m, 3)"
-        ) from None
-    motion = JointMotion(tuple(names), places, np.arange(len(places) if places.ndim else 0) / hertz)
+    listed = names_of("names", names, "names of joints or markers")
+    places = _places(positions, len(listed))
+    motion = JointMotion(listed, places, np.arange(len(places)) / hertz)
     if wrong := lacking(motion):
         raise InputError(f"fit_postures: got {wrong}, allowed names (m,) and positions (n, m, 3)")
     reading = _reading(person, unit_to_m, up, mapping, neutral, None, Asked())
-    return recording_of(motion, "positions", reading)
+    return recording_of(normalised(motion), "positions", reading)
 
 
 def _reading(
@@ -187,9 +185,27 @@ def _check_window(window: tuple[float, float]) -> None:
 
 
 def _rate(rate: float) -> float:
-    if isinstance(rate, bool) or not isinstance(rate, Real) or not 0 < float(rate) < math.inf:
-        raise InputError(f"rate: got {shown(rate)}, allowed frames per second above 0")
+    if isinstance(rate, bool) or not isinstance(rate, Real) or not SLOWEST <= rate <= FASTEST:
+        raise InputError(f"rate: got {shown(rate)}, allowed {RATES}")
     return float(rate)
+
+
+def _places(positions: ArrayLike, count: int) -> np.ndarray:
+    """Return a copy of positions (n, count, 3); what a mask hides is NaN."""
+    found = shown(positions)
+    try:
+        array = unmasked(positions)
+        if array.dtype.kind in "iufO":  # with None among them they are objects
+            with np.errstate(over="ignore"):
+                places = np.array(array, dtype=float)
+            if places.ndim == 3 and len(places) and places.shape[1:] == (count, 3):
+                return places
+            found = f"numbers of shape {places.shape}"
+    except Exception:  # no array, whatever it is
+        pass
+    raise InputError(
+        f"positions: got {' '.join(found.split())}, allowed real numbers of shape (n, {count}, 3)"
+    )
 
 
 def _name(what: str, name: str | None) -> str | None:

@@ -265,13 +265,13 @@ def test_joint_centres_at_hand_are_fitted_in_any_order():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((["neck"], np.zeros((3, 2, 3)), 50.0), r"fit_postures: got positions of shape"),
+        ((["neck"], np.zeros((3, 2, 3)), 50.0), r"positions: got numbers of shape \(3, 2, 3\)"),
         ((["neck", "neck"], np.zeros((3, 2, 3)), 50.0), "a name twice"),
         ((["neck"], "me", 50.0), "positions: got 'me'"),
-        ((["neck"], np.zeros((0, 1, 3)), 50.0), "the times"),
+        ((["neck"], np.zeros((0, 1, 3)), 50.0), r"shape \(0, 1, 3\), allowed"),
         ((["neck"], np.zeros((3, 1, 3)), 0.0), "rate: got 0"),
         ((["neck"], np.full((3, 1, 3), np.inf), 50.0), "without end"),
-        (([], np.zeros((3, 0, 3)), 50.0), "the names"),
+        (([], np.zeros((3, 0, 3)), 50.0), r"names: got \[\]"),
         ((["nape"], np.zeros((3, 1, 3)), 50.0), "no known naming"),
     ],
 )

@@ -12,7 +12,7 @@ import pytest
 from ergoqp.errors import RecordingError
 from ergoqp.recordings import readers
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.readers import lacking
+from ergoqp.recordings.own_motions import lacking, normalised
 
 TURN = np.tile([0.0, 0.0, 0.6, 0.8], (3, 1))
 POSE = np.tile(np.eye(4), (3, 1, 1))
@@ -81,6 +81,23 @@ def test_what_is_right() -> None:
         ({"time": np.zeros((3, 2))}, "the times array([[0., 0.], [0., 0.],"),
         ({"time": None}, "the times None"),
         ({"time": np.arange(3) > 0}, "the times array"),
+        ({"time": np.array([2, 1, 0], dtype=np.uint32)}, "times that do not increase"),
+        ({"time": np.ma.masked_array(np.arange(3.0), [0, 1, 0])}, "times that do not increase"),
+        ({"time": np.arange(3) * 20_000_000}, "times that are 2e+07 s apart and not 0.0001 to 100"),
+        ({"time": np.arange(3) * 1e300}, "times that are 1e+300 s apart"),
+        ({"time": np.array([0.0, 1e-9, 2e-9])}, "times that are 1e-09 s apart"),
+        ({"time": np.array([0.0, 1.0, 1e300])}, "times that are 5e+299 s apart"),
+        ({"positions": [[[0.0], [1.0, 2.0]]] * 3}, "positions whose rows differ in length"),
+        ({"positions": np.zeros((3, 2, 3), complex)}, "positions of shape (3, 2, 3) and not num"),
+        ({"rest": np.full((2, 3), 1e200)}, "rest beyond 1e+09"),
+        ({"angles": {"knee": np.full(3, -1e200)}}, "angles of knee beyond 1e+09"),
+        ({"objects": {"box": POSE + 1e200 * np.eye(4)[:, 3:].T}}, "objects of box that are no"),
+        ({"objects": {"box": POSE + np.eye(4)[3][:, None]}}, "objects of box that are no poses"),
+        ({"objects": {"box": POSE.astype(str).tolist()}}, "objects of box of shape (3, 4, 4) and"),
+        ({"unit": 1e300}, "the unit 1e+300"),
+        ({"up": np.zeros(3)}, "the vertical axis array([0., 0., 0.])"),
+        ({"markers": "yes"}, "the markers 'yes'"),
+        ({"names": ("a", "b\n")}, "the name 'b\\n'"),
         ({"names": None}, "the names None"),
         ({"names": "ab"}, "the names 'ab'"),
         ({"names": ("a", "")}, "the names ('a', '')"),
@@ -99,3 +116,63 @@ def test_what_is_wrong_is_one_sentence(
     assert str(caught.value).startswith(f"take.own: got {found}")
     assert str(caught.value).endswith("allowed a JointMotion of ergoqp.recordings.motion")
     assert "\n" not in str(caught.value)
+    assert "from the reader own" in str(caught.value)
+
+
+FAR = POSE.copy()
+FAR[:, 0, 3] = 1e200
+
+
+def test_a_thing_that_is_too_far() -> None:
+    assert lacking(replace(GOOD, objects={"box": FAR})) == "objects of box beyond 1e+09"
+
+
+def test_a_gap_of_years_is_none() -> None:
+    time = np.array([0.0, 1.0, 2.0, 1e300])
+    motion = JointMotion(("a",), np.zeros((4, 1, 3)), time)
+    assert lacking(motion) == "times over 1e+300 s and not at most 1e+07 s"
+
+
+def test_lists_and_other_numbers_are_handed_on_as_arrays_of_floats() -> None:
+    motion: Any = replace(
+        GOOD,
+        names=["a", "b"],
+        positions=np.arange(18, dtype=np.uint8).reshape(3, 2, 3).tolist(),
+        time=[1_700_000_000, 1_700_000_001, 1_700_000_003],
+        rest=np.ones((2, 3), dtype=np.float16),
+        objects={"box": POSE.tolist()},
+        turns={"a": TURN.tolist()},
+        angles={"knee": [0, 1, 2]},
+        notes=["Said."],
+    )
+    assert lacking(motion) == ""
+    found = normalised(motion)
+    assert (found.names, found.notes) == (("a", "b"), ("Said.",))
+    np.testing.assert_array_equal(found.time, [0, 1, 3])
+    np.testing.assert_array_equal(found.positions, np.arange(18.0).reshape(3, 2, 3))
+    assert found.rest is not None
+    every = (found.time, found.positions, found.rest, *found.objects.values())
+    for each in (*every, *found.turns.values(), *found.angles.values()):
+        assert each.dtype == float
+    np.testing.assert_array_equal(found.objects["box"], POSE)
+    single = normalised(replace(GOOD, positions=np.zeros((3, 2, 3), ">f4")))
+    assert single.positions.dtype == np.dtype("f4")
+
+
+def test_what_a_mask_hides_is_lost() -> None:
+    hidden = np.zeros((3, 2, 3), bool)
+    hidden[1, 0, 2] = True
+    motion = replace(
+        GOOD,
+        positions=np.ma.masked_array(np.full((3, 2, 3), 7), hidden),
+        angles={"knee": np.ma.masked_array(np.zeros(3), [0, 1, 0])},
+        objects={"box": np.ma.masked_array(POSE, np.ones((3, 4, 4)))},
+    )
+    assert lacking(motion) == ""
+    found = normalised(motion)
+    # Half of a point is no place.
+    lost = np.isnan(found.positions).all(axis=2)
+    np.testing.assert_array_equal(lost, [[False, False], [True, False], [False, False]])
+    np.testing.assert_array_equal(found.positions[~lost], 7)
+    np.testing.assert_array_equal(np.isnan(found.angles["knee"]), [False, True, False])
+    assert np.isnan(found.objects["box"]).all()

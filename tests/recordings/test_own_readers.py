@@ -40,7 +40,7 @@ def read(monkeypatch: pytest.MonkeyPatch):
     [
         (
             ValueError("not\nmine"),
-            r"take\.own: got ValueError \(not mine\), allowed what <function",
+            r"take\.own: got ValueError \(not mine\), allowed what the reader own reads",
         ),
         (FileNotFoundError(2, "No such file"), r"take\.own: got FileNotFoundError \(.*No such"),
         (MemoryError(), r"take\.own: got MemoryError \(\), allowed"),
@@ -58,7 +58,9 @@ def test_whatever_it_raises_is_one_sentence(read, error: Exception, sentence: st
 
 
 def test_what_is_no_reader_is_a_sentence(read) -> None:
-    with pytest.raises(RecordingError, match=r"take\.own: got TypeError .* allowed what 5 reads"):
+    with pytest.raises(
+        RecordingError, match=r"take\.own: got TypeError .* allowed what the reader own reads"
+    ):
         read(5)
 
 
@@ -79,10 +81,18 @@ def test_what_is_no_reader_is_a_sentence(read) -> None:
     ],
 )
 def test_what_is_no_motion_is_one_sentence(read, motion: Any, found: str) -> None:
-    words = rf"take\.own: got {found}.* from <function .*, allowed a JointMotion of ergoqp"
+    words = rf"take\.own: got {found}.* from the reader own, allowed a JointMotion of ergoqp"
     with pytest.raises(RecordingError, match=words):
         read(lambda path: motion)
 
 
 def test_a_motion_is_handed_on(read) -> None:
-    assert read(lambda path: GOOD) is GOOD
+    found = read(lambda path: GOOD)
+    assert found.names == GOOD.names
+    np.testing.assert_array_equal(found.positions, GOOD.positions)
+    np.testing.assert_array_equal(found.time, GOOD.time)
+
+
+def test_times_of_an_own_reader_begin_at_zero(read) -> None:
+    found = read(lambda path: replace(GOOD, time=[1.7e9, 1.7e9 + 0.5, 1.7e9 + 1]))
+    np.testing.assert_array_equal(found.time, [0, 0.5, 1])

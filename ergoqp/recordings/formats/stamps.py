@@ -13,8 +13,11 @@ from ergoqp.errors import RecordingError
 _UNITS: Final = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 _SHORTEST, _LONGEST = 0.9e-3, 0.7
 """Between these is the usual step between frames [s]: no two units do."""
-_SLOWEST, _FASTEST = 0.01, 10_000.0
+SLOWEST, FASTEST = 0.01, 10_000.0
 """Rates that may be stated [Hz]."""
+RATES: Final = f"frames per second from {SLOWEST:g} to {FASTEST:g}"
+LONGEST: Final = 1e7
+"""No recording lasts longer: four months [s]."""
 _BLOCK: Final = 4000
 """Frames that are compared at once."""
 _OTHERS: Final = 0.02
@@ -139,11 +142,8 @@ def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:
     Raises:
         RecordingError: the rate is none.
     """
-    if not _SLOWEST <= rate <= _FASTEST:
-        raise RecordingError(
-            f"{where}: rate: got {rate:g}, allowed frames per second from {_SLOWEST:g} to"
-            f" {_FASTEST:g}"
-        )
+    if not SLOWEST <= rate <= FASTEST:
+        raise RecordingError(f"{where}: rate: got {rate:g}, allowed {RATES}")
     return np.arange(count) / rate, [f"There are {rate:g} frames per second, as stated."]
 
 
