@@ -93,7 +93,7 @@ def recording_of(
             f" {1000 * exact * unit:.0f} mm only, allowed with the origin near the person"
         )
     axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
-    held = held_object(where, motion.objects, reading.thing, axes, assumptions)
+    held = held_object(where, motion.objects, reading.thing, axes, centres, assumptions)
     markers = {name: path @ axes.T / unit for name, path in found.markers.items()}
     body = reading.body or measured_body(where, lengths, stature, unit, assumptions)
     # An hour of it is much: what is not needed any more goes, and single precision is kept.

@@ -22,6 +22,8 @@ from ergoqp.recordings.reading import Reading
 
 _SAMPLE: Final = 10_000
 """Frames by which an axis is found."""
+_REACH: Final = 3.0
+"""What is farther from both hands most of the time is not held [m]: a long pole is nearer."""
 
 
 def unit_by_stature(where: str, stature: float | None, assumptions: list[str]) -> float:
@@ -151,9 +153,24 @@ def held_object(
     objects: Mapping[str, np.ndarray],
     thing: str | None,
     axes: np.ndarray,
+    centres: Mapping[str, np.ndarray],
     assumptions: list[str],
 ) -> np.ndarray | None:
-    """Return the poses (n, 4, 4) [m] of the object that is meant, or the only one."""
+    """Return the poses (n, 4, 4) [m] of the object that is meant, or the only one.
+
+    None if it is never seen, or is the only one and nowhere near the hands.
+
+    Args:
+        where: the recording's name, for messages.
+        objects: their poses (n, 4, 4) in the file's unit and axes.
+        thing: which one is meant; None: the only one.
+        axes: from the file's unit and axes to ours (3, 3).
+        centres: the person's joint centres (n, 3) in the file's unit and axes.
+        assumptions: what is found is said there.
+
+    Raises:
+        InputError: there is no such thing.
+    """
     if thing is not None and thing not in objects:
         raise InputError(
             f"{where}: thing: got {thing!r}, allowed"
@@ -167,9 +184,39 @@ def held_object(
     name = thing if thing is not None or len(objects) != 1 else next(iter(objects))
     if name is None:
         return None
-    assumptions.append(f"The object that is held is {name}.")
+    path = objects[name][:, :3, 3].astype(float)
+    if not np.isfinite(path).all(axis=1).any():
+        assumptions.append(f"The object {name} is never seen: none is taken as held.")
+        return None
+    away = _from_hands(path, centres) * float(np.cbrt(np.linalg.det(axes)))
+    if away <= _REACH or np.isnan(away):
+        assumptions.append(f"The object that is held is {name}.")
+    elif thing is not None:
+        assumptions.append(
+            f"The object that is held is {name}, as stated, although it is {away:.1f} m from the"
+            " nearer hand in the median."
+        )
+    else:
+        assumptions.append(
+            f"The object {name} is {away:.1f} m from the nearer hand in the median: it is not taken"
+            " as held; state it (thing) if it is."
+        )
+        return None
     turn = axes / np.cbrt(np.linalg.det(axes))
     poses = objects[name].astype(float)
     poses[:, :3, 3] = poses[:, :3, 3] @ axes.T
     poses[:, :3, :3] = turn @ poses[:, :3, :3]
     return poses
+
+
+def _from_hands(path: np.ndarray, centres: Mapping[str, np.ndarray]) -> float:
+    """Return how far a thing's path (n, 3) is from the nearer wrist in the median; NaN if untold.
+
+    It is in the unit of both.
+    """
+    nearest = np.full(len(path), np.nan)
+    for name in ("right_wrist", "left_wrist"):
+        if name in centres:
+            nearest = np.fmin(nearest, np.linalg.norm(path - centres[name], axis=1))
+    told = nearest[np.isfinite(nearest)]
+    return float(np.median(told)) if len(told) else math.nan

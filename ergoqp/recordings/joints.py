@@ -12,10 +12,12 @@ from ergoqp.human import Body
 from ergoqp.human.marker import Marker
 from ergoqp.progress import Progress, unseen
 from ergoqp.recordings.formats.opensim import posed
+from ergoqp.recordings.formats.ready_angles import own_angles, placed_by_angles
 from ergoqp.recordings.markers.completion import has_gaps
 from ergoqp.recordings.markers.joints import Astray, astray_said, joints_of_markers, unit_of_markers
 from ergoqp.recordings.markers.landmarks import LANDMARKS, RIGID, best_set, known_sets
 from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.names import parted
 from ergoqp.recordings.naming import (
     NamedCentres,
     Naming,
@@ -88,8 +90,10 @@ def joints_of(
     """
     ready = bool(motion.angles) and not motion.names
     if ready:
-        motion = posed(motion, where, body)
-    motion = of_subject(motion, subject, _known, where)
+        place = placed_by_angles if own_angles(motion.angles) else posed
+        motion = place(motion, where, body)
+    if subject is not None or not _names_whom(naming, motion.names):
+        motion = of_subject(motion, subject, _known, where)
     landmarks, further, title = _landmarks(motion.names, naming, where)
     if not landmarks:
         used, found = naming_of(motion, naming, where)
@@ -175,6 +179,12 @@ def _known(names: tuple[str, ...]) -> int:
     found = best_set(names)
     counts = [len(naming.found_in(names)) for naming in known_namings()]
     return max(*counts, found[1] if found else 0)
+
+
+def _names_whom(naming: Naming | None, names: tuple[str, ...]) -> bool:
+    """Return whether a mapping names joints with their prefix, and so whose they are."""
+    theirs = {name for each in naming.centres.values() for name in each} if naming else set()
+    return theirs <= set(names) and any(parted(name)[0] for name in theirs)
 
 
 def _landmarks(

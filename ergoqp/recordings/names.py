@@ -45,6 +45,13 @@ def squashed(name: str) -> str:
     return re.sub(r"[\s_.\-]+", "", name.casefold())
 
 
-def prefix_of(name: str) -> str:
-    """Return whose joint or marker a name says that it is: what stands before its last colon."""
-    return name.rpartition(":")[0]
+def parted(name: str) -> tuple[str, str]:
+    """Return whose joint or marker a name says that it is, and its own name.
+
+    What stands before the last colon or slash says it; a slash in front of all says nothing.
+
+    >>> parted("Anna:LASI"), parted("/human/left_elbow"), parted("neck")
+    (('Anna', 'LASI'), ('human', 'left_elbow'), ('', 'neck'))
+    """
+    at = max(name.rfind(":"), name.rfind("/"))
+    return name[: max(at, 0)].lstrip("/"), name[at + 1 :]

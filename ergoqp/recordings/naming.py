@@ -242,8 +242,9 @@ def _agreement(naming: Naming, names: tuple[str, ...]) -> tuple[int, float]:
 
 
 def _shared_prefix(names: tuple[str, ...]) -> str:
-    """Return the longest start that all names have, up to a colon or underscore; "" if none."""
-    starts = [names[0][: i + 1] for i, letter in enumerate(names[0]) if letter in ":_"]
+    """Return the longest start that all names have, up to a mark of a prefix; "" if none."""
+    first = names[0] if names else ""
+    starts = [first[: i + 1] for i, letter in enumerate(first) if letter in ":/_"]
     return next(
         (start for start in reversed(starts) if all(name.startswith(start) for name in names)), ""
     )

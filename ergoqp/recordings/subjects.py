@@ -12,7 +12,7 @@ from ergoqp.errors import InputError, RecordingError
 from ergoqp.recordings.formats.opening import some
 from ergoqp.recordings.markers.rigid import follow, shape_of
 from ergoqp.recordings.motion import JointMotion
-from ergoqp.recordings.names import prefix_of
+from ergoqp.recordings.names import parted
 
 _LEAST: Final = 6
 """Joints or markers of a person at least."""
@@ -24,6 +24,8 @@ _SAMPLE: Final = 2000
 """Frames by which a thing's shape is found."""
 _BLOCK: Final = 8192
 """Frames at once."""
+_SIZE: Final = 0.5
+"""Shapes are followed in metres, so a thing is taken to be so large [m]."""
 
 
 def of_subject(
@@ -43,8 +45,10 @@ def of_subject(
     """
     groups: dict[str, dict[str, str]] = {}
     for name in motion.names:
-        prefix = prefix_of(name)
-        groups.setdefault(prefix, {})[name] = name[len(prefix) + 1 :] if prefix else name
+        prefix, own = parted(name)
+        groups.setdefault(prefix, {})[name] = own
+    if subject is not None and subject not in groups:
+        subject = subject.strip("/").removesuffix(":") or subject
     if subject is not None and subject not in groups:
         raise InputError(
             f"{where}: subject: got {subject!r}, allowed"
@@ -70,7 +74,10 @@ def of_subject(
     for prefix, names in groups.items():
         if prefix in (chosen, "", *people) or prefix in objects:
             continue
-        pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
+        # Joints of somebody of whom little is seen may stand still for long.
+        own, pose = tuple(names.values()), None
+        if known(own) <= _SHARE * len(own):
+            pose = _pose_of(np.stack([motion.of(name) for name in names], axis=1))
         if pose is None:
             others.append(prefix)
             continue
@@ -98,7 +105,7 @@ def _named_alike(
 
     Namings of skeletons know it, and mapping files may have it.
     """
-    if not prefix or known(tuple(names.values())) <= known(motion.names):
+    if known(tuple(names.values())) <= known(motion.names):
         return motion
     return replace(motion.joints(names), notes=(*_said(prefix), *motion.notes))
 
@@ -108,26 +115,33 @@ def _said(person: str) -> list[str]:
 
 
 def _pose_of(points: np.ndarray) -> np.ndarray | None:
-    """Return the poses (n, 4, 4) of a rigid thing by its markers; None if they do not show it."""
+    """Return the poses (n, 4, 4) of a rigid thing by its markers; None if they do not show it.
+
+    In half of the frames in which they are seen, at least, they keep their shape: others are of
+    somebody who moves.
+    """
     shown = np.flatnonzero(np.isfinite(points).all(axis=2).sum(axis=1) >= _CORNERS)
     if not len(shown):
         return None
     sample = points[shown[:: max(1, len(shown) // _SAMPLE)]].astype(float)
     extent = np.fmax.reduce(sample, axis=1) - np.fmin.reduce(sample, axis=1)
     size = float(np.median(extent.max(axis=1)))
-    # Shapes are followed in metres, so a thing is taken to be half a metre large.
-    scale = 0.5 / size if size > 0 else 1.0
+    scale = _SIZE / size if size > 0 else 1.0
     shape = shape_of(scale * sample)
     if shape is None:
         return None
-    poses = np.full((len(points), 4, 4), np.nan)
+    poses, astray = np.full((len(points), 4, 4), np.nan), np.zeros(points.shape[:2], dtype=bool)
     poses[:, 3] = [0, 0, 0, 1]
     for at in range(0, len(points), _BLOCK):
         followed = follow(scale * points[at : at + _BLOCK].astype(float), shape)
         poses[at : at + _BLOCK, :3, :3] = followed.turn
         poses[at : at + _BLOCK, :3, 3] = followed.place / scale
-    first = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
-    if not len(first):
+        astray[at : at + _BLOCK] = followed.astray
+    # One marker may have fallen off for good; with more astray it is another shape.
+    astray[:, np.argmax(astray.sum(axis=0))] = False
+    kept = np.isfinite(poses[:, 0, 0]) & ~astray.any(axis=1)
+    if kept.sum() < _SHARE * len(shown):
         return None
+    first = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
     poses[:, :3, :3] = poses[:, :3, :3] @ poses[first[0], :3, :3].T
     return poses

@@ -6,25 +6,23 @@ bags define their messages themselves; those of ROS 2 before Iron do not.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from ergoqp.errors import ErgoqpError, MissingExtraError, RecordingError, in_words
+from ergoqp.errors import MissingExtraError, RecordingError
 from ergoqp.progress import Progress
+from ergoqp.recordings.formats.bag_files import faults, sources_of
 from ergoqp.recordings.formats.bag_series import plain
 from ergoqp.recordings.formats.bag_topics import MARKERS, TYPES, Topics
-from ergoqp.recordings.formats.opening import beginning, binary, short
+from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.formats.ready_angles import tell_person
 from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.motion import JointMotion
 
-ENDINGS: Final = frozenset({".bag", ".db3", ".mcap"})
-_STORAGES: Final = frozenset({".db3", ".mcap"})
-_METADATA: Final = "metadata.yaml"
 _LONGEST: Final = 1_000_000
 """Markers or points that one message may have; more would be made of a few broken bytes."""
 _EMPTY: Final = 12
@@ -33,16 +31,6 @@ _NAMED: Final = 8
 """Topics that a message names."""
 _EVERY: Final = 100
 """Messages between two calls of the progress."""
-
-
-def is_bag(path: Path) -> bool:
-    """Return whether a file or folder is a ROS bag, by its ending or its metadata."""
-    if not os.path.isdir(path):  # where a name is too long `Path.is_dir` raises
-        return path.suffix.lower() in ENDINGS
-    metadata = path / _METADATA
-    if metadata.is_file() and b"rosbag2_bagfile_information" in beginning(metadata):
-        return True
-    return bool(_storages(path))
 
 
 def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
@@ -65,13 +53,13 @@ def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     topics = Topics(path.name)
     with ExitStack() as stack:
         reader, notes = _opened(path, stack)
-        with _faults(path):  # SQLite and YAML may have anything where text or a number belongs
+        with faults(path):  # SQLite and YAML may have anything where text or a number belongs
             connections = [each for each in reader.connections if each.msgtype in TYPES]
             found = {str(each.topic): _spoken(str(each.msgtype)) for each in reader.connections}
             stated = sum(int(each.msgcount) for each in connections)
         count = 0
         for connection, recorded, message in _messages(path, reader, connections):
-            with _faults(path):
+            with faults(path):
                 topics.take(connection.topic, connection.msgtype, message, recorded)
             count += 1
             if count % _EVERY == 0:
@@ -87,7 +75,15 @@ def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
             f"{path.name}: got no movement in {_listed(found)}{why}, allowed messages of"
             f" {', '.join(map(_spoken, TYPES))}"
         )
-    objects, within = topics.objects(frames)
+    angles = topics.angles(frames)
+    if person is None and not tell_person(angles):
+        joints = f" and the joints {some([plain(name) for name in angles])}" if angles else ""
+        raise RecordingError(
+            f"{path.name}: got the topics {_listed(found)}{joints}, which show nobody, allowed a"
+            " person's joints: MarkerArray, tf, or JointState with all of ergoqp.JOINTS or with the"
+            " coordinates of an OpenSim model from its pelvis or thorax on"
+        )
+    objects, within = topics.objects(frames, None if person is None else person.within)
     return JointMotion(
         () if person is None else person.names,
         np.empty((len(frames.time), 0, 3)) if person is None else person.positions,
@@ -96,7 +92,7 @@ def read_bag(path: Path, progress: Progress, asked: Asked) -> JointMotion:
         (*notes, *(frames.notes if person is None else person.notes), *said, *within),
         turns={} if person is None else person.turns,
         objects=objects,
-        angles=topics.angles(frames),
+        angles=angles,
         unit=1.0,
     )
 
@@ -108,10 +104,10 @@ def _opened(path: Path, stack: ExitStack) -> tuple[Any, list[str]]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise MissingExtraError("reading ROS bags", "bags", "rosbags") from None
-    sources = _sources(path)
+    sources = sources_of(path, stack)
     # Markers got further fields in Humble.
     for store in (Stores.LATEST, Stores.ROS2_FOXY):
-        with _faults(path), ExitStack() as trial:
+        with faults(path), ExitStack() as trial:
             reader = trial.enter_context(AnyReader(sources, default_typestore=get_typestore(store)))
             reader.typestore.max_sequence_length = _LONGEST
             undefined = [each for each in reader.connections if not each.msgdef.format.value]
@@ -146,58 +142,13 @@ def _messages(path: Path, reader: Any, connections: list[Any]) -> Iterator[tuple
         return
     stream = reader.messages(connections)
     while True:
-        with _faults(path):
+        with faults(path):
             found = next(stream, None)
             if found is None:
                 return
             connection, recorded, raw = found
             message = reader.deserialize(raw, connection.msgtype)
         yield connection, recorded, message
-
-
-@contextmanager
-def _faults(path: Path) -> Iterator[None]:
-    """Say in one sentence what a reader of others found wrong."""
-    try:
-        yield
-    except ErgoqpError:
-        raise
-    except Exception as error:  # of rosbags, SQLite or YAML, or what broken bytes lead them to
-        raise RecordingError(
-            f"{path.name}: got {in_words(error)}, allowed a whole ROS bag"
-        ) from None
-
-
-def _sources(path: Path) -> list[Path]:
-    """Return what rosbags is to open: a file, a folder, or the files of a folder."""
-    if not os.path.isdir(path):
-        with binary(path):
-            files = sources = [path]
-    else:
-        files = _storages(path)
-        # rosbags takes whatever is called so for a file of ROS 1.
-        whole = (path / _METADATA).is_file() and path.suffix != ".bag"
-        sources = [path] if whole else files
-        if not sources:
-            raise RecordingError(
-                f"{path.name}: got a folder without metadata.yaml, .db3 or .mcap, allowed a ROS bag"
-            )
-    # rosbags hands SQLite the name as an address, in which these have a meaning.
-    marks = [mark for mark in "?#%" if mark in str(path)]
-    if marks and any(file.suffix == ".db3" for file in files):
-        raise RecordingError(
-            f"{short(str(path))}: got {marks[0]} in the name of a .db3, allowed are names without"
-        )
-    return sources
-
-
-def _storages(folder: Path) -> list[Path]:
-    try:
-        return sorted(path for path in folder.iterdir() if path.suffix in _STORAGES)
-    except OSError as error:
-        raise RecordingError(
-            f"{folder.name} cannot be read: {error.strerror}, allowed a folder"
-        ) from None
 
 
 def _listed(topics: dict[str, str]) -> str:

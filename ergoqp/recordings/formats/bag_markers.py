@@ -32,6 +32,10 @@ _POINTS: Final = frozenset({0, 1, 2, 3, 9, 10})
 """Types of markers that are at one place: arrow, cube, sphere, cylinder, text and mesh."""
 _IDS: Final = 100_000
 """Markers of different number that a topic may have."""
+_CHANGES: Final = 3
+"""Fewer changes of a body's number say nothing."""
+_APART: Final = 0.3
+"""Nobody's pelvis moves so far from a message to the next [m]."""
 _CROWD: Final = 20
 """Bodies that are read where several are seen at once; more are mistakes of the tracker."""
 
@@ -42,6 +46,7 @@ class Shown:
 
     Attributes:
         names: of the joints (m,).
+        within: the coordinate frame in whose axes they are.
         positions: where they are (n, m, 3), NaN where not seen.
         frames: the frames.
         notes: sentences about them.
@@ -49,6 +54,7 @@ class Shown:
     """
 
     names: tuple[str, ...]
+    within: str
     positions: np.ndarray
     frames: Frames
     notes: tuple[str, ...]
@@ -124,17 +130,18 @@ class Markers:
         places = np.frombuffer(self._places, dtype=np.float32).reshape(-1, 3)
         positions[messages[read], column[read]] = finite(places[read], self.where)
         frames = frames_of(self.where, sent, recorded, positions, shown)
+        within = next(iter(self.frames))
         notes = [
             *frames.notes,
             *said,
-            f"The positions are in the axes of the frame {short(*self.frames)}.",
+            f"The positions are in the axes of the frame {short(within)}.",
         ]
         if not shown.all():
             notes.append(f"{int((~shown).sum())} of {len(shown)} messages show nobody.")
         positions = positions if frames.kept.all() else positions[frames.kept]
         # That nobody is seen again is no frame that is there once more.
         notes += repeated(positions[shown[frames.kept]])
-        return Shown(names, positions, frames, tuple(notes))
+        return Shown(names, within, positions, frames, tuple(notes))
 
     @property
     def kinect(self) -> bool:
@@ -158,12 +165,17 @@ class Markers:
         seen = which[np.frombuffer(self._id, dtype=np.intc)]
         pelvis = (numbers % 100 == 0)[np.frombuffer(self._id, dtype=np.intc)]
         if np.bincount(messages[pelvis]).max(initial=0) <= 1:
-            if len(bodies) > 1:
-                notes.append(
-                    f"The tracker numbers {len(bodies)} bodies, never two at once: they are taken"
-                    " as one person."
-                )
-            return KINECT, numbers % 100, notes
+            if not self._alternate(seen[pelvis], pelvis):
+                if len(bodies) > 1:
+                    notes.append(
+                        f"The tracker numbers {len(bodies)} bodies, never two at once: they are"
+                        " taken as one person."
+                    )
+                return KINECT, numbers % 100, notes
+            notes.append(
+                f"The tracker tells {len(bodies)} bodies in turn, at places apart: they are taken"
+                " as different people."
+            )
         often = np.bincount(seen[pelvis], minlength=len(bodies))
         kept = np.sort(np.argsort(-often, kind="stable")[:_CROWD])
         if len(kept) < len(bodies):
@@ -173,6 +185,23 @@ class Markers:
         row[kept] = np.arange(len(kept))
         columns = np.where(row[which] >= 0, row[which] * count + numbers % 100, -1)
         return names, columns, notes
+
+    def _alternate(self, bodies: np.ndarray, shown: np.ndarray) -> bool:
+        """Return whether bodies that are shown one by one are different people's.
+
+        A number that comes back, time after time and at another place, is no new one of the same
+        person.
+
+        Args:
+            bodies: whose pelvis is shown, in its order (k,).
+            shown: which of the markers are these (markers,) bool.
+        """
+        changes = np.flatnonzero(np.diff(bodies))
+        if len(changes) < _CHANGES or len(changes) < len(np.unique(bodies)):
+            return False
+        places = np.frombuffer(self._places, dtype=np.float32).reshape(-1, 3)[shown].astype(float)
+        leaps = np.linalg.norm(places[changes + 1] - places[changes], axis=1)
+        return float(np.median(leaps)) > _APART
 
     def _named(self) -> tuple[tuple[str, ...], np.ndarray, list[str]]:
         """Return the markers' own names: their texts, else name space and number."""

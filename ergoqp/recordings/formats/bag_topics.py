@@ -11,7 +11,7 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.recordings.formats.bag_markers import Markers, Shown
 from ergoqp.recordings.formats.bag_series import MOST, Frames, Series, plain, stamp_of
-from ergoqp.recordings.formats.bag_tree import Moved, Tree, pose_row, turns_of
+from ergoqp.recordings.formats.bag_tree import Moved, Tree, onto, pose_row, turns_of
 from ergoqp.recordings.formats.opening import short, some
 from ergoqp.recordings.formats.poses import poses_of
 
@@ -35,8 +35,7 @@ class Topics:
         self.where = where
         self.markers: dict[str, Markers] = {}
         self.tree = Tree(where)
-        self._poses: dict[str, Series] = {}
-        self._within: dict[str, Counter[str]] = {}
+        self._poses: dict[str, dict[str, Series]] = {}
         self._angles: dict[tuple[str, ...], Series] = {}
 
     def take(self, topic: str, kind: str, message: Any, recorded: int) -> None:
@@ -87,21 +86,62 @@ class Topics:
 
     def clock(self) -> Frames | None:
         """Return the messages of the busiest pose or angles as frames; None without any."""
-        every = {**self._poses, **self._angles}
-        busiest = max(every.values(), key=len, default=None)
+        poses = [series for within in self._poses.values() for series in within.values()]
+        busiest = max([*poses, *self._angles.values()], key=len, default=None)
         return None if busiest is None else busiest.frames(self.where)
 
-    def objects(self, frames: Frames) -> tuple[dict[str, np.ndarray], list[str]]:
-        """Return the objects' poses (n, 4, 4) at frames, by their topics, and sentences."""
-        poses = {}
+    def objects(
+        self, frames: Frames, target: str | None
+    ) -> tuple[dict[str, np.ndarray], list[str]]:
+        """Return the objects' poses (n, 4, 4) at frames, by their topics, and sentences.
+
+        They are brought into one coordinate frame, as far as tf knows the way at that time; what it
+        does not connect is left out.
+
+        Args:
+            frames: the frames.
+            target: that of the person's joints; None: the one that most messages are in.
+        """
+        count: Counter[str] = Counter()
+        for series in self._poses.values():
+            count.update({within: len(each) for within, each in series.items()})
+        if target is None and count:
+            target = count.most_common(1)[0][0]
+        poses, notes, places = {}, [], []
         for topic, series in self._poses.items():
-            rows = series.at(frames, f"{self.where}: {topic}")
-            poses[topic.lstrip("/")] = poses_of(rows[:, :3], turns_of(rows[:, 3:]))
-        places = [
-            f"{topic} in {' and '.join(short(name) for name in within)}"
-            for topic, within in self._within.items()
+            rows = np.full((len(frames.time), 7), np.nan, dtype=np.float32)
+            read = False
+            # A topic that tells poses in several frames is read in the busiest one first.
+            for within, each in sorted(series.items(), key=lambda item: -len(item[1])):
+                found, said = self._brought(topic, within, each, frames, str(target))
+                notes += said
+                if found is not None:
+                    rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, found)
+                    read = True
+            if read:
+                poses[topic.lstrip("/")] = poses_of(rows[:, :3], rows[:, 3:])
+            if list(series) == [target]:
+                places.append(f"{topic} in {short(str(target))}")
+        return poses, ([f"The poses are those of {some(places)}."] if places else []) + notes
+
+    def _brought(
+        self, topic: str, within: str, series: Series, frames: Frames, target: str
+    ) -> tuple[np.ndarray | None, list[str]]:
+        """Return poses (n, 7) in a coordinate frame, None if they are in another, and sentences."""
+        rows = series.at(frames, f"{self.where}: {topic}")
+        pose = np.concatenate([rows[:, :3], turns_of(rows[:, 3:])], axis=1)
+        if within == target:
+            return pose, []
+        way = self.tree.between(within, target, frames)
+        if way is None:
+            return None, [
+                f"The poses of {topic} are in the frame {short(within)} and are left out: tf does"
+                f" not connect it with {short(target)}, the frame of the rest."
+            ]
+        return onto(way, pose), [
+            f"The poses of {topic} are brought by tf from the frame {short(within)} to"
+            f" {short(target)}."
         ]
-        return poses, [f"The poses are those of {some(places)}."] if places else []
 
     def angles(self, frames: Frames) -> Mapping[str, np.ndarray]:
         """Return the joint angles (n,) [rad] at frames, by their names."""
@@ -119,10 +159,10 @@ class Topics:
             row = pose_row(message.pose.position, message.pose.orientation)
         else:
             row = pose_row(message.transform.translation, message.transform.rotation)
-        self._poses.setdefault(topic, Series(7)).add(stamp_of(message.header), recorded, row)
-        within = self._within.setdefault(topic, Counter())
-        within[message.header.frame_id.lstrip("/")] += 1
-        self._check(len(self._poses) + len(within), f"{topic}: got", "topics or frames of poses")
+        series = self._poses.setdefault(topic, {})
+        within = message.header.frame_id.lstrip("/")
+        series.setdefault(within, Series(7)).add(stamp_of(message.header), recorded, row)
+        self._check(len(self._poses) + len(series), f"{topic}: got", "topics or frames of poses")
 
     def _take_angles(self, topic: str, message: Any, recorded: int) -> None:
         names, angles = list(message.name), message.position

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ class Moved:
 
     Attributes:
         names: of the coordinate frames (m,).
+        within: their root, in whose axes they are.
         positions: where they are (n, m, 3), NaN where not known.
         turns: name -> unit quaternions (n, 4), NaN where not known.
         frames: the frames in time.
@@ -31,6 +33,7 @@ class Moved:
     """
 
     names: tuple[str, ...]
+    within: str
     positions: np.ndarray
     turns: Mapping[str, np.ndarray]
     frames: Frames
@@ -95,10 +98,29 @@ class Tree:
                 if link not in known:
                     pose = self._pose(link, parents[link], frames)
                     above = known.get(parents[link])
-                    known[link] = pose if above is None else _onto(above, pose)
+                    known[link] = pose if above is None else onto(above, pose)
         positions = np.stack([known[name][:, :3] for name in names], axis=1)
         turns = {name: known[name][:, 3:] for name in names}
-        return Moved(names, positions, turns, frames, (*notes, *repeated(positions)))
+        return Moved(names, root, positions, turns, frames, (*notes, *repeated(positions)))
+
+    def between(self, name: str, target: str, frames: Frames) -> np.ndarray | None:
+        """Return a frame's pose in another one (n, 7), NaN where not known; None if apart."""
+        parents, _ = self._parents()
+        one, other = (_chain(self.where, each, parents)[::-1] for each in (name, target))
+        if one[0] != other[0]:
+            return None
+        # What both hang from need not be known.
+        while len(one) > 1 and len(other) > 1 and one[1] == other[1]:
+            one, other = one[1:], other[1:]
+        below, above = (self._along(chain, frames) for chain in (one, other))
+        return onto(_reversed(above), below)
+
+    def _along(self, chain: list[str], frames: Frames) -> np.ndarray:
+        """Return the pose of the last of some frames, each in the one before, in the first."""
+        pose = np.tile(np.array([0, 0, 0, 0, 0, 0, 1], np.float32), (len(frames.time), 1))
+        for parent, child in pairwise(chain):
+            pose = onto(pose, self._pose(child, parent, frames))
+        return pose
 
     def _parents(self) -> tuple[dict[str, str], list[str]]:
         """Return child -> parent, and what is said of children with several."""
@@ -147,7 +169,7 @@ def _chain(where: str, name: str, parents: Mapping[str, str]) -> list[str]:
     return list(chain)
 
 
-def _onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
+def onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Return poses (n, 7) in a frame, given the frame's own (n, 7)."""
     # scipy's are loaded where they are needed: most files have none.
     from scipy.spatial.transform import Rotation
@@ -158,4 +180,17 @@ def _onto(above: np.ndarray, pose: np.ndarray) -> np.ndarray:
         turn = Rotation.from_quat(above[seen, 3:])
         out[seen, :3] = above[seen, :3] + turn.apply(pose[seen, :3])
         out[seen, 3:] = (turn * Rotation.from_quat(pose[seen, 3:])).as_quat()
+    return out
+
+
+def _reversed(pose: np.ndarray) -> np.ndarray:
+    """Return poses (n, 7) of what is seen from them, in them."""
+    from scipy.spatial.transform import Rotation
+
+    seen = np.isfinite(pose).all(axis=1)
+    out = np.full_like(pose, np.nan)
+    if seen.any():
+        turn = Rotation.from_quat(pose[seen, 3:]).inv()
+        out[seen, :3] = -turn.apply(pose[seen, :3])
+        out[seen, 3:] = turn.as_quat()
     return out

@@ -12,7 +12,8 @@ from typing import Final
 from ergoqp.errors import RecordingError
 from ergoqp.progress import Progress
 from ergoqp.recordings.bvh.read import read_bvh
-from ergoqp.recordings.formats.bag import is_bag, read_bag
+from ergoqp.recordings.formats.bag import read_bag
+from ergoqp.recordings.formats.bag_files import MARKS, is_bag
 from ergoqp.recordings.formats.bodies import is_folder_of_bodies, read_bodies
 from ergoqp.recordings.formats.c3d import read_c3d
 from ergoqp.recordings.formats.c3d_head import is_c3d
@@ -31,7 +32,6 @@ _LOOKED_AT: Final = 1 << 17
 """Bytes by which a format is known: a C3D file's parameters begin in them."""
 _ROW: Final = 6
 """Numbers in a row of a table, at least: two points."""
-_BAGS: Final = (b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n")
 _COMPRESSED: Final = (
     *(b"\x1f\x8b", b"PK\3\4", b"PK\5\6", b"7z\xbc\xaf\x27\x1c", b"\xfd7zXZ\0"),
     *(b"BZh", b"\x28\xb5\x2f\xfd", b"Rar!\x1a\7"),
@@ -123,7 +123,7 @@ def kind_of(path: Path) -> Kind:
 
 def _marked(first: bytes) -> Kind | None:
     """Return the format whose mark a file begins with; None for none."""
-    if first.startswith(_BAGS):
+    if first.startswith(tuple(MARKS)):
         return BAG
     if is_c3d(first):
         return C3D

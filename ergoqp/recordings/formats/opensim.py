@@ -29,7 +29,7 @@ _POSE: Final = ("_rotx", "_roty", "_rotz", "_transx", "_transy", "_transz")
 _HEADINGS: Final = ("pelvis_rotation", "thorax_rotation", "ground_thorax_rot_y")
 _KNEES: Final = ("knee_angle_r", "knee_angle_l")
 _ELBOWS: Final = ("elbow_flexion", "elbow_flex_r", "elbow_flex_l")
-_BENT: Final = np.radians(0.5)
+BENT: Final = np.radians(0.5)
 """No elbow or knee is bent less [rad]: a straight one would not show how the limb is turned, which
 the file tells, and one that is bent backward would show the opposite."""
 
@@ -91,6 +91,12 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
     )
 
 
+def is_of_model(names: Iterable[str]) -> bool:
+    """Return whether some joint angles are the coordinates of a model that is known."""
+    known = {name.lower() for path in names if (name := coordinate_of(path)) is not None}
+    return any(known.issuperset(model.telling) for model in MODELS)
+
+
 def _model_of(angles: Angles, where: str) -> OpenSimModel:
     for model in MODELS:
         if all(name in angles for name in model.telling):
@@ -129,7 +135,7 @@ def _with_bent_hinges(angles: Angles) -> tuple[Angles, list[str]]:
             "The knees' angles are negative where they bend, as in gait2392: they are reversed."
         ]
     hinges = {name: each for name, each in angles.items() if name in _ELBOWS} | knees
-    return {**angles, **{name: np.maximum(each, _BENT) for name, each in hinges.items()}}, said
+    return {**angles, **{name: np.maximum(each, BENT) for name, each in hinges.items()}}, said
 
 
 def _places(

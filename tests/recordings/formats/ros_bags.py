@@ -108,11 +108,15 @@ class Bag:
         return self.make(TF, transforms=list(transforms))
 
     def pose(
-        self, time: float, place: Iterable[float], turn: Iterable[float] = (0, 0, 0, 1)
+        self,
+        time: float,
+        place: Iterable[float],
+        turn: Iterable[float] = (0, 0, 0, 1),
+        frame: str = "camera",
     ) -> Any:
         position, orientation = self.xyz("Point", place), self.xyz("Quaternion", turn)
         pose = self.make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-        return self.make(POSE, header=self.header(time, "world"), pose=pose)
+        return self.make(POSE, header=self.header(time, frame), pose=pose)
 
     def angles(self, time: float, angles: dict[str, float]) -> Any:
         fields = {"name": list(angles), "position": np.array(list(angles.values()))}

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from ros_bags import KINDS, LIFTED, Bag, body, read
 
-from ergoqp.recordings.formats.bag import is_bag, read_bag
+from ergoqp.recordings.formats.bag import read_bag
+from ergoqp.recordings.formats.bag_files import is_bag
 from ergoqp.recordings.formats.bag_markers import KINECT
 from ergoqp.recordings.formats.rows import Asked
 from ergoqp.recordings.formats.table import read_table
@@ -71,20 +72,22 @@ def test_frames_are_joints_in_their_root(bag: Bag) -> None:
 
 def test_angles_and_poses_are_those_told_last(bag: Bag) -> None:
     messages = [(time, "/cup", bag.pose(time, (time, 0, 1), LIFTED)) for time in TIMES]
-    messages += [(t + 0.02, "/arm", bag.angles(t, {"elbow": t, "wrist": -t})) for t in TIMES[1:4]]
+    messages += [
+        (t + 0.02, "/arm", bag.angles(t, {"pelvis_tilt": t, "wrist": -t})) for t in TIMES[1:4]
+    ]
     motion = read(bag.write(sorted(messages, key=lambda each: each[0])))
     assert motion.names == ()
     assert motion.positions.shape == (10, 0, 3)
     pose = motion.objects["cup"]
     assert pose[:, 0, 3] == pytest.approx(TIMES, abs=1e-6)
     assert pose[3, :3, :3] == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-6)
-    elbow = motion.angles["elbow"]
+    tilt = motion.angles["pelvis_tilt"]
     # Nothing before the first, the last one for half a second, and then nothing.
-    assert elbow == pytest.approx(
+    assert tilt == pytest.approx(
         [np.nan, 0.1, 0.2, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, np.nan], abs=1e-6, nan_ok=True
     )
-    assert motion.angles["wrist"] == pytest.approx(-elbow, nan_ok=True)
-    assert "The poses are those of /cup in 'world'." in motion.notes
+    assert motion.angles["wrist"] == pytest.approx(-tilt, nan_ok=True)
+    assert "The poses are those of /cup in 'camera'." in motion.notes
 
 
 def test_two_bodies_have_their_numbers(bag: Bag) -> None:
@@ -124,14 +127,14 @@ def test_the_kinect_is_the_person_and_the_rest_is_said(ros1: Bag) -> None:
         messages.append((time, "/bodies", ros1.markers(time, body(1, time))))
         messages.append((time, "/walls", ros1.markers(time, {i: (0, 0, 0) for i in range(40)})))
         messages.append((time, "/tf", ros1.tf(ros1.transform(time, "map", "robot", (0, 0, 0)))))
-        messages.append((time, "/vicon/cup", ros1.transform(time, "room", "cup", (time, 0, 0))))
+        messages.append((time, "/vicon/cup", ros1.transform(time, "/camera", "cup", (time, 0, 0))))
     motion = read(ros1.write(messages))
     assert motion.names == KINECT
     assert motion.objects["vicon/cup"][7, 0, 3] == pytest.approx(0.7, abs=1e-6)
     text = " ".join(motion.notes)
     assert "The markers of /walls are not read" in text
     assert "The moving frames robot of tf are not read" in text
-    assert "/vicon/cup in 'room'" in text
+    assert "/vicon/cup in 'camera'" in text
 
 
 def test_without_stamps_the_recorder_says_when(ros1: Bag) -> None:
@@ -195,7 +198,7 @@ def test_markers_without_a_definition(tmp_path: Path, kind: str) -> None:
 def test_what_is_a_bag(tmp_path: Path, kind: str) -> None:
     """A folder, its file alone, and the folder without metadata or with a name of ROS 1."""
     bag = Bag(tmp_path, kind)
-    path = bag.write([(t, "/cup", bag.pose(t, (t, 0, 0))) for t in TIMES])
+    path = bag.write([(t, "/bodies", bag.markers(t, body(1, t))) for t in TIMES])
     assert not is_bag(tmp_path)
     assert is_bag(path)
     if kind == "ros1":

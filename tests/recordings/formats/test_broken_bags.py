@@ -13,6 +13,7 @@ from ros_bags import KINDS, Bag, body, read
 from ergoqp.errors import MissingExtraError, RecordingError
 
 TIMES = [i / 10 for i in range(10)]
+DAMAGED = r"^take(\.\w+)?: got a bag that is damaged or cut off, allowed a whole ROS bag$"
 
 
 def sentence(path: Path, match: str) -> None:
@@ -68,7 +69,7 @@ def test_a_cut_bag(bag: Bag) -> None:
     whole = file.read_bytes()
     for share in (0.0, 0.001, 0.1, 0.5, 0.9, 0.999):
         file.write_bytes(whole[: int(share * len(whole))])
-        sentence(path, r"^take.*allowed")
+        sentence(path, rf"^{file.name if path.is_file() else path.name}: got a (bag|file) [^()]*$")
 
 
 def test_broken_bytes(bag: Bag) -> None:
@@ -77,7 +78,7 @@ def test_broken_bytes(bag: Bag) -> None:
     file = storage(path)
     whole = file.read_bytes()
     chance = random.Random(7)
-    told = 0
+    told = []
     for _ in range(60):
         broken = bytearray(whole)
         for _ in range(20):
@@ -85,17 +86,18 @@ def test_broken_bytes(bag: Bag) -> None:
         file.write_bytes(broken)
         try:
             read(path)
-        except RecordingError:
-            told += 1
-    assert told > 10
+        except RecordingError as error:
+            told.append(str(error))
+    assert len(told) > 10
+    assert not [text for text in told if "Error" in text or "codec" in text or "\n" in text]
 
 
 def test_a_broken_list_of_files(tmp_path: Path) -> None:
     path = people(Bag(tmp_path, "mcap"))
     (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [\n")
-    sentence(path, r"^take: got AnyReaderError \(Could not load YAML")
+    sentence(path, DAMAGED)
     (path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n")
-    sentence(path, r"^take: got AnyReaderError \(A metadata key is missing")
+    sentence(path, DAMAGED)
 
 
 def test_what_a_database_has_instead_of_text(tmp_path: Path) -> None:
@@ -111,7 +113,7 @@ def test_a_number_that_is_none(tmp_path: Path) -> None:
     path = people(Bag(tmp_path, "mcap"))
     metadata = path / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("count: 10", "count: many"))
-    sentence(path, r"^take: got .*Error \(.*, allowed a whole ROS bag")
+    sentence(path, DAMAGED)
 
 
 def test_a_billion_stated_messages_are_not_awaited(tmp_path: Path) -> None:
@@ -130,7 +132,7 @@ def test_a_billion_stated_markers_are_not_made(ros1: Bag) -> None:
     count = (32).to_bytes(4, "little") + bytes(4)
     assert raw.count(count) >= 10
     path.write_bytes(raw.replace(count, (10**9).to_bytes(4, "little") + bytes(4)))
-    sentence(path, r"^take\.bag: got AnyReaderError \(Invalid sequence length 1000000000")
+    sentence(path, DAMAGED)
 
 
 def test_a_billion_markers_of_nothing_are_not_made(ros1: Bag) -> None:
@@ -145,7 +147,7 @@ def test_a_billion_markers_of_nothing_are_not_made(ros1: Bag) -> None:
         store.register(get_types_from_msg(text, name))
         connection = writer.add_connection("/bodies", name, typestore=store)
         writer.write(connection, 1, (10**9).to_bytes(4, "little"))
-    sentence(ros1.path, r"got AnyReaderError \(Invalid sequence length 1000000000")
+    sentence(ros1.path, DAMAGED)
 
 
 def test_markers_in_two_frames(ros1: Bag) -> None:
