@@ -44,6 +44,12 @@ NOMINAL_MASS: Final = 70.0
 STATURE_RANGE: Final = (1.2, 2.3)
 """Statures that are accepted [m]."""
 
+MASS_RANGE: Final = (20.0, 300.0)
+"""Masses that are accepted [kg]."""
+
+BELIEVABLE: Final = (0.6, 1.6)
+"""Shortest and longest segment of a person, over the one of average proportions."""
+
 # What scales the x, y and z offsets of everything that is attached to a body of the model.
 _SCALED_BY: Final[dict[str, tuple[str, str, str]]] = {
     "pelvis": ("girth", "hip_width", "girth"),
@@ -98,7 +104,7 @@ class Body:
         # 70 kg at 1.75 m, the same build at every stature.
         check_real("mass", self.mass, "kilograms")
         mass = self.mass or NOMINAL_MASS * (self.stature / NOMINAL_STATURE) ** 2
-        check_number("mass", mass, 20, 300, "kg")
+        check_number("mass", mass, *MASS_RANGE, "kg")
         object.__setattr__(self, "mass", mass)
 
     def as_dict(self) -> dict[str, Any]:
@@ -167,6 +173,18 @@ def stature_of(lengths: Mapping[str, float]) -> float:
     order = np.argsort(suggestions)
     cumulative = np.cumsum(weights[order])
     return float(suggestions[order][np.searchsorted(cumulative, 0.5 * cumulative[-1])])
+
+
+def believable(segment: str, stature: float) -> tuple[float, float]:
+    """Return the shortest and the longest that a segment of a person of some stature may be [m].
+
+    Args:
+        segment: of `FRACTIONS`.
+        stature: of the person [m].
+    """
+    low, high = BELIEVABLE
+    average = FRACTIONS[segment] * stature
+    return low * average, high * average
 
 
 @lru_cache(maxsize=1)

@@ -25,15 +25,17 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, Final
 
-from ergoqp.arguments import shown
+from ergoqp.arguments import check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.files.text import read_toml
-from ergoqp.human.body import Body
+from ergoqp.human.body import MASS_RANGE, Body, believable
 from ergoqp.human.kinematics import FRAMES
 from ergoqp.human.marker import Marker
 
 _FARTHEST: Final = 2.0
 """No marker sits farther from its segment [m]."""
+_ROUNDED: Final = 1e-4
+"""What is written is rounded: no length is refused for so little [m]."""
 _CONTROLS: Final = re.compile(r'[\x00-\x1f\x7f"\\]')
 """What TOML does not take as it is within quotes."""
 
@@ -47,17 +49,42 @@ def given_person(person: float | str | Path) -> Body:
     Raises:
         InputError: the value is neither, or the file does not describe a person.
     """
+    return person_with_markers(person)[0]
+
+
+def person_with_markers(person: float | str | Path) -> tuple[Body, dict[str, Marker]]:
+    """Return the body of a person that the user describes, and where their markers sit.
+
+    Of a stature there are no markers.
+
+    Args:
+        person: stature [m], or path of a person file.
+
+    Raises:
+        InputError: the value is neither, or the file does not describe a person.
+    """
     if isinstance(person, Real) and not isinstance(person, bool):
-        return Body.of_stature(_float(person))
+        return Body.of_stature(_float(person)), {}
     if not isinstance(person, str | Path):
         raise InputError(f"person: got {person!r}, allowed a stature in m, a person file or None")
     path = Path(person)
+    if not path.name:
+        raise InputError(f"person file: got {str(person)!r}, allowed a file")
     entries = read_toml(path, "person file")
     if unknown := set(entries) - {"stature", "mass", "lengths", "markers"}:
         raise InputError(
             f"person file {path.name}: got {shown(sorted(unknown))}, allowed stature, mass and the"
             " tables lengths and markers"
         )
+    try:
+        return _body(path, entries), _markers(path, entries.get("markers", {}))
+    except InputError as error:
+        where = f"person file {path.name}: "
+        raise InputError(where + str(error).removeprefix(where)) from None
+
+
+def _body(path: Path, entries: Mapping[str, Any]) -> Body:
+    """Return the body that a file describes."""
     lengths = entries.get("lengths", {})
     if not isinstance(lengths, dict):
         raise InputError(
@@ -71,29 +98,25 @@ def given_person(person: float | str | Path) -> Body:
         )
     measured = {name: _number(path, f"lengths.{name}", value) for name, value in lengths.items()}
     mass = _number(path, "mass", entries.get("mass", 0.0))
-    try:
-        if "stature" not in entries:
-            return Body.of_lengths(measured, mass)
-        return Body(_number(path, "stature", entries["stature"]), measured, mass)
-    except InputError as error:
-        raise InputError(
-            str(error) if path.name in str(error) else f"person file {path.name}: {error}"
-        ) from None
+    if "mass" in entries:
+        # A body takes 0 for a mass that nobody states.
+        check_number("mass", mass, *MASS_RANGE, "kg")
+    if "stature" in entries:
+        body = Body(_number(path, "stature", entries["stature"]), measured, mass)
+    else:
+        body = Body.of_lengths(measured, mass)
+    for name, length in measured.items():
+        low, high = believable(name, body.stature)
+        if not low - _ROUNDED <= length <= high + _ROUNDED:
+            raise InputError(
+                f"length of {name}: got {length:.3f} m, allowed {low:.3f} to {high:.3f} m for a"
+                f" stature of {body.stature:.2f} m"
+            )
+    return body
 
 
-def given_markers(person: float | str | Path | None) -> dict[str, Marker]:
-    """Return where a person's markers sit, if a person file says so; nothing if not.
-
-    Args:
-        person: as in `given_person`, or None.
-
-    Raises:
-        InputError: the table of markers is not one.
-    """
-    if not isinstance(person, str | Path):
-        return {}
-    path = Path(person)
-    table = read_toml(path, "person file").get("markers", {})
+def _markers(path: Path, table: Any) -> dict[str, Marker]:
+    """Return where a person's markers sit, as a file says it."""
     where, found = f"person file {path.name}: markers", {}
     if not isinstance(table, dict):
         raise InputError(f"{where} is {table!r:.40}, allowed a table for each marker")

@@ -72,7 +72,7 @@ def _ik(folder: Path, stature: float | None, person: str | None, **keys: Any) ->
     """Return a person who follows: of average proportions, or of a person file."""
     if person is None:
         return IkResponse(body=Body() if stature is None else Body.of_stature(stature), **keys)
-    return IkResponse(body=given_person(folder / person), **keys)
+    return IkResponse(body=given_person(folder / person if person else person), **keys)
 
 
 def _points(folder: Path) -> LinearResponse:

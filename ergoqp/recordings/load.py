@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ergoqp.arguments import names_of, path_of, shown, unmasked
 from ergoqp.errors import InputError
-from ergoqp.human.person_file import given_markers, given_person
+from ergoqp.human.person_file import person_with_markers
 from ergoqp.progress import Progress, part_of, unseen
 from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.axes import UPS
@@ -160,9 +160,10 @@ def _reading(
         raise InputError(f"up: got {up!r}, allowed {', '.join(map(repr, UPS))} or None")
     if window is not None:
         _check_window(window)
+    body, shapes = (None, {}) if person is None else person_with_markers(person)
     return Reading(
-        body=None if person is None else given_person(person),
-        shapes=given_markers(person),
+        body=body,
+        shapes=shapes,
         unit=unit_to_m,
         up=up,
         naming=None if mapping is None else read_mapping(Path(mapping)),

@@ -10,7 +10,7 @@ from command_line import mistake
 
 from benchmarks.made_markers import markers_of, write_c3d
 from benchmarks.made_motions import BODY, RATE, fitted, walk
-from ergoqp.human.person_file import given_markers, given_person
+from ergoqp.human.person_file import given_person, person_with_markers
 from ergoqp.problem_files.load import load_problem
 
 
@@ -34,7 +34,7 @@ def test_a_take_tells_the_person_and_the_next_one_needs_it(ergoqp, takes, tmp_pa
     outcome = ergoqp("score", takes / "whole.c3d", "--save-person", "me.toml")
     assert outcome.status == 0, outcome.err
     assert given_person(tmp_path / "me.toml").stature == pytest.approx(BODY.stature, abs=0.01)
-    assert len(given_markers(tmp_path / "me.toml")) == 39
+    assert len(person_with_markers(tmp_path / "me.toml")[1]) == 39
     outcome = ergoqp("score", takes / "lacking.c3d", "--person", "me.toml")
     assert outcome.status == 0, outcome.err
     assert "left asis" in " ".join(outcome.out.split())
@@ -50,7 +50,7 @@ def test_a_problem_of_that_person(ergoqp, takes, tmp_path):
 def test_a_recording_without_markers_tells_lengths(ergoqp, demo, tmp_path):
     assert ergoqp("score", demo, "--save-person", tmp_path / "me.toml").status == 0
     assert given_person(tmp_path / "me.toml").stature == pytest.approx(1.72, abs=0.001)
-    assert given_markers(tmp_path / "me.toml") == {}
+    assert person_with_markers(tmp_path / "me.toml")[1] == {}
 
 
 @pytest.mark.parametrize("path", ["none/me.toml", ".", "x" * 300])
@@ -62,11 +62,11 @@ def test_where_nothing_can_be_written(ergoqp, demo, path):
 
 def test_the_person_that_is_given_may_be_written_anew(ergoqp, takes, tmp_path):
     assert ergoqp("score", takes / "whole.c3d", "--save-person", "me.toml").status == 0
-    before = given_markers(tmp_path / "me.toml")
+    before = person_with_markers(tmp_path / "me.toml")[1]
     again = ("score", takes / "whole.c3d", "--person", "me.toml", "--save-person", "me.toml")
     assert ergoqp(*again).status == 0
     assert given_person(tmp_path / "me.toml").stature == pytest.approx(BODY.stature, abs=0.01)
-    after = given_markers(tmp_path / "me.toml")
+    after = person_with_markers(tmp_path / "me.toml")[1]
     assert list(after) == list(before)
     for name, marker in before.items():
         # Beside a joint it may as well sit on the other segment.

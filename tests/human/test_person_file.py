@@ -9,8 +9,10 @@ import pytest
 
 from ergoqp.errors import InputError
 from ergoqp.human import FRACTIONS, Body
+from ergoqp.human.body import believable
 from ergoqp.human.marker import Marker
-from ergoqp.human.person_file import given_markers, given_person, write_person
+from ergoqp.human.person_file import given_person, person_with_markers, write_person
+from ergoqp.recordings.fitting.person import measured_person
 
 NAMES = ["LASI", "L ASI", "Ärm.1", 'with "quotes" and \\', "tab\tline\nbell\x07", "\x7f", "🦴", ""]
 
@@ -26,7 +28,8 @@ def test_a_person_file_is_the_body_it_describes(tmp_path: Path) -> None:
     body = given_person(path)
     assert (body.stature, body.mass, body.lengths["forearm"]) == (1.82, 81, 0.27)
     assert given_person(str(path)).stature == given_person(1.82).stature == 1.82
-    assert given_markers(path) == given_markers(1.82) == given_markers(None) == {}
+    assert person_with_markers(path) == (body, {})
+    assert person_with_markers(1.82) == (given_person(1.82), {})
 
 
 def test_lengths_alone_tell_the_stature(tmp_path: Path) -> None:
@@ -46,7 +49,7 @@ offset = [0, -0.1, -0.2]
 residual = 0.004
 """
     path = written(tmp_path, text)
-    assert given_markers(path) == {
+    assert person_with_markers(path)[1] == {
         "LASI": Marker("pelvis", (0.09, 0.12, 1.0), 0.0),
         "RTHI": Marker("right_hip", (0.0, -0.1, -0.2), 0.004),
     }
@@ -74,7 +77,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, body: Body) -> None:
     assert again.stature == pytest.approx(body.stature, abs=5e-5)
     assert again.mass == pytest.approx(body.mass, abs=0.05)
     assert again.lengths == pytest.approx(body.lengths, abs=5e-5)
-    found = given_markers(path)
+    found = person_with_markers(path)[1]
     assert list(found) == NAMES
     for name, marker in markers.items():
         assert found[name].frame == marker.frame
@@ -89,9 +92,9 @@ def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_pa
         "seen": Marker("pelvis", (0.0, 0.0, 0.0), 0.0),
     }
     write_person(tmp_path / "me.toml", Body(), markers)
-    assert list(given_markers(tmp_path / "me.toml")) == ["seen"]
+    assert list(person_with_markers(tmp_path / "me.toml")[1]) == ["seen"]
     write_person(tmp_path / "me.toml", Body(), {})
-    assert given_markers(tmp_path / "me.toml") == {}
+    assert person_with_markers(tmp_path / "me.toml")[1] == {}
     with pytest.raises(OSError, match="none"):
         write_person(tmp_path / "none" / "me.toml", Body(), {})
 
@@ -113,6 +116,7 @@ def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_pa
         ("stature = 180", "stature: got 180"),
         ("stature = -1.8", "stature: got -1.8"),
         ("stature = 1.8\nmass = -3", "mass: got -3"),
+        ("stature = 1.8\nmass = 0", "mass: got 0.0 kg, allowed 20 to 300 kg"),
         ("stature = 1.8\nmass = nan", "mass is nan, allowed a number"),
         ("height = 1.8", "got ['height'], allowed stature, mass"),
         ("stature = 1.8\n" + "\n".join(f"k{i} = 1" for i in range(99)), "allowed stature, mass"),
@@ -121,6 +125,12 @@ def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_pa
         ("[lengths]\nupper_arm = 'long'", "lengths.upper_arm is 'long', allowed a number"),
         ("[lengths]\nupper_arm = 300", "length of upper_arm: got 300"),
         ("stature = 1.8\n[lengths]\nupper_arm = 0.9", "length of upper_arm: got 0.900 m"),
+        (
+            "stature = 1.5\n[lengths]\nupper_arm = 0.4\nthigh = 0.6\nshank = 0.6",
+            "length of thigh: got 0.600 m, allowed 0.221 to 0.588 m for a stature of 1.50 m",
+        ),
+        ("stature = 1.9\n[lengths]\nshank = 0.2", "length of shank: got 0.200 m, allowed 0.280"),
+        ("[lengths]\nthigh = 0.43\nshank = 0.43\nneck = 0.18", "length of neck: got 0.180 m"),
         ("stature = 1.8\n[lengths]\nupperarm = 0.3", "got ['upperarm'], allowed"),
         ("stature = ", "not a TOML file"),
         ("\x00", "not a TOML file"),
@@ -141,9 +151,15 @@ LASI = "stature = 1.8\n[markers.LASI]\n"
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("markers = 3", "markers is 3, allowed a table for each marker"),
-        ("[markers]\nLASI = 3", "markers.LASI is 3, allowed a table of frame, offset"),
-        ("[markers]\nLASI = {}", "markers.LASI.frame is None, allowed one of pelvis, trunk"),
+        ("stature = 1.8\nmarkers = 3", "markers is 3, allowed a table for each marker"),
+        (
+            "stature = 1.8\n[markers]\nLASI = 3",
+            "markers.LASI is 3, allowed a table of frame, offset",
+        ),
+        (
+            "stature = 1.8\n[markers]\nLASI = {}",
+            "markers.LASI.frame is None, allowed one of pelvis, trunk",
+        ),
         (LASI + "at = 'pelvis'", "markers.LASI is {'at': 'pelvis'}, allowed a table of frame"),
         (LASI + "frame = 'hip'\noffset = [0, 0, 0]", "markers.LASI.frame is 'hip', allowed one of"),
         (LASI + "frame = []\noffset = [0, 0, 0]", "markers.LASI.frame is [], allowed one of"),
@@ -162,7 +178,7 @@ LASI = "stature = 1.8\n[markers.LASI]\n"
 )
 def test_markers_that_sit_nowhere_are_refused(tmp_path: Path, text: str, sentence: str) -> None:
     with pytest.raises(InputError) as told:
-        given_markers(written(tmp_path, text))
+        given_person(written(tmp_path, text))
     assert sentence in str(told.value)
     assert str(told.value).startswith("person file me.toml: markers")
     assert "\n" not in str(told.value)
@@ -172,6 +188,24 @@ def test_markers_that_sit_nowhere_are_refused(tmp_path: Path, text: str, sentenc
 def test_a_stature_that_is_none_is_refused(person: Any) -> None:
     with pytest.raises(InputError, match=r"got .*allowed"):
         given_person(person)
+
+
+@pytest.mark.parametrize("high", [False, True])
+@pytest.mark.parametrize("stature", [1.20004, 1.39183, 1.64638, 2.29996])
+def test_who_is_measured_can_be_read_again(tmp_path: Path, stature: float, high: bool) -> None:
+    # At the very ends of what is taken for a person's, and rounded in the file.
+    lengths = {name: believable(name, stature)[high] for name in FRACTIONS}
+    body, average = measured_person(lengths, stature)
+    assert not average
+    write_person(tmp_path / "me.toml", body, {})
+    again = given_person(tmp_path / "me.toml")
+    assert again.lengths == pytest.approx(body.lengths, abs=5e-5)
+
+
+def test_a_file_without_a_name() -> None:
+    for nowhere in ("", ".", Path()):
+        with pytest.raises(InputError, match=r"^person file: got '.?', allowed a file$"):
+            given_person(nowhere)
 
 
 @pytest.mark.parametrize("path", ["none.toml", "", ".", "a\x00b", "x" * 5000])

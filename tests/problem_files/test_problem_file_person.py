@@ -72,15 +72,23 @@ def test_another_person_follows_otherwise(folder: Path) -> None:
         ({"person": ["me.toml"]}, "response.ik.person: got ['me.toml'], allowed a valid string"),
         ({"person": "none.toml"}, "person file: none.toml cannot be read: No such file"),
         ({"person": "people"}, "person file: people: is a directory, allowed a file"),
-        ({"person": ""}, "is a directory, allowed a file"),
+        ({"person": ""}, "person file: got '', allowed a file"),
         ({"person": "a\x00b"}, "cannot be read: embedded null byte, allowed a file"),
         ({"person": "bad.toml"}, "person file bad.toml: got ['height'], allowed stature, mass"),
+        (
+            {"person": "nan.toml"},
+            "person file nan.toml: markers.LASI.offset is nan, allowed a number from -2 to 2",
+        ),
+        ({"person": "long.toml"}, "person file long.toml: length of thigh: got 0.600 m, allowed"),
         ({"person": "tall.toml"}, "person file tall.toml: stature: got 3.1 m, allowed 1.2 to 2.3"),
     ],
 )
 def test_who_is_nobody_is_refused(folder: Path, keys: dict[str, Any], sentence: str) -> None:
     (folder / "bad.toml").write_text("height = 1.8", encoding="utf-8")
     (folder / "tall.toml").write_text("stature = 3.1", encoding="utf-8")
+    (folder / "long.toml").write_text("stature = 1.5\n[lengths]\nthigh = 0.6", encoding="utf-8")
+    lasi = 'stature = 1.7\n[markers.LASI]\nframe = "pelvis"\noffset = [nan, 0, 0]'
+    (folder / "nan.toml").write_text(lasi, encoding="utf-8")
     with pytest.raises(ProblemError) as told:
         asked(folder, **keys)
     assert str(told.value).startswith("mine: ")

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.human import FRACTIONS, Body
+from ergoqp.human.body import believable
 
 _TELLING: Final = (("thigh", "shank", "trunk"), ("upper_arm", "forearm"))
 """Segments that tell the stature: those that a person stands up with.
@@ -28,11 +29,6 @@ _BETWEEN: Final[dict[str, tuple[tuple[str, str], ...]]] = {
     "ankle_to_toe": (("right_ankle", "right_toe"), ("left_ankle", "left_toe")),
 }
 """Lengths that are the distance of two centres, with both sides where there are two."""
-
-_BELIEVABLE: Final = (
-    0.6,
-    1.6,
-)  # measured over average length; outside, the file's joint is not the anatomical one
 
 
 def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -102,12 +98,12 @@ def measured_person(lengths: Mapping[str, float], stature: float) -> tuple[Body,
         forward, _, down = Body.of_stature(stature).model.site("right_toe").pos
         toe_forward = math.sqrt(max(ankle_to_toe**2 - down**2, 0.0))
         lengths["foot_length"] = FRACTIONS["foot_length"] * stature * toe_forward / forward
-    low, high = _BELIEVABLE
-    believed = {
-        s: length
-        for s, length in lengths.items()
-        if low <= length / (FRACTIONS[s] * stature) <= high
-    }
+    believed = {}
+    for segment, length in lengths.items():
+        # Outside, the file's joint is not the anatomical one.
+        low, high = believable(segment, stature)
+        if low <= length <= high:
+            believed[segment] = length
     return Body(stature, believed), sorted(set(lengths) - set(believed))
 
 

@@ -25,7 +25,7 @@ from benchmarks.made_markers import plug_in_gait, write_c3d
 from benchmarks.made_motions import BODY, RATE
 from ergoqp.errors import RecordingError
 from ergoqp.human.marker import Marker
-from ergoqp.human.person_file import given_markers, given_person, write_person
+from ergoqp.human.person_file import given_person, person_with_markers, write_person
 from ergoqp.recordings import load_recording
 from ergoqp.recordings.markers.fit import markers_on, places_of_markers
 from ergoqp.recordings.markers.landmarks import known_sets
@@ -139,7 +139,7 @@ def test_a_skeleton_that_leans_wears_them_as_well(far: float) -> None:
 
 
 def test_a_person_file_is_read_as_it_was_written(calibrated: Path) -> None:
-    body, markers = given_person(calibrated), given_markers(calibrated)
+    body, markers = given_person(calibrated), person_with_markers(calibrated)[1]
     recording = undisturbed()
     assert body.stature == pytest.approx(recording.person.stature, abs=1e-4)
     for name, length in recording.person.lengths.items():
@@ -207,7 +207,7 @@ def test_a_take_is_worse_without_the_shapes_of_a_person_file(calibrated: Path) -
 
 
 def test_the_person_file_of_somebody_else_is_not_used(tmp_path: Path, calibrated: Path) -> None:
-    markers = given_markers(calibrated)
+    markers = person_with_markers(calibrated)[1]
     x, y, z = markers["RPSI"].offset
     markers["RPSI"] = Marker(markers["RPSI"].frame, (x - 0.15, y, z), 0.0)
     write_person(tmp_path / "other.toml", undisturbed().person, markers)
@@ -224,7 +224,7 @@ def test_the_person_file_of_somebody_else_is_not_used(tmp_path: Path, calibrated
 
 def test_markers_on_two_segments_are_no_shape(tmp_path: Path, calibrated: Path) -> None:
     # As files of before had them: those of the trunk's frame say nothing of those of the pelvis'.
-    markers = given_markers(calibrated)
+    markers = person_with_markers(calibrated)[1]
     for name in ("RPSI", "LPSI"):
         markers[name] = Marker("trunk", (0.3, 0.3, 0.3), 0.0)
     write_person(tmp_path / "mixed.toml", undisturbed().person, markers)
