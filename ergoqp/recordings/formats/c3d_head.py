@@ -189,6 +189,11 @@ def _rate(path: Path, header: float, stated: float | None) -> tuple[float, tuple
     usable = [rate for rate in (stated, header) if rate is not None and low <= rate <= high]
     if not usable:
         fail(path, f"frames per second: got {header:g}, allowed {low:g} to {high:.0f}")
+    if stated is not None and not low <= stated <= high:
+        return usable[0], (
+            f"POINT:RATE states {stated:g} frames per second, which no file has: the {header:g} of"
+            " the header are taken.",
+        )
     if abs(usable[0] / usable[-1] - 1) < 1e-3:
         return usable[0], ()
     return usable[0], (

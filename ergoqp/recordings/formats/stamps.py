@@ -18,6 +18,8 @@ SLOWEST, FASTEST = 0.01, 10_000.0
 RATES: Final = f"frames per second from {SLOWEST:g} to {FASTEST:g}"
 LONGEST: Final = 1e7
 """No recording lasts longer: four months [s]."""
+_ALIKE: Final = 0.1
+"""By what share times and a stated rate may differ."""
 _BLOCK: Final = 4000
 """Frames that are compared at once."""
 _OTHERS: Final = 0.02
@@ -134,6 +136,31 @@ def time_head(word: str) -> tuple[bool, float | None]:
 def tick_of(word: str) -> float | None:
     """Return the unit of time that a word is [s]; None if it is none."""
     return _SECONDS[word.casefold()[0]] if re.fullmatch(_UNIT, word, re.IGNORECASE) else None
+
+
+def unit_by_rate(stamps: np.ndarray, rate: float) -> tuple[float, list[str]]:
+    """Return the unit of times [s] with which they are as far apart as a stated rate says.
+
+    Where none is, the times are seconds, and it is said: a rate is written once and copied often.
+
+    Args:
+        stamps: the time column (n,).
+        rate: frames per second that the file states [Hz].
+    """
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return 1.0, []
+    usual = float(np.median(steps))
+    for unit, name in _UNITS.items():
+        if abs(unit * usual * rate - 1) <= _ALIKE:
+            if unit == 1.0:
+                return unit, []
+            return unit, [f"Times are taken as {name}: the file states {rate:g} frames per second."]
+    return 1.0, [
+        f"The file states {rate:g} frames per second, and by its times there are {1 / usual:.4g}:"
+        " the times are taken."
+    ]
 
 
 def steady(where: str, count: int, rate: float) -> tuple[np.ndarray, list[str]]:

@@ -22,9 +22,10 @@ from ergoqp.recordings.formats.rows import (
     blocks,
     cells,
     count_of,
+    is_number,
     separator_of,
 )
-from ergoqp.recordings.formats.stamps import repeated, seconds
+from ergoqp.recordings.formats.stamps import repeated, seconds, unit_by_rate
 from ergoqp.recordings.formats.text_lines import TextLines
 from ergoqp.recordings.motion import JointMotion
 
@@ -76,7 +77,11 @@ def read_trc(path: Path, progress: Progress, asked: Asked) -> JointMotion:
     if not stamps:
         raise RecordingError(f"{path.name}: got no row of numbers, allowed a movement")
     positions = places.whole
-    time, kept, notes = seconds(path.name, stamps.whole, 1.0, [positions])
+    # Not all write seconds, and what they wrote the rate tells.
+    rate = stated.get("datarate", "").replace(",", ".")
+    second, said = unit_by_rate(stamps.whole, float(rate)) if is_number(rate) else (1.0, [])
+    time, kept, notes = seconds(path.name, stamps.whole, second, [positions])
+    notes = [*said, *notes]
     positions = positions if kept.all() else positions[kept]
     for key, found, what in (
         ("numframes", len(kept), "frames"),

@@ -193,8 +193,13 @@ def test_what_the_parameters_state_is_surer_than_the_header(tmp_path: Path) -> N
         " taken."
     )
     assert len(read_made(tmp_path, point=point(RATE=100.0)).notes) == 1
-    for rate in (0.0, -1.0, np.nan, np.inf):
+    for rate in (0.0, -60.0, np.nan, np.inf, 1e9):
         assert read_made(tmp_path, rate=rate, point=point(RATE=50.0)).time[1] == 0.02
-        assert read_made(tmp_path, point=point(RATE=rate)).time[1] == 0.01
+        motion = read_made(tmp_path, point=point(RATE=rate))
+        assert motion.time[1] == 0.01
+        assert motion.notes[0] == (
+            f"POINT:RATE states {rate:g} frames per second, which no file has: the 100 of the"
+            " header are taken."
+        )
     assert read_made(tmp_path, point=point(SCALE=-0.2)).positions[0, 0, 0] == 1
     assert read_made(tmp_path, scale=0.25, point=point(SCALE=0.5)).positions[0, 0, 0] == 2

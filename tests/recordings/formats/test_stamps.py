@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from ergoqp.errors import RecordingError
-from ergoqp.recordings.formats.stamps import repeated, seconds, steady, time_head
+from ergoqp.recordings.formats.stamps import (
+    repeated,
+    seconds,
+    steady,
+    time_head,
+    unit_by_rate,
+)
 
 STEPS = np.array([0.0, 0.1, 0.2, 0.35])
 
@@ -83,6 +89,21 @@ def test_one_frame_and_frames_of_one_time() -> None:
         np.testing.assert_array_equal(time, [0])
         assert kept[0]
         assert notes[-1] == "There is one frame."
+
+
+def test_the_unit_by_a_stated_rate() -> None:
+    # The median of the steps counts, a gap or a frame that is there twice does not.
+    stamps = np.array([0, 0, 20, 40, 60, 80, 9000])
+    unit, said = unit_by_rate(stamps, 50.0)
+    assert unit == 1e-3
+    assert said == ["Times are taken as milliseconds: the file states 50 frames per second."]
+    assert unit_by_rate(stamps / 1000, 50.0) == (1.0, [])
+    for few in ([], [3.0], [3.0, 3.0], [np.nan, np.nan]):
+        assert unit_by_rate(np.array(few), 50.0) == (1.0, [])
+    for rate in (0.0, -50.0, np.nan, np.inf, 25.0):
+        unit, said = unit_by_rate(stamps, rate)
+        assert unit == 1.0
+        assert "by its times there are 0.05: the times are taken" in said[0]
 
 
 def test_a_stated_rate() -> None:

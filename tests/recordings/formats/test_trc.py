@@ -84,6 +84,42 @@ def test_counts_are_compared(counts: str, notes: tuple[str, ...], tmp_path: Path
     assert read(read_trc, write(tmp_path / "a.trc", content)).notes == (UNIFORM, *notes)
 
 
+@pytest.mark.parametrize(
+    ("unit", "word"),
+    [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")],
+)
+def test_the_rate_tells_the_unit_of_the_times(unit: float, word: str, tmp_path: Path) -> None:
+    content = TRC.replace("\t0.1\t", f"\t{0.1 * unit:.0f}\t").replace(
+        "\t0.2\t", f"\t{0.2 * unit:.0f}\t"
+    )
+    motion = read(read_trc, write(tmp_path / "a.trc", content))
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+    assert motion.notes == (
+        f"Times are taken as {word}: the file states 10 frames per second.",
+        UNIFORM,
+    )
+
+
+@pytest.mark.parametrize("rate", ["0", "-10", "1e9", "120", "6", "11.2"])
+def test_a_rate_that_is_not_that_of_the_times(rate: str, tmp_path: Path) -> None:
+    content = TRC.replace("10\t10\t3", f"{rate}\t10\t3")
+    motion = read(read_trc, write(tmp_path / "a.trc", content))
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+    assert motion.notes == (
+        f"The file states {float(rate):g} frames per second, and by its times there are 10: the"
+        " times are taken.",
+        UNIFORM,
+    )
+
+
+@pytest.mark.parametrize("rate", ["10.9", "9.2", "10,0", "", "fast", "ten"])
+def test_a_rate_that_says_nothing_else(rate: str, tmp_path: Path) -> None:
+    content = TRC.replace("10\t10\t3", f"{rate}\t10\t3")
+    motion = read(read_trc, write(tmp_path / "a.trc", content))
+    assert motion.time == pytest.approx([0, 0.1, 0.2])
+    assert motion.notes == (UNIFORM,)
+
+
 BROKEN = {
     "empty": ("", "^a.trc: the file ends in line 0, required is the line PathFileType"),
     "other": ("HIERARCHY\n", "line 1: got 'HIERARCHY', allowed PathFileType"),
@@ -118,7 +154,7 @@ def test_the_time_of_a_frame_twice(tmp_path: Path) -> None:
     content = TRC.replace("2\t0.1\t1.5\t2.5\t3.5\t4.5\t5.5\t6.5", "2\t0.0\t1\t2\t3\t4\t5\t6")
     motion = read(read_trc, write(tmp_path / "a.trc", content))
     np.testing.assert_array_equal(motion.positions, POINTS[[0, 2]])
-    assert motion.notes[0].startswith("1 of 3 frames have the time of the frame before")
+    assert motion.notes[1].startswith("1 of 3 frames have the time of the frame before")
     other = write(tmp_path / "b.trc", TRC.replace("2\t0.1", "2\t0.0"))
     refused(read_trc, other, "^b.trc: 1 of 3 frames have the time of the frame before and show")
 
