@@ -16,6 +16,7 @@ from ergoqp.recordings.formats.ready_angles import own_angles, placed_by_angles
 from ergoqp.recordings.markers.completion import has_gaps
 from ergoqp.recordings.markers.joints import Astray, astray_said, joints_of_markers, unit_of_markers
 from ergoqp.recordings.markers.landmarks import LANDMARKS, RIGID, best_set, known_sets
+from ergoqp.recordings.markers.origin import off_origin
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import parted
 from ergoqp.recordings.naming import (
@@ -116,6 +117,9 @@ def joints_of(
             upright=ready,
         )
     said: tuple[str, ...] = (f"The markers are named as in the {title} set.",)
+    # A joint centre may be the origin of its file; a marker that is at it is none that was seen.
+    skin = {**further, **{name: which for name, which in landmarks.items() if name in LANDMARKS}}
+    motion = off_origin(motion, sorted({i for which in skin.values() for i in which}))
     motion, landmarks = _with_known(motion, landmarks, title, shapes)
     stated = unit or motion.unit
     size = unit_of_markers(motion, where, landmarks, stated)
