@@ -75,7 +75,12 @@ def joints_of_markers(
     segments, said = rigid_segments(motion, landmarks, more, given, unit, every)
     size = pelvis_size(segments)
     if not np.isfinite(size).all() and not {"pelvis", "right_hip", "left_hip"} & set(landmarks):
-        raise RecordingError(_unplaced(where, _at(landmarks, motion.positions[::every], unit)))
+        unplaced = _unplaced(where, _at(landmarks, motion.positions[::every], unit))
+        # Whose person file is another's would look for the markers.
+        for sentence in said:
+            if "pelvis's markers are not where" in sentence:
+                unplaced += f"; t{sentence[1:-1]}"
+        raise RecordingError(unplaced)
     widths, count = Widths.of(motion.measures), len(motion.time)
     sample = _at(landmarks, motion.positions[::every], unit)
     check_order(where, sample)

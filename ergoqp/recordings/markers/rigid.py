@@ -23,7 +23,7 @@ _FLAT: Final = 0.02
 """Points that are nowhere wider across their length are a line, and turn about it [m]."""
 _ASTRAY: Final = 0.03
 """What misses a shape by more is another marker, if those without it fit [m]."""
-UNLIKE: Final = 0.04
+_UNLIKE: Final = 0.04
 """Of points that miss a shape by more, and nobody knows which is wrong, none tells [m]."""
 _THREE: Final = 0.02
 """Three points fit any triangle that is somewhat like theirs: none of them tells that misses by
@@ -82,7 +82,7 @@ def follow(points: np.ndarray, shape: np.ndarray) -> Followed:
     there = _placed(turn, place, shape)
     seen = _seen(points) & known & ~astray
     miss = np.where(seen, np.linalg.norm(points - there, axis=2), 0.0).max(axis=1, initial=0.0)
-    unlike = miss > np.where(seen.sum(axis=1) > 3, UNLIKE, _THREE)
+    unlike = miss > np.where(seen.sum(axis=1) > 3, _UNLIKE, _THREE)
     turn[unlike], place[unlike], there[unlike] = np.nan, np.nan, np.nan
     astray[unlike] |= seen[unlike]
     there[:, ~known] = np.nan

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from ergoqp.human.marker import Marker
 from ergoqp.joints import SIDES
 from ergoqp.recordings.markers.landmarks import RIGID
-from ergoqp.recordings.markers.rigid import UNLIKE, brought_to, follow, shape_of
+from ergoqp.recordings.markers.rigid import brought_to, follow, shape_of
 from ergoqp.recordings.motion import JointMotion
+
+_THREE: Final = 0.012
+"""Three markers of another person's file miss by less than people differ: what they miss by at
+most, if it is this one's [m]."""
+_MORE: Final = 0.02
+"""More of them show it better [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +99,8 @@ def rigid_segments(
         theirs = _given_shape([[motion.names[i] for i in each] for each in which.values()], given)
         lacking = np.isnan(shape[:, 0]) & np.isfinite(theirs[:, 0])
         both = brought_to(theirs, shape) if lacking.any() else None
-        if both is not None and both[1] > UNLIKE:
+        shared = int((np.isfinite(shape[:, 0]) & np.isfinite(theirs[:, 0])).sum())
+        if both is not None and both[1] > (_THREE if shared == 3 else _MORE):
             said.append(
                 f"The {segment}'s markers are not where the person file has them, by"
                 f" {1000 * both[1]:.0f} mm: what was never seen of it is not put there."
@@ -101,7 +109,10 @@ def rigid_segments(
             names = [
                 name.replace("_", " ") for name, lacks in zip(which, lacking, strict=True) if lacks
             ]
-            said.append(f"Never seen and put where the person file has it: {', '.join(names)}.")
+            said.append(
+                f"Never seen and put where the person file has it: {', '.join(names)}; the others"
+                f" of the {segment} are there to {1000 * both[1]:.0f} mm."
+            )
             shape = np.where(lacking[:, None], both[0], shape)
         found.append(Segment(segment, tuple(which), tuple(which.values()), shape))
     return found, said
