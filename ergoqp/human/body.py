@@ -82,6 +82,9 @@ class Body:
     def __post_init__(self) -> None:
         """Check the numbers and fill in what was not measured from the stature."""
         low, high = STATURE_RANGE
+        if isinstance(self.stature, float):
+            # One that lengths suggest has more digits than anybody asks for.
+            check_number("stature", round(self.stature, 3), low, high, "m")
         check_number("stature", self.stature, low, high, "m")
         check_kind(
             "segment lengths",

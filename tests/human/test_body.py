@@ -247,6 +247,8 @@ def test_mass_is_that_of_the_person() -> None:
     ("make", "sentence"),
     [
         (lambda: Body.of_stature(1.75e3), "stature: got 1750.0 m, allowed 1.2 to 2.3 m"),
+        (lambda: Body.of_stature(2.4079459656957733), "stature: got 2.408 m, allowed 1.2 to 2.3"),
+        (lambda: Body.of_stature(2.3001), "stature: got 2.3001 m, allowed 1.2 to 2.3 m"),
         (lambda: Body.of_stature(float("nan")), "stature: got nan m"),
         (lambda: Body.of_stature(1.7, mass=-70), "mass: got -70 kg, allowed 20 to 300 kg"),
         (lambda: Body.of_stature(1.7, mass=float("nan")), "mass: got nan kg"),
