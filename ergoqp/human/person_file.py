@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from numbers import Real
 from pathlib import Path
 from typing import Any, Final
@@ -142,18 +142,22 @@ def _markers(path: Path, table: Any) -> dict[str, Marker]:
     return found
 
 
-def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
+def write_person(
+    path: Path, body: Body, markers: Mapping[str, Marker], notes: Sequence[str] = ()
+) -> None:
     """Write a person file: what a recording has told of somebody.
 
     Args:
         path: where to.
         body: the person.
         markers: where the markers sit; those that were never seen, or nowhere near, are left out.
+        notes: what is to be said of it, each a comment in the file.
 
     Raises:
         OSError: if the file cannot be written.
     """
-    rows = [f"stature = {body.stature:.4f}"]
+    rows = [f"# {_printable(note)}" for note in notes]
+    rows += [f"stature = {body.stature:.4f}"]
     # A mass that only follows from the stature is none that anybody weighed.
     if abs(body.mass - Body.of_stature(body.stature).mass) > 0.05:
         rows.append(f"mass = {body.mass:.1f}")
@@ -173,7 +177,12 @@ def write_person(path: Path, body: Body, markers: Mapping[str, Marker]) -> None:
 
 def _quoted(name: str) -> str:
     """Return a name as a TOML key in quotes."""
-    return '"' + _CONTROLS.sub(lambda found: f"\\u{ord(found.group()):04x}", name) + '"'
+    return f'"{_printable(name)}"'
+
+
+def _printable(text: str) -> str:
+    """Return a text without what TOML does not take as it is."""
+    return _CONTROLS.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
 
 
 def _number(

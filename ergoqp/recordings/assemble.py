@@ -95,7 +95,9 @@ def recording_of(
     axes = unit * axes_to_ours(where, centres, reading.up or motion.up, assumptions)
     held = held_object(where, motion.objects, reading.thing, axes, centres, assumptions)
     markers = {name: path @ axes.T / unit for name, path in found.markers.items()}
-    body = reading.body or measured_body(where, lengths, stature, unit, assumptions)
+    body, measured = reading.body, ()
+    if body is None:
+        body, measured = measured_body(where, lengths, stature, unit, assumptions)
     # An hour of it is much: what is not needed any more goes, and single precision is kept.
     time, rest = motion.time, {name: axes @ place for name, place in named.rest.items()}
     paths, frames, landmarks = centres, found.frames, found.landmarks
@@ -156,6 +158,8 @@ def recording_of(
         errors=result.errors,
         not_scored=result.not_scored,
         markers=sits,
+        # Centres that joint angles place are those of the body that they were placed with.
+        measured=() if upright else measured,
     )
 
 

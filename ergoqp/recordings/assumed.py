@@ -122,8 +122,8 @@ def measured_body(
     stature: float | None,
     unit: float,
     assumptions: list[str],
-) -> Body:
-    """Return the body whose lengths are those between the recording's joints."""
+) -> tuple[Body, tuple[str, ...]]:
+    """Return the body whose lengths are those between the recording's joints, and which are."""
     if stature is None:
         raise RecordingError(
             f"{where}: no trunk, arm or leg is complete enough to measure the person; state person"
@@ -145,7 +145,8 @@ def measured_body(
             f"Average lengths are taken for {', '.join(map(spoken, average))}: no person has those"
             " of the recording."
         )
-    return body
+    own = ("foot_length" if name == "ankle_to_toe" else name for name in lengths)
+    return body, tuple(name for name in own if name not in average)
 
 
 def held_object(

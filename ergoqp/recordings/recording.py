@@ -34,6 +34,9 @@ class Recording:
         not_scored: why frames are not to be scored (see `ergoqp.recordings.fitting.validity`) ->
             those frames, shape (n,) bool.
         markers: marker on the skin -> where it sits on the fitted body and how well.
+        measured: segments of the person whose lengths are measured in the recording; the others
+            follow from the stature. None of them where the person was stated, or the recording is
+            of joint angles.
     """
 
     time: np.ndarray
@@ -47,6 +50,7 @@ class Recording:
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     not_scored: Mapping[str, np.ndarray] = field(default_factory=dict)
     markers: Mapping[str, Marker] = field(default_factory=dict)
+    measured: tuple[str, ...] = ()
 
     @property
     def scored(self) -> np.ndarray:

@@ -93,7 +93,10 @@ def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_pa
     }
     write_person(tmp_path / "me.toml", Body(), markers)
     assert list(person_with_markers(tmp_path / "me.toml")[1]) == ["seen"]
-    write_person(tmp_path / "me.toml", Body(), {})
+    write_person(tmp_path / "me.toml", Body(), {}, ["Of 'a\nb\x7f' nothing.", "Ärm"])
+    first, second, third = (tmp_path / "me.toml").read_text(encoding="utf-8").splitlines()[:3]
+    assert (first, second) == ("# Of 'a\\u000ab\\u007f' nothing.", "# Ärm")
+    assert third == "stature = 1.7500"
     assert person_with_markers(tmp_path / "me.toml")[1] == {}
     with pytest.raises(OSError, match="none"):
         write_person(tmp_path / "none" / "me.toml", Body(), {})

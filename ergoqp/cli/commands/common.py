@@ -291,9 +291,9 @@ def write_report(
         out.print(Text(f"{name:<12} {folder / name}"), soft_wrap=True)
 
 
-def print_assumptions(out: Console, sentences: list[str] | tuple[str, ...]) -> None:
-    """Print sentences as a list, each on its lines."""
+def print_assumptions(out: Console, sentences: Sequence[str], title: str = "assumed") -> None:
+    """Print sentences as a list below a title, each on its lines."""
     if sentences:
-        out.print(Text("assumed"))
+        out.print(Text(title), soft_wrap=not out.is_terminal)
     for sentence in sentences:
         out.print(Text(f"- {sentence}"), soft_wrap=not out.is_terminal)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ergoqp.arguments import shown
 from ergoqp.cli.commands.common import (
     RecordingOptions,
     console,
@@ -14,10 +13,9 @@ from ergoqp.cli.commands.common import (
     write_report,
     writing,
 )
-from ergoqp.errors import InputError, RecordingError, UnknownNamesError
-from ergoqp.human.person_file import write_person
+from ergoqp.cli.commands.save_person import save_person
+from ergoqp.errors import RecordingError, UnknownNamesError
 from ergoqp.progress import part_of
-from ergoqp.recordings import Recording
 from ergoqp.recordings.guess import template
 from ergoqp.recordings.markers.landmarks import LANDMARKS
 from ergoqp.recordings.naming import CENTRES
@@ -35,7 +33,7 @@ def score(
     task: TaskOptions,
     options: RecordingOptions,
     method: Method,
-    save_person: Path | None = None,
+    person_path: Path | None = None,
 ) -> None:
     """Score a recording, print the table; write its files and ``report.html``.
 
@@ -47,7 +45,7 @@ def score(
         task: what joint angles cannot tell.
         options: how it is to be read.
         method: how the sheet is read.
-        save_person: where to write the person, or None.
+        person_path: where to write the person, or None.
 
     Raises:
         ErgoqpError: if what the user gave cannot be used.
@@ -63,8 +61,9 @@ def score(
         raise RecordingError(
             f"{unknown}; a file with the nearest guesses, to be looked through, is {mapping}"
         ) from None
-    if save_person is not None:
-        _save(save_person, recording)
+    notes = []
+    if person_path is not None:
+        notes = save_person(person_path, recording, options.person is not None)
     assessment = assess(recording.scored_postures, method, **task)
     folder = make_folder(out, recording_path.stem)
     screen = console()
@@ -72,6 +71,7 @@ def score(
         write_scores(recording, assessment, folder, part_of(done, 0.0, 0.5))
         write_angles(recording, folder, part_of(done, 0.5, 1.0))
     print_assumptions(screen, recording.assumptions)
+    print_assumptions(screen, notes, f"written to {person_path}")
     screen.print(score_table(recording, assessment))
     write_report(
         screen,
@@ -81,21 +81,6 @@ def score(
             recording, assessment, path, _words(task, method), recording_path.name
         ),
     )
-
-
-def _save(path: Path, recording: Recording) -> None:
-    """Write the person and where their markers sit.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
-    try:
-        write_person(path, recording.person, recording.markers)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"--save-person: got {shown(str(path), 80)}: {why}, allowed the path of a file"
-        ) from None
 
 
 def _words(task: TaskOptions, method: Method) -> list[tuple[str, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 import numpy as np
@@ -62,6 +62,18 @@ def measured_lengths(centres: Mapping[str, np.ndarray]) -> dict[str, float]:
                 )
             lengths["shoulder_height"] = _median(along)
     return {segment: length for segment, length in lengths.items() if length > 0}
+
+
+def side_measured(segment: str, centres: Collection[str]) -> str | None:
+    """Return the side on which alone a segment is measured; None for both, or one in the middle.
+
+    Args:
+        segment: of `FRACTIONS`.
+        centres: those that the recording has.
+    """
+    pairs = _BETWEEN.get("ankle_to_toe" if segment == "foot_length" else segment, ())
+    seen = [a for a, b in pairs if a in centres and b in centres]
+    return seen[0].partition("_")[0] if len(seen) == 1 < len(pairs) else None
 
 
 def suggested_stature(lengths: Mapping[str, float]) -> float | None:
