@@ -7,7 +7,7 @@ of all other recordings.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -16,6 +16,7 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body
 from ergoqp.recordings.formats.opening import some
+from ergoqp.recordings.formats.opensim_angles import Angles, check_unit, with_bent_hinges
 from ergoqp.recordings.formats.opensim_models import MODELS, OpenSimModel, Step
 from ergoqp.recordings.formats.storage import coordinate_of
 from ergoqp.recordings.motion import JointMotion
@@ -26,15 +27,6 @@ if TYPE_CHECKING:
 _AXIAL: Final = ("pelvis", "trunk")
 _POSE: Final = ("_rotx", "_roty", "_rotz", "_transx", "_transy", "_transz")
 """How the coordinates of a thing end."""
-_HEADINGS: Final = ("pelvis_rotation", "thorax_rotation", "ground_thorax_rot_y")
-_KNEES: Final = ("knee_angle_r", "knee_angle_l")
-_ELBOWS: Final = ("elbow_flexion", "elbow_flex_r", "elbow_flex_l")
-BENT: Final = np.radians(0.5)
-"""No elbow or knee is bent less [rad]: a straight one would not show how the limb is turned, which
-the file tells, and one that is bent backward would show the opposite."""
-
-Angles = Mapping[str, np.ndarray]
-"""Coordinate in small letters -> angles [rad] or lengths [m] (n,)."""
 Turns = dict[str, tuple["Rotation", np.ndarray]]
 """Segment -> how it is turned in the axes of the model, and where that is known (n,) bool."""
 _BLOCK: Final = 8192
@@ -52,7 +44,7 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         body: whose lengths are taken; None: those of an average person.
 
     Raises:
-        RecordingError: the coordinates are those of no known model.
+        RecordingError: the coordinates are those of no known model, or the angles no person's.
     """
     angles = {
         name.lower(): np.asarray(each, dtype=float)
@@ -60,9 +52,9 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         if (name := coordinate_of(path)) is not None
     }
     model = _model_of(angles, where)
-    _check_unit(model, angles, where)
+    doubts = check_unit(model, angles, where)
     person = body or Body()
-    angles, knees = _with_bent_hinges(angles)
+    angles, bends = with_bent_hinges(angles, where)
     upright, lacking = _places(model, {name: np.zeros(1) for name in angles}, 1, person)
     positions = np.empty((len(motion.time), len(upright), 3), dtype=np.float32)
     for start in range(0, len(positions), _BLOCK):
@@ -75,7 +67,8 @@ def posed(motion: JointMotion, where: str, body: Body | None = None) -> JointMot
         f" with the lengths of {'an average' if body is None else 'the'} person of"
         f" {person.stature:.2f} m.",
         *model.notes,
-        *knees,
+        *doubts,
+        *bends,
     ]
     if lacking:
         notes.append(f"Not in the file and taken as zero: {some(lacking)}.")
@@ -107,35 +100,6 @@ def _model_of(angles: Angles, where: str) -> OpenSimModel:
         f"{where}: got the coordinates {some(list(angles))}, which place no trunk, allowed those"
         f" of a known model ({allowed})"
     )
-
-
-def _check_unit(model: OpenSimModel, angles: Angles, where: str) -> None:
-    """Raise for joints that turn more than twice: some files state radians and have degrees."""
-    for name in model.coordinates:
-        # How people head is counted on when they turn round and round.
-        if name in angles and name not in {*_HEADINGS, *model.moved}:
-            most = np.fmax.reduce(np.abs(angles[name]), initial=0.0)
-            if most > 4 * np.pi:
-                raise RecordingError(
-                    f"{where}: {name} reaches {most:.4g} rad, allowed two whole turns: the unit of"
-                    " the angles (inDegrees) is another"
-                )
-
-
-def _with_bent_hinges(angles: Angles) -> tuple[Angles, list[str]]:
-    """Return the angles with elbows and knees that bend positively, and what is said of it.
-
-    Knees of gait2392 and Hamner bend negatively. Nobody's are bent backward most.
-    """
-    knees = {name: each for name, each in angles.items() if name in _KNEES}
-    every, said = np.concatenate([np.zeros(1), *knees.values()]), []
-    if -np.nanmin(every) > np.nanmax(every):
-        knees = {name: -each for name, each in knees.items()}
-        said = [
-            "The knees' angles are negative where they bend, as in gait2392: they are reversed."
-        ]
-    hinges = {name: each for name, each in angles.items() if name in _ELBOWS} | knees
-    return {**angles, **{name: np.maximum(each, BENT) for name, each in hinges.items()}}, said
 
 
 def _places(

@@ -16,7 +16,8 @@ import numpy as np
 from ergoqp.errors import RecordingError
 from ergoqp.human import Body, Kinematics
 from ergoqp.joints import JOINTS, spoken
-from ergoqp.recordings.formats.opensim import BENT, is_of_model
+from ergoqp.recordings.formats.opensim import is_of_model
+from ergoqp.recordings.formats.opensim_angles import BENT
 from ergoqp.recordings.motion import JointMotion
 from ergoqp.recordings.names import CENTRES, parted
 
