@@ -17,6 +17,8 @@ import numpy as np
 _SAMPLE: Final = 2000
 """Frames by which a shape is found."""
 _ROUNDS: Final = 5
+_CANDIDATES: Final = 9
+"""Frames of which the one begins a shape that the most others are like."""
 _STEADY: Final = 0.25
 """A point of a shape is where it keeps to for this share of the time: it may fall off later."""
 _FLAT: Final = 0.02
@@ -60,8 +62,7 @@ def shape_of(points: np.ndarray) -> np.ndarray | None:
     # Those by which it can be told, and of them the whole ones before others.
     rows = np.flatnonzero(seen.sum(axis=1) >= 3)
     sample = _finite(points[rows[:: max(1, len(rows) // _SAMPLE)]])
-    first = _finite(points[whole[len(whole) // 2 :][:1]])[0]
-    shape = first - np.nanmean(first, axis=0)
+    shape = _first(_finite(points[whole]), sample)
     for _ in range(_ROUNDS):
         turn, place, _ = _fitted(sample, shape)
         back = np.einsum("nji,nmj->nmi", turn, sample - place[:, None])
@@ -102,6 +103,24 @@ def brought_to(shape: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, float
     miss = np.linalg.norm(points - there, axis=1)
     there[~np.isfinite(shape).all(axis=1)] = np.nan
     return there, float(np.nanmax(miss[seen[0] & np.isfinite(shape).all(axis=1)]))
+
+
+def _first(whole: np.ndarray, sample: np.ndarray) -> np.ndarray:
+    """Return the one of frames (k, m, 3) that most of a sample (n, m, 3) is like, about its middle.
+
+    By one in which two points are exchanged all others would be exchanged ones.
+    """
+    count = min(_CANDIDATES, len(whole))
+    shapes = whole[(len(whole) * (np.arange(count) + 0.5) / count).astype(int)]
+    shapes = shapes - np.nanmean(shapes, axis=1, keepdims=True)
+    unlike = []
+    for shape in shapes:
+        seen = _seen(sample) & np.isfinite(shape).all(axis=1)
+        away = np.linalg.norm(sample - _placed(*_brought(sample, shape, seen), shape), axis=2)
+        miss = np.where(seen, np.nan_to_num(away, nan=np.inf), 0.0).max(axis=1)
+        # How far off those are that are no such shape says nothing.
+        unlike.append(np.minimum(miss, _ASTRAY).sum())
+    return shapes[int(np.argmin(unlike))]
 
 
 def _fitted(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -93,6 +93,18 @@ def test_two_of_what_moves_as_one_are_exchanged(pair: str, rows: slice) -> None:
     assert "taken for another's and left out" in said(recording) or pair == "LFHD RBHD"
 
 
+@pytest.mark.parametrize("pair", ["LPSI RPSI", "LASI RASI"])
+@pytest.mark.parametrize("long", [180, 290])
+def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: int) -> None:
+    # By a frame of these the others would be exchanged, and the feet would point backward.
+    rows = slice(150, 150 + long)
+    recording = read(exchanged(*pair.split(), rows))
+    outside = np.isin(np.arange(COUNT), np.r_[rows], invert=True)
+    assert recording.scored[outside].all()
+    assert worst(recording, outside) < 0.1
+    assert worst(recording) < 3
+
+
 @pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
 @pytest.mark.parametrize("name", ["WRA", "ANK", "KNE", "ELB", "SHO", "THI", "TOE"])
 def test_left_and_right_are_exchanged(name: str, rows: slice) -> None:

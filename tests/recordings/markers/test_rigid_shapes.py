@@ -206,6 +206,29 @@ def test_the_shape_does_not_hang_on_the_frame_in_the_middle() -> None:
     assert brought_to(found, CHEST)[1] < 1e-6  # type: ignore[index]
 
 
+@pytest.mark.parametrize("shape", [PELVIS, CHEST])
+@pytest.mark.parametrize("pair", [(0, 1), (2, 3), (0, 2)])
+def test_the_shape_is_not_that_of_frames_in_which_two_are_exchanged(
+    shape: np.ndarray, pair: tuple[int, int]
+) -> None:
+    points, _ = placed(shape, 300)
+    truth = points.copy()
+    # Most of the middle is so, and what begins a take may be anything.
+    points[90:215, pair] = points[90:215, pair[::-1]]
+    points[:40, 1] += np.linspace(0.1, 0.9, 40)[:, None]
+    found = shape_of(points)
+    assert found is not None
+    assert brought_to(found, shape)[1] < 1e-6  # type: ignore[index]
+    right = np.r_[40:90, 215:300]
+    followed = follow(points, found)
+    np.testing.assert_allclose(followed.points[right], truth[right], atol=1e-6)
+    assert not followed.astray[right].any()
+    # One frame may be all that there is, and those of too few points none.
+    alone = shape_of(truth[:1])
+    assert alone is not None
+    assert brought_to(alone, shape)[1] < 1e-9  # type: ignore[index]
+
+
 def test_a_point_that_is_never_seen_has_no_place() -> None:
     points, _ = placed(PELVIS)
     points[:, 2] = np.nan
