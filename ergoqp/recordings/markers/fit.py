@@ -13,25 +13,14 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.human import Body, Kinematics
-from ergoqp.human.growth import GROWTH
+from ergoqp.human import Body
 from ergoqp.human.marker import Marker
-from ergoqp.joints import JOINTS, SIDES
+from ergoqp.joints import SIDES
 from ergoqp.recordings.fitting.centres_of import growth_of
+from ergoqp.recordings.markers.frames import SEGMENTS, inputs, segments
 from ergoqp.recordings.markers.landmarks import RIGID
 from ergoqp.recordings.markers.rigid import brought_to, shape_of
 
-SEGMENTS: Final = (
-    "pelvis",
-    "trunk",
-    "head",
-    *(
-        f"{side}_{name}"
-        for side in SIDES
-        for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-    ),
-)
-"""One frame of each segment that markers may sit on."""
 _ON: Final = {
     "asis": ("pelvis", "trunk"),
     "psis": ("pelvis", "trunk"),
@@ -186,12 +175,6 @@ def _frames(body: Body, pelvis: np.ndarray, postures: np.ndarray) -> tuple[np.nd
 @cache
 def _function() -> ca.Function:
     """Return pelvis and posture (36,), growth (14,) -> place and columns of the axes of each."""
-    z, growth = ca.SX.sym("z", 4 + len(JOINTS)), ca.SX.sym("growth", len(GROWTH))
-    kinematics = Kinematics(Body(), growth)
-    cos, sin = ca.cos(z[3]), ca.sin(z[3])
-    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-    rows = []
-    for frame in SEGMENTS:
-        place, turn, _ = kinematics.at(frame, z[4:])
-        rows += [z[:3] + yaw @ place, ca.vec(yaw @ turn)]
-    return ca.Function("frames", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
+    given = inputs()
+    rows = [part for place, turn, _ in segments(*given) for part in (place, ca.vec(turn))]
+    return ca.Function("frames", given, [ca.densify(ca.cse(ca.vertcat(*rows)))])

@@ -16,15 +16,12 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from ergoqp.human import Body, Kinematics
-from ergoqp.human.growth import GROWTH
-from ergoqp.human.kinematics import base_jacobian
+from ergoqp.human import Body
 from ergoqp.human.marker import Marker
 from ergoqp.joints import JOINTS, LOWER, UPPER
 from ergoqp.recordings.fitting.centres_of import growth_of
-from ergoqp.recordings.markers.fit import SEGMENTS
+from ergoqp.recordings.markers.frames import SEGMENTS, SIZE, inputs, segments
 
-_SIZE: Final = 4 + len(JOINTS)
 _BLOCK: Final = 512
 """Frames at once: the curvatures of more are much."""
 _SKIN: Final = 0.01
@@ -94,7 +91,7 @@ def _solved(
     place, slope = _placed(z, growth, frames, offsets)
     curved, _ = _normal(place, slope, seen, exact, _FAR[-1])
     unsure = np.linalg.inv(curved + np.diag(drawn))
-    flat = slope.reshape(len(z), -1, _SIZE)
+    flat = slope.reshape(len(z), -1, SIZE)
     spread = ((flat @ unsure) * flat).sum(axis=2).reshape(*seen.shape[:2], 3).sum(axis=2)
     return place, np.sqrt(np.maximum(spread, 0.0) + exact**2)
 
@@ -108,7 +105,7 @@ def _normal(
     far = np.linalg.norm(miss, axis=2)
     weight = there / exact**2 / (1 + (far / np.maximum(half, 3 * exact)) ** 2)
     root = np.sqrt(weight)[:, :, None]
-    rows = (root[..., None] * slope).reshape(len(place), -1, _SIZE)
+    rows = (root[..., None] * slope).reshape(len(place), -1, SIZE)
     across = np.swapaxes(rows, 1, 2)
     return across @ rows, (across @ (root * miss).reshape(len(place), -1, 1))[:, :, 0]
 
@@ -119,7 +116,7 @@ def _placed(
     """Return markers (n, m, 3) [m] and how they move with pelvis and posture (n, m, 3, 36)."""
     values = _values(z, growth).reshape(len(z), len(SEGMENTS), -1)[:, frames]
     origin, turn = values[:, :, :3], values[:, :, 3:12].reshape(*values.shape[:2], 3, 3)
-    moved = values[:, :, 12:].reshape(*values.shape[:2], _SIZE, 6)
+    moved = values[:, :, 12:].reshape(*values.shape[:2], SIZE, 6)
     # CasADi's matrices are column by column.
     arm = np.einsum("nmji,mj->nmi", turn, offsets)
     about = np.cross(moved[..., 3:], arm[:, :, None])
@@ -129,7 +126,7 @@ def _placed(
 def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
     """Return what the function says of each frame, a row each."""
     function = _function()
-    given = np.zeros((_BLOCK, _SIZE))
+    given = np.zeros((_BLOCK, SIZE))
     given[: len(z)] = z
     lengths = np.tile(growth, (_BLOCK, 1))
     found = np.empty((_BLOCK, function.size1_out(0)))
@@ -146,15 +143,7 @@ def _values(z: np.ndarray, growth: np.ndarray) -> np.ndarray:
 @cache
 def _function() -> ca.Function:
     """Return pelvis and posture (36,), growth (14,) -> place, axes and Jacobian of each segment."""
-    z, growth = ca.SX.sym("z", _SIZE), ca.SX.sym("growth", len(GROWTH))
-    kinematics = Kinematics(Body(), growth)
-    cos, sin = ca.cos(z[3]), ca.sin(z[3])
-    yaw = ca.blockcat([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-    rows: list[ca.SX] = []
-    for frame in SEGMENTS:
-        place, turn, jacobian = kinematics.at(frame, z[4:])
-        base = base_jacobian(yaw @ place)
-        own = ca.vertcat(yaw @ jacobian[:3, :], yaw @ jacobian[3:, :])
-        rows += [z[:3] + yaw @ place, ca.vec(yaw @ turn), ca.vec(ca.horzcat(base, own))]
-    one = ca.Function("segments", [z, growth], [ca.densify(ca.cse(ca.vertcat(*rows)))])
+    given = inputs()
+    rows = [ca.vec(part) for parts in segments(*given) for part in parts]
+    one = ca.Function("segments", given, [ca.densify(ca.cse(ca.vertcat(*rows)))])
     return one.map(_BLOCK)

@@ -92,23 +92,26 @@ def joints_of_markers(
     filled: Counter[str] = Counter()
     astray: Astray = {}
     for start in range(0, count, _BLOCK):
-        block = motion.positions[start : start + _BLOCK]
+        # With those around it: what is on its way into it, or out of it, is elsewhere in others.
+        rows = slice(max(0, start - around), start + _BLOCK + around)
+        inside = slice(start - rows.start, start - rows.start + _BLOCK)
+        block = motion.positions[rows]
         at = _at(landmarks, block, unit)
         for segment in segments:
-            for name, away in segment.complete(at, block, unit, filled).items():
-                _add(astray, name, start, away)
+            for name, away in segment.complete(at, block, unit, filled, inside).items():
+                _add(astray, name, start, away[inside])
         for name, away in links.astray(roots_of(at, widths, size) | at, around).items():
             # A shoulder is where its acromion is.
             landmark = name.replace("shoulder", "acromion")
             if landmark in at:
-                _add(astray, landmark, start, away)
+                _add(astray, landmark, start, away[inside])
                 at[landmark] = np.where(away[:, None], np.nan, at[landmark])
         found = centres_of_landmarks(at, widths, size)
         found |= {name: path for name, path in at.items() if name in CENTRES}
         for name, path in found.items():
             if name not in centres:
                 centres[name] = np.full((count, 3), np.nan, dtype=np.float32)
-            centres[name][start : start + len(block)] = path
+            centres[name][start : start + _BLOCK] = path[inside]
         progress(min((start + _BLOCK) / count, 1.0))
     bare = [s for s in SIDES if f"{s}_outer_elbow" in sample and f"{s}_inner_elbow" not in sample]
     how = [*_said(widths, filled, count), *([_BARE_ELBOW] if bare else [])]
@@ -207,7 +210,8 @@ def _counted(words: str, each: Counter[str], count: int) -> list[str]:
     each = +each
     if not each:
         return []
-    most = each.most_common(6)
+    # Of those that are so equally often the order is not that in which blocks show them.
+    most = sorted(each.items(), key=lambda pair: (-pair[1], pair[0]))[:6]
     shares = ", ".join(f"{name.replace('_', ' ')} in {frames}" for name, frames in most)
     more = f" and {len(each) - 6} more markers" if len(each) > 6 else ""
     return [f"Of {count} frames, markers {words}: {shares}{more}."]

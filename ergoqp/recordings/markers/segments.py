@@ -44,6 +44,7 @@ class Segment:
         block: np.ndarray,
         unit: float,
         filled: Counter[str],
+        inside: slice,
     ) -> dict[str, np.ndarray]:
         """Put landmarks that are not seen, or astray, where the others have them.
 
@@ -52,6 +53,7 @@ class Segment:
             block: of the recording's points (n, m, 3).
             unit: of length [m].
             filled: landmark -> in how many frames it is not seen and put, which is added to.
+            inside: those frames that are counted.
 
         Returns:
             What is astray -> those frames (n,) bool.
@@ -62,7 +64,7 @@ class Segment:
             if name not in at:
                 continue
             lost = np.isnan(at[name]).any(axis=1) & np.isfinite(followed.points[:, i, 0])
-            filled[name] += int(lost.sum())
+            filled[name] += int(lost[inside].sum())
             put = (lost | followed.astray[:, i])[:, None]
             at[name] = np.where(put, followed.points[:, i], at[name])
         return {name: followed.astray[:, i] for i, name in enumerate(self.names)}

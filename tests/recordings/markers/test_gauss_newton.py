@@ -8,7 +8,7 @@ from benchmarks.made_motions import BODY, fitted, walk
 from ergoqp.joints import INDEX
 from ergoqp.recordings import Recording, assemble, fit_postures
 from ergoqp.recordings.fitting.centres_of import growth_of
-from ergoqp.recordings.markers.fit import SEGMENTS
+from ergoqp.recordings.markers.frames import SEGMENTS
 from ergoqp.recordings.markers.gauss_newton import _placed, told_markers
 from ergoqp.sheets.elevation import elevation_of
 

@@ -163,9 +163,13 @@ def test_a_neutral_pose_of_another_unit(tmp_path: Path) -> None:
 def test_a_long_take_is_read_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     places = PLACES.copy()
     places[95:105, at("C7", "RPSI")] = np.nan
+    # On their way before the block in which they are elsewhere, and after it.
+    places[200:230, at("RELB", "LELB")] = places[200:230, at("LELB", "RELB")]
+    places[470:500, at("RKNE", "LKNE")] = places[470:500, at("LKNE", "RKNE")]
     whole = read(places)
     monkeypatch.setattr("ergoqp.recordings.markers.joints._BLOCK", 100)
     parts = read(places)
+    assert all(f"{side} outer elbow in 42" in said(whole) for side in ("left", "right"))
     np.testing.assert_allclose(parts.postures, whole.postures, atol=1e-5)
     assert parts.assumptions == whole.assumptions
 
