@@ -15,7 +15,7 @@ from ergoqp.recordings.motion import JointMotion
 
 _LEAST: Final = 10
 """Markers that must be seen in a frame."""
-_SURE: Final = 0.02
+_SURE: Final = 0.025
 """A place that is known less exactly is not told [m]: it would turn a bone by some 5 degrees."""
 _STEADY: Final = 0.03
 """A marker that usually is farther from where it sits is not followed [m]."""

@@ -26,6 +26,9 @@ _BLOCK: Final = 512
 """Frames at once: the curvatures of more are much."""
 _SKIN: Final = 0.01
 """How exactly a marker on the skin tells where its segment is [m]."""
+_ANEW: Final = 1.5
+"""By how many times its residual a marker may be elsewhere where it is not seen: the person is
+fitted to those that are, and the skin of a new posture is not that of the others."""
 _FAR: Final = (0.3, 0.3, 0.15, 0.08, 0.03, 0.03)
 """A marker that is so far from where it sits weighs half [m], round by round: a limb may begin far
 from where it is."""
@@ -53,7 +56,8 @@ def told_markers(
     names = [name for name in markers if np.isfinite(sits[name].residual)]
     frames = np.array([SEGMENTS.index(sits[name].frame) for name in names])
     offsets = np.array([sits[name].offset for name in names])
-    exact = np.array([max(sits[name].residual, _SKIN) for name in names])
+    residuals = np.array([sits[name].residual for name in names])
+    exact, anew = np.maximum(residuals, _SKIN), np.maximum(_ANEW * residuals, _SKIN)
     growth = growth_of(body)
     places, spread = [], []
     for at in range(0, len(start), _BLOCK):
@@ -61,7 +65,7 @@ def told_markers(
         seen = np.stack([markers[name][rows] for name in names], axis=1)
         place, sure = _solved(start[rows], growth, seen, frames, offsets, exact)
         places.append(place)
-        spread.append(sure)
+        spread.append(np.sqrt(sure**2 + anew**2))
     place, sure = np.concatenate(places), np.concatenate(spread)
     return (
         {name: place[:, i] for i, name in enumerate(names)},
@@ -77,7 +81,7 @@ def _solved(
     offsets: np.ndarray,
     exact: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the markers are (n, m, 3) and their standard deviations (n, m) [m]."""
+    """Return where the markers sit (n, m, 3) and the standard deviations (n, m) of that [m]."""
     z = start.copy()
     lower = np.concatenate([np.full(4, -np.inf), LOWER])
     upper = np.concatenate([np.full(4, np.inf), UPPER])
@@ -93,7 +97,7 @@ def _solved(
     unsure = np.linalg.inv(curved + np.diag(drawn))
     flat = slope.reshape(len(z), -1, SIZE)
     spread = ((flat @ unsure) * flat).sum(axis=2).reshape(*seen.shape[:2], 3).sum(axis=2)
-    return place, np.sqrt(np.maximum(spread, 0.0) + exact**2)
+    return place, np.sqrt(np.maximum(spread, 0.0))
 
 
 def _normal(

@@ -13,7 +13,12 @@ from benchmarks.made_motions import BODY, posture
 from ergoqp.human.marker import Marker
 from ergoqp.joints import JOINTS, LOWER, SIDES, UPPER
 from ergoqp.recordings.fitting.centres_of import centres_of
-from ergoqp.recordings.markers.centres import Widths, centres_of_landmarks, roots_of
+from ergoqp.recordings.markers.centres import (
+    Widths,
+    _carried,
+    centres_of_landmarks,
+    roots_of,
+)
 from ergoqp.recordings.markers.fit import places_of_markers
 from ergoqp.recordings.markers.landmarks import LANDMARKS, known_sets
 
@@ -123,6 +128,27 @@ def test_an_elbow_with_one_marker_is_that_of_plug_in_gait(held: dict[str, float]
         turned = [np.array(each[f"{side}_elbow"]) for each in (found, truth)]
         away = np.linalg.norm(turned[0] - turned[1], axis=1)
         np.testing.assert_array_less(away, [0.04, 0.034, 0.032, 0.024, 0.017, 0.013, 0.009, 0.007])
+
+
+@pytest.mark.parametrize("raised", [0, 30, 90, 120, 150])
+def test_the_outside_of_a_raised_arm_is_that_of_the_hanging_one(raised: int) -> None:
+    # As the shortest turn from the one to the other has it.
+    turn = Rotation.random(40, rng=np.random.default_rng(6))
+    down, aside = turn.apply([0, 0, -1]), turn.apply([0, 1, 0])
+    about = np.linspace(0, 2 * np.pi, 40)
+    axis = turn.apply(np.stack([np.cos(about), np.sin(about), 0 * about], axis=1))
+    lift = Rotation.from_rotvec(np.radians(raised) * axis)
+    found = _carried(aside, down, lift.apply(down))
+    np.testing.assert_allclose(found, lift.apply(aside), atol=1e-12)
+
+
+def test_an_arm_straight_up_has_no_outside_at_infinity() -> None:
+    down, aside = np.array([[0.0, 0.0, -1.0]]), np.array([[0.0, 1.0, 0.0]])
+    for off in (0.0, 1e-9, 1e-3):
+        up = np.array([[0.0, off, 1.0]]) / np.hypot(off, 1.0)
+        assert np.linalg.norm(_carried(aside, down, up)) < 1.5
+    lost = np.full((1, 3), np.nan)
+    np.testing.assert_array_equal(_carried(aside, lost, up), aside)
 
 
 def test_the_sacrum_or_one_psis_stand_for_both() -> None:

@@ -1,5 +1,7 @@
 """Markers that are lost, told by the others: where they are, how surely, and what that is for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,53 @@ def test_another_markers_place_is_not_followed(walked):
     truth, markers["RKNE"] = markers["RKNE"], np.full_like(markers["RKNE"], np.nan)
     found, _ = told_markers(BODY, np.hstack(walked), markers, plug_in_gait(BODY))
     assert np.linalg.norm(found["RKNE"] - truth, axis=1).max() < 0.05
+
+
+def told(walked, moved: dict[str, np.ndarray], **residuals: float):
+    """The lost RKNE: how far from where it was and how surely, and by how much others are off."""
+    names, places = markers_of(BODY, *walked)
+    markers = {name: places[:, i] + moved.get(name, 0.0) for i, name in enumerate(names)}
+    truth, markers["RKNE"] = markers["RKNE"], np.full_like(places[:, 0], np.nan)
+    sits = {
+        name: replace(each, residual=residuals.get(name, 0.0))
+        for name, each in plug_in_gait(BODY).items()
+    }
+    found, spread = told_markers(BODY, np.hstack(walked), markers, sits)
+    return np.linalg.norm(found["RKNE"] - truth, axis=1), spread["RKNE"]
+
+
+def test_how_far_a_marker_was_from_where_it_sits_is_in_its_deviation(walked):
+    off, sure = told(walked, {})
+    assert (sure > 0.01).all()
+    again, unsure = told(walked, {}, RKNE=0.02)
+    np.testing.assert_array_equal(again, off)
+    # Half as much again as its residual, and a centimetre of skin at least.
+    np.testing.assert_allclose(unsure**2 - sure**2, 0.03**2 - 0.01**2, rtol=1e-9)
+    np.testing.assert_array_equal(told(walked, {}, RKNE=0.006)[1], sure)
+
+
+def test_markers_that_are_often_elsewhere_tell_less(walked):
+    leg = dict.fromkeys(("RTHI", "RTIB", "RANK", "RHEE", "RTOE"), 0.05)
+    assert (told(walked, {}, **leg)[1] > 1.5 * told(walked, {})[1]).all()
+    aside = {name: np.array([0.0, 0.02, 0.0]) for name in ("RTHI", "RTIB")}
+    loosely = dict.fromkeys(aside, 0.05)
+    assert told(walked, aside, **loosely)[0].mean() < 0.5 * told(walked, aside)[0].mean()
+
+
+def test_one_that_is_far_away_does_not_draw(walked):
+    for far in ([0.5, 0.0, 0.3], [0.0, -1.5, 0.0]):
+        assert told(walked, {"RTIB": np.array(far)})[0].max() < 0.012
+
+
+def test_a_limb_may_begin_far_from_where_it_is(walked):
+    names, places = markers_of(BODY, *walked)
+    markers = {name: places[:, i] for i, name in enumerate(names)}
+    truth, markers["RANK"] = markers["RANK"], np.full_like(places[:, 0], np.nan)
+    start = np.hstack(walked)
+    start[:, 4 + INDEX["right_hip_flexion"]] += 0.9
+    start[:, 4 + INDEX["right_knee_flexion"]] += 0.5
+    found, _ = told_markers(BODY, start, markers, plug_in_gait(BODY))
+    assert np.linalg.norm(found["RANK"] - truth, axis=1).max() < 0.03
 
 
 def taken(walked, lost: tuple[str, ...]) -> Recording:

@@ -103,6 +103,16 @@ def test_a_shoulder_blade_may_turn() -> None:
     assert list(Links(arm).astray(arm)) == ["left_shoulder"]
 
 
+def test_a_marker_that_always_moves_on_the_skin_is_not_let_go_anywhere() -> None:
+    at = leg(0.0)
+    at["right_shank"] += 0.035 * np.sin(np.arange(COUNT))[:, None] * [0.0, 0.0, 1.0]
+    links = Links(at)
+    assert links.astray(at) == {}
+    # It is farther away than skin moves, though not than six times what it mostly does.
+    at["right_shank"][WHILE] += [0.0, 0.0, 0.15]
+    assert links.astray(at)["right_shank"][WHILE].mean() > 0.6
+
+
 def test_the_distance_is_where_most_of_the_time_is_nearest() -> None:
     at = np.linspace(0, 1, COUNT)[:, None] * [1.0, 0, 0]
     other = at + np.array([0.3, 0, 0])
