@@ -113,7 +113,8 @@ def fit_postures(
     >>> from ergoqp.recordings.fitting.centres_of import centres_of
     >>> pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (50, 1))
     >>> centres = centres_of(Body(), pelvis, np.zeros((50, 32)))
-    >>> fit_postures(list(centres), np.stack(list(centres.values()), axis=1), 50.0).time[-1]
+    >>> recording = fit_postures(list(centres), np.stack(list(centres.values()), axis=1), 50.0)
+    >>> float(recording.time[-1])
     0.98
 
     Args:
