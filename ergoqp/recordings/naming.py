@@ -50,13 +50,13 @@ class Naming:
         """Return, for each centre whose joints are all among `names`, the places of these joints.
 
         Upper and lower case and what parts words do not count, nor does a prefix that all names
-        share ("mixamorig:", "Character1_").
+        share ("mixamorig:", "Character1_", "human/").
         """
-        prefix = _shared_prefix(names)
         # The first of several that differ only in how they are written; as written before all.
         named = [(i, name) for i, name in reversed(list(enumerate(names)))]
-        places = {squashed(name.removeprefix(prefix)): i for i, name in named}
-        places |= {squashed(name): i for i, name in named}
+        places: dict[str, int] = {}
+        for prefix in _shared_prefixes(names):
+            places |= {squashed(name.removeprefix(prefix)): i for i, name in named}
         exactly = dict(zip(names, range(len(names)), strict=True))
         found = {
             centre: tuple(exactly.get(name, places.get(squashed(name), -1)) for name in theirs)
@@ -241,10 +241,8 @@ def _agreement(naming: Naming, names: tuple[str, ...]) -> tuple[int, float]:
     return found, found / len(naming.centres)
 
 
-def _shared_prefix(names: tuple[str, ...]) -> str:
-    """Return the longest start that all names have, up to a mark of a prefix; "" if none."""
+def _shared_prefixes(names: tuple[str, ...]) -> list[str]:
+    """Return the starts that all names have, up to a mark of a prefix, and none; longest first."""
     first = names[0] if names else ""
     starts = [first[: i + 1] for i, letter in enumerate(first) if letter in ":/_"]
-    return next(
-        (start for start in reversed(starts) if all(name.startswith(start) for name in names)), ""
-    )
+    return [s for s in reversed(starts) if all(name.startswith(s) for name in names)] + [""]

@@ -26,6 +26,8 @@ _BLOCK: Final = 8192
 """Frames at once."""
 _SIZE: Final = 0.5
 """Shapes are followed in metres, so a thing is taken to be so large [m]."""
+_RIGID: Final = 0.05 * _SIZE
+"""No point of a thing misses its shape by more [m]."""
 
 
 def of_subject(
@@ -130,17 +132,17 @@ def _pose_of(points: np.ndarray) -> np.ndarray | None:
     shape = shape_of(scale * sample)
     if shape is None:
         return None
-    poses, astray = np.full((len(points), 4, 4), np.nan), np.zeros(points.shape[:2], dtype=bool)
+    poses, kept = np.full((len(points), 4, 4), np.nan), 0
     poses[:, 3] = [0, 0, 0, 1]
     for at in range(0, len(points), _BLOCK):
-        followed = follow(scale * points[at : at + _BLOCK].astype(float), shape)
+        seen = scale * points[at : at + _BLOCK].astype(float)
+        followed = follow(seen, shape)
         poses[at : at + _BLOCK, :3, :3] = followed.turn
         poses[at : at + _BLOCK, :3, 3] = followed.place / scale
-        astray[at : at + _BLOCK] = followed.astray
-    # One marker may have fallen off for good; with more astray it is another shape.
-    astray[:, np.argmax(astray.sum(axis=0))] = False
-    kept = np.isfinite(poses[:, 0, 0]) & ~astray.any(axis=1)
-    if kept.sum() < _SHARE * len(shown):
+        away = np.linalg.norm(seen - followed.points, axis=2)
+        miss = np.where(np.isfinite(seen).all(axis=2), away, 0.0).max(axis=1)
+        kept += int((np.isfinite(followed.place[:, 0]) & (miss < _RIGID)).sum())
+    if kept < _SHARE * len(shown):
         return None
     first = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
     poses[:, :3, :3] = poses[:, :3, :3] @ poses[first[0], :3, :3].T

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.made_motions import walk
 from ergoqp.errors import InputError, RecordingError
 from ergoqp.progress import unseen
 from ergoqp.recordings.formats.c3d import read_c3d
@@ -203,6 +204,48 @@ def test_what_shows_no_pose_is_told(points: np.ndarray) -> None:
     assert found.names == MARKERS
     assert dict(found.objects) == {}
     assert "Also there, and left out: 'box'." in found.notes
+
+
+def test_somebody_of_whom_little_is_seen_is_no_thing() -> None:
+    """Who stands still is known by the names, who moves by not keeping a shape."""
+    places = walk()[0]
+    few = ("pelvis", "neck", "right_shoulder", "right_elbow", "right_wrist", "right_hip")
+    few = (*few, "right_knee")
+    whole = np.stack([places[c] for c in CENTRES if c in places], axis=1)
+    moving = np.stack([places[c] for c in few], axis=1)
+    count = len(moving)
+    for names, points in (
+        (few, moving),
+        (few, np.tile(moving[:1], (count, 1, 1))),
+        (tuple("abcdefg"), moving),
+    ):
+        joints = [*whose("Ann", tuple(c for c in CENTRES if c in places)), *whose("Bob", names)]
+        positions = np.concatenate([whole, points], axis=1)
+        found = chosen(JointMotion(tuple(joints), positions, np.arange(count) / 10))
+        assert dict(found.objects) == {}
+        assert "Also there, and left out: 'Bob'." in found.notes
+
+
+def test_a_marker_that_fell_off_a_thing_is_no_other_thing() -> None:
+    points, _, place = carried()
+    points[2 * COUNT // 3 :, 1] = [9000, 9000, 0]
+    poses = chosen(with_thing(motion_of(whose("Ann")), "box", points)).objects["box"]
+    np.testing.assert_allclose(poses[-1, :3, 3] - place[-1], 0, atol=1.0)
+
+
+@pytest.mark.parametrize("mark", [":", "/"])
+def test_colons_and_slashes_are_marks_of_a_prefix(mark: str) -> None:
+    names = [f"{who}{mark}{name}" for who in ("/lab/Ann", "Bob") for name in MARKERS]
+    motion = motion_of(names)
+    with pytest.raises(RecordingError, match=r"got 2 people \(lab/Ann, Bob\), allowed one"):
+        chosen(motion)
+    for subject in ("lab/Ann", "/lab/Ann", f"lab/Ann{mark}"):
+        found = chosen(motion, subject)
+        assert found.names == MARKERS
+        np.testing.assert_array_equal(found.positions, motion.positions[:, : len(MARKERS)])
+    alone = chosen(motion_of([f"{mark}{name}" for name in MARKERS]))
+    assert alone.names == MARKERS
+    assert alone.notes == ()
 
 
 def test_one_marker_of_a_thing_is_never_seen() -> None:

@@ -168,6 +168,14 @@ def test_a_robot_beside_a_person_with_a_prefix(bag: Bag) -> None:
     assert recording.object_poses is None
 
 
+def test_a_mapping_may_name_frames_with_their_prefix(bag: Bag, tmp_path: Path) -> None:
+    """It says whose they are: nobody is asked for."""
+    path = bag.write(sorted(frames(bag, "anna/") + frames(bag, "ben/"), key=lambda each: each[0]))
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text("".join(f'{centre} = "anna/{centre}"\n' for centre in stoop()[0]))
+    assert ergoqp.load_recording(path, mapping=mapping).scored.any()
+
+
 def frames(bag: Bag, prefix: str) -> list[Any]:
     """Return a stooping person as frames of tf."""
     places = stoop()[0]
