@@ -240,7 +240,7 @@ def test_a_tilted_camera_is_told_by_people_who_stand(tilt: float):
         recording.postures[:, trunk], plain.postures[:, trunk], atol=np.radians(4)
     )
     # Somebody who stoops all the time is no camera.
-    assert "camera" not in told(fitted(stoop(deepest=60.0, stands=False)[0], up=None))
+    assert "The camera is taken" not in told(fitted(stoop(deepest=60.0, stands=False)[0], up=None))
 
 
 def test_a_window_is_read_alone(demo: Path):
