@@ -28,7 +28,7 @@ from typing import Any, Final
 from ergoqp.arguments import check_number, shown
 from ergoqp.errors import InputError
 from ergoqp.files.text import read_toml
-from ergoqp.human.body import MASS_RANGE, Body, believable
+from ergoqp.human.body import FRACTIONS, MASS_RANGE, Body, believable
 from ergoqp.human.kinematics import FRAMES
 from ergoqp.human.marker import Marker
 
@@ -102,17 +102,17 @@ def _body(path: Path, entries: Mapping[str, Any]) -> Body:
         # A body takes 0 for a mass that nobody states.
         check_number("mass", mass, *MASS_RANGE, "kg")
     if "stature" in entries:
-        body = Body(_number(path, "stature", entries["stature"]), measured, mass)
+        stature = Body.of_stature(_number(path, "stature", entries["stature"])).stature
     else:
-        body = Body.of_lengths(measured, mass)
+        stature = Body.of_lengths(measured, mass).stature
     for name, length in measured.items():
-        low, high = believable(name, body.stature)
+        low, high = believable(name, stature) if name in FRACTIONS else (-math.inf, math.inf)
         if not low - _ROUNDED <= length <= high + _ROUNDED:
             raise InputError(
                 f"length of {name}: got {length:.3f} m, allowed {low:.3f} to {high:.3f} m for a"
-                f" stature of {body.stature:.2f} m"
+                f" stature of {stature:.2f} m"
             )
-    return body
+    return Body(stature, measured, mass)
 
 
 def _markers(path: Path, table: Any) -> dict[str, Marker]:

@@ -127,7 +127,7 @@ def test_markers_that_were_never_seen_or_are_nowhere_near_are_not_written(tmp_pa
         ("lengths = [0.3]", "lengths is [0.3], allowed a table"),
         ("[lengths]\nupper_arm = 'long'", "lengths.upper_arm is 'long', allowed a number"),
         ("[lengths]\nupper_arm = 300", "length of upper_arm: got 300"),
-        ("stature = 1.8\n[lengths]\nupper_arm = 0.9", "length of upper_arm: got 0.900 m"),
+        ("stature = 1.8\n[lengths]\nupper_arm = 0.9", "got 0.900 m, allowed 0.201 to 0.536 m"),
         (
             "stature = 1.5\n[lengths]\nupper_arm = 0.4\nthigh = 0.6\nshank = 0.6",
             "length of thigh: got 0.600 m, allowed 0.221 to 0.588 m for a stature of 1.50 m",
