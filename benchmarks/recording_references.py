@@ -34,6 +34,7 @@ import numpy as np
 
 from benchmarks.made_markers import markers_of
 from benchmarks.made_motions import BODY, moved
+from benchmarks.recording_told import measure_told
 from benchmarks.recording_xsens import xsens
 from benchmarks.report import Report
 from ergoqp.joints import INDEX, SIDES
@@ -84,6 +85,8 @@ def measure_references(report: Report) -> None:
             fit, standing = marker_fit(path)
             report.figure(f"marker_fit_mm.{name}", 1000 * fit)
             report.figure(f"marker_fit_mm.{name}.standing", 1000 * standing)
+    moving = [SHARED / "c3d" / f"{name}.c3d" for name in (VICON[0], STOOP)]
+    measure_told(report, [path for path in moving if path.is_file()])
     report.figure("markers_per_s", markers_per_second(report.pick(20, 100)))
 
 

@@ -33,6 +33,7 @@ scored that can be.
 not scored; ``.read``: from a BVH file on. Nothing is compiled for a person.
 
 ``reference.``, ``marker_fit_mm.`` and ``markers_per_s``: see `benchmarks.recording_references`.
+``told.``: see `benchmarks.recording_told`.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from ergoqp.recordings.motion import JointMotion
 _LEAST: Final = 10
 """Markers that must be seen in a frame."""
 _SURE: Final = 0.025
-"""A place that is known less exactly is not told [m]: it would turn a bone by some 5 degrees."""
+"""A place whose standard deviation is larger is not told [m]: it would turn a bone by some 5
+degrees. Of real takes, no gap that is told is farther off (`benchmarks.recording_told`)."""
 _STEADY: Final = 0.03
 """A marker that usually is farther from where it sits is not followed [m]."""
 _BLOCK: Final = 4096
@@ -79,7 +80,7 @@ def completed(
     if not count:
         return None
     said = (
-        f"In {int(told.sum())} of {len(told)} frames markers are lost that the others tell to 2 cm:"
-        f" they are put there ({count} places)."
+        f"In {int(told.sum())} of {len(told)} frames markers are lost that the others tell to"
+        f" {100 * _SURE:g} cm: they are put there ({count} places)."
     )
     return replace(motion, positions=positions, notes=(*motion.notes, said))

@@ -54,7 +54,9 @@ def test_a_lost_marker_is_put_where_ten_tell_it(walked) -> None:
     np.testing.assert_allclose(found.positions, whole.positions, atol=10)
     rest = np.isin(np.arange(len(whole.time)), np.r_[LOST], invert=True)
     np.testing.assert_array_equal(found.positions[rest], whole.positions[rest])
-    assert found.notes[-1].startswith("In 10 of 30 frames markers are lost")
+    assert found.notes[-1].startswith(
+        "In 10 of 30 frames markers are lost that the others tell to 2.5 cm"
+    )
     assert found.notes[-1].endswith("(10 places).")
 
 
