@@ -102,7 +102,8 @@ def test_two_of_a_pelvis_are_exchanged_in_the_middle_of_a_take(pair: str, long: 
     outside = np.isin(np.arange(COUNT), np.r_[rows], invert=True)
     assert recording.scored[outside].all()
     assert worst(recording, outside) < 0.1
-    assert worst(recording) < 3
+    # Of these no marker of the pelvis is known.
+    assert worst(recording) < OFF
 
 
 @pytest.mark.parametrize("rows", [WALKS, STOOPS], ids=["walk", "stoop"])
