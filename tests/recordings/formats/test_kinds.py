@@ -163,6 +163,7 @@ def test_what_is_of_no_known_format_is_told(content: str | bytes, tmp_path: Path
             "is a file of a spreadsheet program, allowed the recording as text: save it as CSV",
         ),
     ],
+    ids=["gzip", "xz", "bzip2", "zip", "7z", "spreadsheet"],
 )
 @pytest.mark.parametrize("ending", [*ENDINGS, "", ".dat", ".gz", ".xlsx"])
 def test_what_is_compressed_is_told(content: bytes, said: str, ending: str, tmp_path: Path) -> None:
@@ -177,7 +178,7 @@ def test_no_begin_takes_long_to_look_at(rows: str, tmp_path: Path) -> None:
     assert kind_of(path) is kinds.TABLE
     with pytest.raises(RecordingError):
         read_motion(path)
-    assert time.monotonic() - began < 1
+    assert time.monotonic() - began < 20  # it was minutes
 
 
 @pytest.mark.parametrize(
@@ -189,7 +190,7 @@ def test_no_line_takes_long_to_look_at(line: str, tmp_path: Path) -> None:
     began = time.monotonic()
     with pytest.raises(RecordingError, match="content of no known format"):
         kind_of(path)
-    assert time.monotonic() - began < 1
+    assert time.monotonic() - began < 20  # it was minutes
 
 
 def test_folders(tmp_path: Path) -> None:
