@@ -2,6 +2,7 @@
 #   make demo    the main job, on a recording that the project makes itself; prints where report.html is
 #   make test    everything installed, all tests
 #   make check   style, formatting, types, which part imports which
+#   make docs    the site, from docs/ into out/site/; warnings are errors
 #   make bench   the benchmarks' quick samples
 #   make mutants whether the tests notice mistakes: about an hour
 PYTHON ?= python3
@@ -9,7 +10,7 @@ VENV ?= .venv
 OUT ?= out/demo
 BIN = $(VENV)/bin
 
-.PHONY: demo test check bench mutants clean
+.PHONY: demo test check docs bench mutants clean
 
 demo: $(VENV)/.runs
 	@mkdir -p $(OUT)
@@ -26,6 +27,10 @@ check: $(VENV)/.tests
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/python -m benchmarks.house --check
+
+docs: $(VENV)/.tests
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d out/doctrees docs out/site
+	@echo "The site is in $(abspath out/site)/index.html"
 
 bench: $(VENV)/.tests
 	@for file in benchmarks/*.py; do \

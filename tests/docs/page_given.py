@@ -1,0 +1,68 @@
+"""What blocks of pages need and readers have: recordings, robots, cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+import ergoqp
+from benchmarks.made_markers import markers_of, write_c3d, write_table
+from benchmarks.made_motions import BODY, RATE, moved, posture
+from ergoqp.simulation.demo_recording import demo_recording
+from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.starts import awkward_start
+
+
+def _take() -> dict[str, Any]:
+    demo_recording(Path("take.bvh"))
+    return {}
+
+
+def _trial() -> dict[str, Any]:
+    """A walk and a stoop as markers, and the same person standing."""
+    names, places = markers_of(BODY, *moved())
+    write_c3d(Path("trial.c3d"), names, places, RATE)
+    write_table(Path("table.csv"), names, places, RATE)
+    still = markers_of(BODY, np.tile([0.0, 0.0, 0.9, 0.0], (60, 1)), posture(60))[1]
+    write_c3d(Path("static.c3d"), names, still, RATE)
+    return {"names": names, "positions": places, "rate": RATE}
+
+
+def _robot() -> dict[str, Any]:
+    """A robot that does what it is told for a few periods, and a camera that sees the person."""
+    problem = ergoqp.load_problem("screwing")
+    posture = problem.response.comfort
+    state = SimpleNamespace(left=5)
+
+    def running() -> bool:
+        state.left -= 1
+        return state.left >= 0
+
+    robot = SimpleNamespace(
+        is_running=running,
+        object_pose=lambda: None,
+        object_twist=lambda: np.zeros(6),
+        send=lambda twist: None,
+        wait=lambda: None,
+        is_late=lambda: False,
+    )
+    camera = SimpleNamespace(latest=lambda: SimpleNamespace(posture=posture, age=0.01))
+    return {"robot": robot, "camera": camera, "log": lambda *said: None}
+
+
+def _posture() -> dict[str, Any]:
+    problem = ergoqp.load_problem("screwing")
+    return {"posture": awkward_start(problem, person_of_kind("alike", problem, 0), 0)}
+
+
+GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
+    "take": _take,
+    "trial": _trial,
+    "robot": _robot,
+    "posture": _posture,
+}
+"""Name -> what makes it in the working folder; what it returns is there for Python blocks."""
