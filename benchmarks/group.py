@@ -63,7 +63,7 @@ def group_of(report: Report, name: str, statures: tuple[float, ...], spacing: fl
         problem, (float(np.median(statures)),), "mean", spacing=spacing, cache=False
     )
     search = PlaceSearch(problem, people, mean.grid, "mean")
-    there = search.coming(search.at(search.placing.point(average.pose)))
+    there = search.resettled_from_comfort(search.at(search.placing.point(average.pose)))
     scores = there.scores[there.scores > 0]
     alone = [
         optimise(problem, starts=report.pick(6, 16), person=person.follower).reba_after

@@ -101,8 +101,8 @@ def step_qp(m: int) -> ca.Function:
 def step_answer(qp: Qp) -> tuple[QpAnswer, bool]:
     """Return what the step's QP makes of a twist QP without slack, and whether it accepts it."""
     m = qp.size[1]
-    lower, upper = np.maximum(qp.lower, -FREE), np.minimum(qp.upper, FREE)
-    parts = step_qp(m)(qp.H, qp.g, qp.A, lower, upper, np.ones(m), np.zeros(m), qp.low, qp.high)
+    lower, upper = np.maximum(qp.lbA, -FREE), np.minimum(qp.ubA, FREE)
+    parts = step_qp(m)(qp.H, qp.g, qp.A, lower, upper, np.ones(m), np.zeros(m), qp.lb, qp.ub)
     x, _, rows, residual = (np.array(part).ravel() for part in parts)
     # The multipliers of the bounds are what is left for them; the judge then looks at their signs
     # and at the gap.

@@ -68,14 +68,14 @@ def _near_singular(qp: Qp, rng: np.random.Generator) -> Qp:
     values[: len(values) // 2] = CURVATURE * values[-1]
     H = (vectors * values) @ vectors.T
     turn = TURN * rng.uniform(-1, 1, qp.A.shape)
-    farthest = np.maximum(np.abs(qp.low), np.abs(qp.high))
+    farthest = np.maximum(np.abs(qp.lb), np.abs(qp.ub))
     room = np.abs(turn) @ np.where(np.isfinite(farthest), farthest, 1.0)
     return replace(
         qp,
         H=0.5 * (H + H.T),
         A=np.concatenate([qp.A, qp.A + turn]),
-        lower=np.concatenate([qp.lower, qp.lower - room]),
-        upper=np.concatenate([qp.upper, qp.upper + room]),
+        lower=np.concatenate([qp.lbA, qp.lbA - room]),
+        upper=np.concatenate([qp.ubA, qp.ubA + room]),
     )
 
 
@@ -103,6 +103,6 @@ def _with_rows(qp: Qp, rows: Array, lower: Array, upper: Array) -> Qp:
     return replace(
         qp,
         A=np.concatenate([qp.A, rows]),
-        lower=np.concatenate([qp.lower, lower]),
-        upper=np.concatenate([qp.upper, upper]),
+        lower=np.concatenate([qp.lbA, lower]),
+        upper=np.concatenate([qp.ubA, upper]),
     )

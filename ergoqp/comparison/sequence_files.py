@@ -46,9 +46,9 @@ def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[
                 P=np.array([qp.H for qp in sequence]),
                 q=np.array([qp.g for qp in sequence]),
                 G=np.concatenate([A, -A], axis=1),
-                h=np.array([np.concatenate([qp.upper, -qp.lower]) for qp in sequence]),
-                lb=np.array([qp.low for qp in sequence]),
-                ub=np.array([qp.high for qp in sequence]),
+                h=np.array([np.concatenate([qp.ubA, -qp.lbA]) for qp in sequence]),
+                lb=np.array([qp.lb for qp in sequence]),
+                ub=np.array([qp.ub for qp in sequence]),
                 feasible=np.array(sequence.feasible),
                 follows=np.array(sequence.follows),
             )

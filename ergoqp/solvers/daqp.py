@@ -65,7 +65,7 @@ class _DaqpWorkspace:
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from the active set of the last QP."""
         n = self._n
-        upper, lower = np.concatenate([qp.high, qp.upper]), np.concatenate([qp.low, qp.lower])
+        upper, lower = np.concatenate([qp.ub, qp.ubA]), np.concatenate([qp.lb, qp.lbA])
         sense = np.where(upper == lower, _EQUALITY, 0).astype(c_int)
         same = self._solved and np.array_equal(sense, self._sense)
         self._sense = sense

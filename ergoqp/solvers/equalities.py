@@ -47,7 +47,7 @@ class Pattern:
     def equalities(self, qp: Qp) -> tuple[Array, Array]:
         """Return C and d of C x = d: the fixed rows, then the fixed unknowns."""
         matrix = np.concatenate([qp.A[self.fixed_rows], np.eye(len(self.fixed))[self.fixed]])
-        return matrix, np.concatenate([qp.upper[self.fixed_rows], qp.high[self.fixed]])
+        return matrix, np.concatenate([qp.ubA[self.fixed_rows], qp.ub[self.fixed]])
 
     def inequalities(self, qp: Qp) -> tuple[Array, Array]:
         """Return G and h of G x <= h: rows above, rows below, unknowns above, unknowns below."""
@@ -56,10 +56,10 @@ class Pattern:
             [qp.A[self.above], -qp.A[self.below], unit[self.high], -unit[self.low]]
         )
         bounds = (
-            qp.upper[self.above],
-            -qp.lower[self.below],
-            qp.high[self.high],
-            -qp.low[self.low],
+            qp.ubA[self.above],
+            -qp.lbA[self.below],
+            qp.ub[self.high],
+            -qp.lb[self.low],
         )
         return matrix, np.concatenate(bounds)
 
@@ -79,12 +79,12 @@ class Pattern:
 
 def pattern_of(qp: Qp) -> Pattern:
     """Return the pattern of a QP's bounds."""
-    fixed_rows, fixed = qp.lower == qp.upper, qp.low == qp.high
+    fixed_rows, fixed = qp.lbA == qp.ubA, qp.lb == qp.ub
     return Pattern(
         fixed_rows,
         fixed,
-        np.isfinite(qp.upper) & ~fixed_rows,
-        np.isfinite(qp.lower) & ~fixed_rows,
-        np.isfinite(qp.high) & ~fixed,
-        np.isfinite(qp.low) & ~fixed,
+        np.isfinite(qp.ubA) & ~fixed_rows,
+        np.isfinite(qp.lbA) & ~fixed_rows,
+        np.isfinite(qp.ub) & ~fixed,
+        np.isfinite(qp.lb) & ~fixed,
     )

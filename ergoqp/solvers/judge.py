@@ -65,7 +65,7 @@ def judge(qp: Qp, answer: QpAnswer) -> Residuals:
     if not (np.isfinite(x).all() and np.isfinite(rows).all() and np.isfinite(box).all()):
         return NOTHING
     value = np.concatenate([qp.A @ x, x])
-    least, most = np.concatenate([qp.lower, qp.low]), np.concatenate([qp.upper, qp.high])
+    least, most = np.concatenate([qp.lbA, qp.lb]), np.concatenate([qp.ubA, qp.ub])
     multiplier = np.concatenate([rows, box])
     below, above = value - least, most - value
     primal = float(max(0.0, -below.min(), -above.min()))

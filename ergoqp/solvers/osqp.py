@@ -65,7 +65,7 @@ class _OsqpWorkspace:
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; warm: from x, multipliers and step size of the last QP."""
         P, A = np.triu(qp.H), np.concatenate([qp.A, np.eye(self._n)])
-        lower, upper = np.concatenate([qp.lower, qp.low]), np.concatenate([qp.upper, qp.high])
+        lower, upper = np.concatenate([qp.lbA, qp.lb]), np.concatenate([qp.ubA, qp.ub])
         if not warm:
             # What was not zero in earlier QPs must not show.
             self._narrow(P, A)

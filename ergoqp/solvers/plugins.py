@@ -65,7 +65,7 @@ class _PluginWorkspace:
             self._evaluator = Evaluator(self._function)
         self._new = False
         for name, part in zip(
-            _INPUTS, (qp.H, qp.g, qp.A, qp.lower, qp.upper, qp.low, qp.high), strict=True
+            _INPUTS, (qp.H, qp.g, qp.A, qp.lbA, qp.ubA, qp.lb, qp.ub), strict=True
         ):
             self._evaluator.inputs[name][:] = part.ravel(order="F")
         with self._quiet():

@@ -51,10 +51,10 @@ class _ProxqpWorkspace:
         free = ~pattern.fixed_rows
         # The bounds of a fixed unknown would be a row without an inside beside its equality.
         low, high = (
-            np.where(pattern.fixed, -np.inf, qp.low),
-            np.where(pattern.fixed, np.inf, qp.high),
+            np.where(pattern.fixed, -np.inf, qp.lb),
+            np.where(pattern.fixed, np.inf, qp.ub),
         )
-        data = (qp.H, qp.g, C, d, qp.A[free], qp.lower[free], qp.upper[free], low, high)
+        data = (qp.H, qp.g, C, d, qp.A[free], qp.lbA[free], qp.ubA[free], low, high)
         key = np.concatenate([pattern.fixed_rows, pattern.fixed]).tobytes()
         if self._solver is None or key != self._key or not warm:
             self._solver, self._key = self._made(len(d), int(free.sum())), key

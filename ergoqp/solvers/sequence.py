@@ -15,25 +15,25 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Qp:
-    """min 1/2 x'Hx + g'x subject to lower <= A x <= upper and low <= x <= high.
+    """min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
 
     Attributes:
         H: symmetric (n, n).
         g: (n,).
         A: (m, n).
-        lower: least values of the rows (m,), -inf where there is none.
-        upper: greatest values of the rows (m,), inf where there is none.
-        low: least x (n,).
-        high: greatest x (n,).
+        lbA: least values of the rows (m,), -inf where there is none.
+        ubA: greatest values of the rows (m,), inf where there is none.
+        lb: least x (n,).
+        ub: greatest x (n,).
     """
 
     H: Array
     g: Array
     A: Array
-    lower: Array
-    upper: Array
-    low: Array
-    high: Array
+    lbA: Array
+    ubA: Array
+    lb: Array
+    ub: Array
 
     @property
     def size(self) -> tuple[int, int]:

@@ -95,29 +95,29 @@ class Session:
         H: ArrayLike,
         g: ArrayLike,
         A: ArrayLike,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        low: ArrayLike,
-        high: ArrayLike,
+        lbA: ArrayLike,
+        ubA: ArrayLike,
+        lb: ArrayLike,
+        ub: ArrayLike,
         warm: bool = True,
     ) -> QpAnswer:
-        """Solve min 1/2 x'Hx + g'x subject to lower <= A x <= upper and low <= x <= high.
+        """Solve min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
 
         Args:
             H: symmetric, positive definite (n, n).
             g: (n,).
             A: (m, n).
-            lower: (m,), -inf where a row has none.
-            upper: (m,), inf where a row has none.
-            low: (n,), -inf allowed.
-            high: (n,), inf allowed.
+            lbA: (m,), -inf where a row has none.
+            ubA: (m,), inf where a row has none.
+            lb: (n,), -inf allowed.
+            ub: (n,), inf allowed.
             warm: start from the last answer, where the solver can; False: as if this were the first
                 QP.
 
         Raises:
             InputError: for a shape that is not the session's.
         """
-        return self.solve_qp(Qp(*self._arrays(H, g, A, lower, upper, low, high)), warm)
+        return self.solve_qp(Qp(*self._arrays(H, g, A, lbA, ubA, lb, ub)), warm)
 
     def solve_qp(self, qp: Qp, warm: bool = True) -> QpAnswer:
         """Solve a QP given as float arrays of the session's shapes in C order; see `solve`."""
@@ -153,7 +153,7 @@ def unusable(qp: Qp) -> str:
     # A sum of numbers is a number unless one of them is not.
     if not math.isfinite(qp.H.sum() + qp.g.sum() + qp.A.sum()):
         return "not a number"
-    for least, most in ((qp.lower, qp.upper), (qp.low, qp.high)):
+    for least, most in ((qp.lbA, qp.ubA), (qp.lb, qp.ub)):
         # What is not a number is not in order either; and no value lies between two bounds of inf.
         if not ((least <= most) & (least < math.inf) & (most > -math.inf)).all():
             return (

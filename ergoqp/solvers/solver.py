@@ -30,7 +30,7 @@ _INTERRUPTS: Final[dict[int, BaseException]] = {}
 
 
 class QpSolver(abc.ABC):
-    """A solver of min 1/2 x'Hx + g'x subject to lower <= A x <= upper and low <= x <= high.
+    """A solver of min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
 
     All is dense. The step never trusts a solver's own word: it checks primal, dual and gap
     residuals of what comes back, and infeasible or failed answers show there. Multipliers are

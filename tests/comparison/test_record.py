@@ -29,9 +29,9 @@ def recorded(name: str, steps: int) -> tuple[RecordedQps, ...]:
 def feasible(qp: Qp) -> bool:
     """By a linear program of SciPy's."""
     rows = np.concatenate([qp.A, -qp.A])
-    ends = np.concatenate([qp.upper, -qp.lower])
+    ends = np.concatenate([qp.ubA, -qp.lbA])
     there = np.isfinite(ends)
-    bounds = np.column_stack([qp.low, qp.high])
+    bounds = np.column_stack([qp.lb, qp.ub])
     return (
         linprog(np.zeros(qp.size[0]), A_ub=rows[there], b_ub=ends[there], bounds=bounds).status == 0
     )
@@ -53,9 +53,9 @@ def test_every_step_gives_its_qps_and_the_accepted_ones_are_solved(name: str, st
         assert max(np.array(worst)[part.accepted]) <= 1e-6
         speed = problem.twist_limit.speed
         for qp in part.sequence:
-            assert np.all(qp.high[:6] <= speed + 1e-12)
+            assert np.all(qp.ub[:6] <= speed + 1e-12)
             assert np.all(np.linalg.eigvalsh(qp.H) > 0)
-            assert not np.isnan(qp.upper).any()
+            assert not np.isnan(qp.ubA).any()
     assert any(part.sequence.name.endswith(".relaxed") for part in parts) == (name == "low_bin")
 
 
@@ -116,13 +116,13 @@ def test_derived_qps_are_what_they_are_called() -> None:
             assert qp.size[1] == 2 * rows
             assert feasible(qp)
         for qp in nearly:
-            assert np.allclose(qp.upper[rows:] - qp.lower[rows:], SLAB, rtol=1e-3)
+            assert np.allclose(qp.ubA[rows:] - qp.lbA[rows:], SLAB, rtol=1e-3)
             assert feasible(qp)
         for i, qp in enumerate(infeasible):
             assert not feasible(qp)
             # The three rows alone, without any other: what they leave is by how much they
             # contradict each other.
-            left = qp.lower[rows + 2] - qp.upper[rows] - qp.upper[rows + 1]
+            left = qp.lbA[rows + 2] - qp.ubA[rows] - qp.ubA[rows + 1]
             assert left == pytest.approx(CONTRADICTIONS[i % 3])
             np.testing.assert_allclose(qp.A[rows + 2], qp.A[rows] + qp.A[rows + 1])
 

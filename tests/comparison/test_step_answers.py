@@ -39,9 +39,9 @@ def test_what_is_accepted_is_solved_and_what_is_infeasible_is_not_accepted(solve
         for sequence in (part.sequence.thinned(10), *relatives(part, 8, seed=1)):
             for qp in sequence:
                 m = qp.size[1]
-                ends = np.maximum(qp.lower, -FREE), np.minimum(qp.upper, FREE)
+                ends = np.maximum(qp.lbA, -FREE), np.minimum(qp.ubA, FREE)
                 parts = step_qp(solver, m)(
-                    qp.H, qp.g, qp.A, *ends, np.ones(m), np.zeros(m), qp.low, qp.high
+                    qp.H, qp.g, qp.A, *ends, np.ones(m), np.zeros(m), qp.lb, qp.ub
                 )
                 x, _, rows, residual = (np.array(one).ravel() for one in parts)
                 accepted = residual[0] < TOLERANCE

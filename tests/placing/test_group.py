@@ -15,7 +15,7 @@ from ergoqp.limits import AxisCone, WorkspaceBox
 from ergoqp.placing.group.grid import AXES, shared_grid
 from ergoqp.placing.group.optimise import best_for_group
 from ergoqp.placing.group.people import drawn_people, read_people
-from ergoqp.placing.group.search import PlaceSearch, Placing, Stay, keys, merit
+from ergoqp.placing.group.search import PlaceSearch, Placing, RestAtPlace, keys, merit
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.population import variant
 from ergoqp.problem_files.load import load_problem
@@ -181,10 +181,10 @@ def test_a_worse_way_to_a_place_counts(low_bin):
     people = read_people(low_bin, (1.7,))
     search = PlaceSearch(low_bin, people, shared_grid(low_bin, people, 0.2), "mean")
     stay = search.at(search.starts(1)[0])
-    lucky = Stay(stay.point, np.array([1]), np.array([0.5]), np.zeros((1, 32)))
-    assert search.coming(lucky).scores[0] > 1
+    lucky = RestAtPlace(stay.point, np.array([1]), np.array([0.5]), np.zeros((1, 32)))
+    assert search.resettled_from_comfort(lucky).scores[0] > 1
     unlucky = replace(lucky, scores=np.array([14]))
-    assert search.coming(unlucky).scores[0] == 14
+    assert search.resettled_from_comfort(unlucky).scores[0] == 14
 
 
 def test_desk_can_only_rise_and_tilt():

@@ -61,7 +61,7 @@ def test_the_sign_of_a_multiplier_is_seen_apart_from_the_other_three() -> None:
         < 1e-12
     )
     # Between ends that all but meet, the wrong one counts no more than their distance.
-    narrow = replace(qp, lower=np.where(np.arange(5) == 0, qp.upper[0] - 1e-8, qp.lower))
+    narrow = replace(qp, lbA=np.where(np.arange(5) == 0, qp.ubA[0] - 1e-8, qp.lbA))
     flipped = np.where(np.arange(5) == 0, -2.0, answer.rows)
     moved = replace(narrow, g=qp.g + 4.0 * qp.A[0])
     assert judge(moved, replace(answer, rows=flipped)).sign <= 1e-8
@@ -89,9 +89,9 @@ def test_the_three_residuals_are_those_of_qpsolvers() -> None:
         # Its form has one-sided rows; rows here that have one multiplier use one side.
         up = spoilt.rows > 0
         G = np.where(up[:, None], qp.A, -qp.A)
-        h = np.where(up, qp.upper, -qp.lower)
+        h = np.where(up, qp.ubA, -qp.lbA)
         there = np.isfinite(h)
-        problem = qpsolvers.Problem(qp.H, qp.g, G[there], h[there], lb=qp.low, ub=qp.high)
+        problem = qpsolvers.Problem(qp.H, qp.g, G[there], h[there], lb=qp.lb, ub=qp.ub)
         solution = qpsolvers.Solution(problem)
         solution.x, solution.z, solution.z_box = spoilt.x, np.abs(spoilt.rows)[there], spoilt.box
         solution.found, solution.y = True, np.empty(0)

@@ -111,9 +111,9 @@ def test_data_that_are_no_numbers_are_refused_by_name(name: str) -> None:
         broken.flat[0] = np.inf
         assert session.solve(*parts(replace(qp, **{part: broken}))).flag == "not a number"
     crossed = [
-        replace(qp, low=qp.high + 1),
-        replace(qp, upper=qp.lower - 1),
-        replace(qp, lower=np.full(qp.size[1], np.inf)),
+        replace(qp, lb=qp.ub + 1),
+        replace(qp, ubA=qp.lbA - 1),
+        replace(qp, lbA=np.full(qp.size[1], np.inf)),
     ]
     for wrong in crossed:
         assert session.solve(*parts(wrong)).flag == "bounds cross"
@@ -159,9 +159,7 @@ def test_mistakes_are_named(arguments: tuple, said: str) -> None:
 def test_a_wrong_shape_is_named() -> None:
     qp, _ = samples()[0][0]
     with pytest.raises(InputError, match=r"A: got shape \(3, 6\), allowed \(17, 6\)"):
-        open_session("daqp", *qp.size).solve(
-            qp.H, qp.g, qp.A[:3], qp.lower, qp.upper, qp.low, qp.high
-        )
+        open_session("daqp", *qp.size).solve(qp.H, qp.g, qp.A[:3], qp.lbA, qp.ubA, qp.lb, qp.ub)
 
 
 @pytest.mark.parametrize(

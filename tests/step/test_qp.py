@@ -38,12 +38,12 @@ def random_qp(rng: np.random.Generator, m: int) -> dict[str, np.ndarray]:
         A[-1], A[-2] = A[0], 0.0
     data = {"H": root @ root.T + 0.1 * np.eye(6), "g": 5 * rng.normal(size=6), "A": A}
     data |= {
-        "lower": -rng.uniform(0, 1, m),
-        "upper": rng.uniform(0, 1, m),
+        "lbA": -rng.uniform(0, 1, m),
+        "ubA": rng.uniform(0, 1, m),
         "side": np.ones(m),
         "cap": np.zeros(m),
     }
-    return data | {"low": -rng.uniform(0.05, 1, 6), "high": rng.uniform(0.05, 1, 6)}
+    return data | {"lb": -rng.uniform(0.05, 1, 6), "ub": rng.uniform(0.05, 1, 6)}
 
 
 def solve(
@@ -68,14 +68,14 @@ def by_enumeration(data: dict[str, np.ndarray]) -> np.ndarray:
     are free)."""
     H, g = data["H"], data["g"]
     G = np.vstack([data["A"], -data["A"], np.eye(6), -np.eye(6)])
-    h = np.concatenate([data["upper"], -data["lower"], data["high"], -data["low"]])
-    fixed = [i for i in range(6) if data["low"][i] == data["high"][i]]
+    h = np.concatenate([data["ubA"], -data["lbA"], data["ub"], -data["lb"]])
+    fixed = [i for i in range(6) if data["lb"][i] == data["ub"][i]]
     base = np.eye(6)[fixed]
     best, least = None, np.inf
     for count in range(3):
         for chosen in itertools.combinations(range(len(G)), count):
             C = np.vstack([base, G[list(chosen)]])
-            d = np.concatenate([data["low"][fixed], h[list(chosen)]])
+            d = np.concatenate([data["lb"][fixed], h[list(chosen)]])
             kkt = np.block([[H, C.T], [C, np.zeros((len(C), len(C)))]])
             if np.linalg.cond(kkt) > 1e10:
                 continue
@@ -92,7 +92,7 @@ def test_answers_equal_the_enumeration_of_active_sets(solver: str) -> None:
     rng, solved = np.random.default_rng(0), 0
     for _ in range(25):
         data = random_qp(rng, 3)
-        data["low"][2:] = data["high"][2:] = 0.0
+        data["lb"][2:] = data["ub"][2:] = 0.0
         x, slack, _, worst = solve(solver, data)
         if not worst < TOLERANCE:
             continue
@@ -117,13 +117,13 @@ def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
     for _ in range(30):
         data = random_qp(rng, 8)
         x, _, multipliers, worst = solve(solver, data)
-        G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["upper"], -data["lower"]])
+        G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["ubA"], -data["lbA"]])
         options = (
             {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 50_000} if others[0] == "osqp" else {}
         )
         keep = np.abs(G).sum(axis=1) > 0
         H, G = _as(others[0], data["H"]), _as(others[0], G[keep])
-        task = qpsolvers.Problem(H, data["g"], G, h[keep], lb=data["low"], ub=data["high"])
+        task = qpsolvers.Problem(H, data["g"], G, h[keep], lb=data["lb"], ub=data["ub"])
         expected = qpsolvers.solve_problem(task, solver=others[0], **options).x
         if worst >= TOLERANCE or expected is None:
             continue
@@ -131,7 +131,7 @@ def test_answers_equal_those_of_qpsolvers(solver: str) -> None:
         np.testing.assert_allclose(x, expected, atol=1e-5)
         active = np.abs(multipliers) > 1e-5
         at_end = np.minimum(
-            np.abs(data["A"] @ x - data["upper"]), np.abs(data["A"] @ x - data["lower"])
+            np.abs(data["A"] @ x - data["ubA"]), np.abs(data["A"] @ x - data["lbA"])
         )
         assert np.all(at_end[active] < 1e-5)
     assert compared >= 25 * SHARE.get(solver, 1)
@@ -154,9 +154,9 @@ def test_nan_never_passes_for_an_answer(solver: str, what: str) -> None:
 def test_rows_that_contradict_each_other_never_pass(solver: str) -> None:
     data = random_qp(np.random.default_rng(3), 4)
     data["A"][0] = data["A"][1] = [1, 0, 0, 0, 0, 0]
-    data["lower"][:2], data["upper"][:2] = [0.02, -1], [1, 0.01]
+    data["lbA"][:2], data["ubA"][:2] = [0.02, -1], [1, 0.01]
     assert not solve(solver, data)[3] < TOLERANCE
-    data["lower"][0], data["upper"][0] = 3.0, 4.0
+    data["lbA"][0], data["ubA"][0] = 3.0, 4.0
     assert not solve(solver, data)[3] < TOLERANCE
 
 
@@ -235,24 +235,22 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
         data = random_qp(rng, 6)
         # One row asks to come back at some pace; its cap reaches down to standing still.
         pace = rng.uniform(0, 1.5)
-        data["upper"] = data["upper"].copy()
-        data["upper"][0], data["lower"][0] = -pace, -FREE
-        data["lower"][-1] = -FREE
+        data["ubA"] = data["ubA"].copy()
+        data["ubA"][0], data["lbA"][0] = -pace, -FREE
+        data["lbA"][-1] = -FREE
         data["cap"] = np.where(np.arange(6) == 0, pace, 0.0)
-        G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["upper"], -data["lower"]])
-        lp = linprog(
-            np.zeros(6), A_ub=G, b_ub=h, bounds=np.column_stack([data["low"], data["high"]])
-        )
+        G, h = np.vstack([data["A"], -data["A"]]), np.concatenate([data["ubA"], -data["lbA"]])
+        lp = linprog(np.zeros(6), A_ub=G, b_ub=h, bounds=np.column_stack([data["lb"], data["ub"]]))
         x, slack, _, worst = solve("daqp", data)
         assert worst < TOLERANCE
-        assert np.all(data["A"] @ x <= data["upper"] + data["cap"] + 1e-7)
+        assert np.all(data["A"] @ x <= data["ubA"] + data["cap"] + 1e-7)
         if lp.status == 0:
             # Exact penalty: not even a little is taken.
             room = linprog(
                 np.r_[np.zeros(6), -1],
                 A_ub=np.c_[G, np.ones(len(G))],
                 b_ub=h,
-                bounds=[*zip(data["low"], data["high"], strict=True), (0, 1)],
+                bounds=[*zip(data["lb"], data["ub"], strict=True), (0, 1)],
             )
             if -room.fun > 1e-3 or np.abs(data["A"][-2]).max() == 0:
                 counts[True] += 1
@@ -265,7 +263,7 @@ def test_slack_is_used_only_where_the_rows_cannot_all_hold() -> None:
                 data["A"][0],
                 A_ub=G[1:],
                 b_ub=h[1:],
-                bounds=np.column_stack([data["low"], data["high"]]),
+                bounds=np.column_stack([data["lb"], data["ub"]]),
             )
             assert data["A"][0] @ x == pytest.approx(least.fun, abs=2e-3)
     assert counts[True] > 5
@@ -301,12 +299,12 @@ def test_an_exact_row_gives_back_what_it_used_of_the_room_that_nobody_needs(seed
     data |= {
         "g": np.zeros(6),
         "A": np.vstack([row, -3 * row]),
-        "low": -np.ones(6),
-        "high": np.ones(6),
+        "lb": -np.ones(6),
+        "ub": np.ones(6),
     }
     data |= {
-        "lower": np.full(2, -FREE),
-        "upper": np.array([0.0, -1.0]),
+        "lbA": np.full(2, -FREE),
+        "ubA": np.array([0.0, -1.0]),
         "cap": np.array([needed + ELBOW, 9.0]),
     }
     for exact, most in (((), needed + ELBOW), ((0,), needed)):

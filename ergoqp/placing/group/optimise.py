@@ -21,7 +21,7 @@ from ergoqp.errors import InputError
 from ergoqp.placing.group.grid import AXES, SharedGrid, shared_grid
 from ergoqp.placing.group.optimum import GroupOptimum, Member
 from ergoqp.placing.group.people import Person, read_people
-from ergoqp.placing.group.search import Objective, PlaceSearch, Stay
+from ergoqp.placing.group.search import Objective, PlaceSearch, RestAtPlace
 from ergoqp.placing.parallel import in_order
 from ergoqp.placing.population import person_of
 from ergoqp.problem.problem import Problem
@@ -91,20 +91,20 @@ def best_for_group(
     points = search.starts(starts)
     calls = [(problem, crew, grid, objective, part) for part in _parts(points, jobs)]
     found, placements = [], 0
-    for n, (stays, used) in enumerate(in_order(_from_starts, calls, jobs), start=1):
-        found += stays
+    for n, (rests, used) in enumerate(in_order(_from_starts, calls, jobs), start=1):
+        found += rests
         placements += used
         tell(_SHARES[0] + (_SHARES[1] - _SHARES[0]) * n / len(calls))
-    best = min(found, key=lambda stay: stay.key(objective))
+    best = min(found, key=lambda rest: rest.key(objective))
     own = []
-    for n, stay in enumerate(
+    for n, rest in enumerate(
         in_order(_own_best, [(problem, crew, grid, i, best.point) for i in range(count)], jobs),
         start=1,
     ):
-        own.append(stay)
+        own.append(rest)
         tell(_SHARES[1] + (1 - _SHARES[1]) * n / count)
     # The first start is the grid's best place itself, and every search gives its start back.
-    on_grid = min(found[1::2], key=lambda stay: stay.key(objective))
+    on_grid = min(found[1::2], key=lambda rest: rest.key(objective))
     return GroupOptimum(
         problem=problem.name,
         title=problem.title or problem.name,
@@ -140,7 +140,7 @@ def _from_starts(
     grid: SharedGrid,
     objective: Objective,
     points: Sequence[np.ndarray],
-) -> tuple[list[Stay], int]:
+) -> tuple[list[RestAtPlace], int]:
     """Return what the search from every point found, each followed by its start.
 
     The number of placements is the second value.
@@ -148,8 +148,10 @@ def _from_starts(
     All are judged whichever way people come.
     """
     search = PlaceSearch(problem, people, grid, objective)
-    stays = [search.coming(stay) for point in points for stay in search.descend(point)]
-    return stays, search.placements
+    rests = [
+        search.resettled_from_comfort(rest) for point in points for rest in search.descend(point)
+    ]
+    return rests, search.placements
 
 
 def _own_best(
@@ -158,13 +160,15 @@ def _own_best(
     grid: SharedGrid,
     number: int,
     group_point: np.ndarray,
-) -> Stay:
+) -> RestAtPlace:
     """Return one person's best place; the group's place is one of the candidates."""
     search = PlaceSearch(problem, people[number : number + 1], grid.of(number), "mean")
     found = [search.at(group_point)]
     for point in search.starts(OWN_STARTS):
         found += search.descend(point)
-    return min((search.coming(stay) for stay in found), key=lambda stay: stay.key("mean"))
+    return min(
+        (search.resettled_from_comfort(rest) for rest in found), key=lambda rest: rest.key("mean")
+    )
 
 
 def _refuse_unreached(people: Sequence[Person], grid: SharedGrid) -> None:
@@ -199,21 +203,21 @@ def _members(
     problem: Problem,
     people: Sequence[Person],
     grid: SharedGrid,
-    stay: Stay,
-    own: Sequence[Stay],
+    rest: RestAtPlace,
+    own: Sequence[RestAtPlace],
     search: PlaceSearch,
 ) -> tuple[Member, ...]:
-    assessment = problem.assess(stay.postures)
+    assessment = problem.assess(rest.postures)
     members = []
     for i, (person, alone) in enumerate(zip(people, own, strict=True)):
         members.append(
             Member(
                 label=person.label,
                 body=person.follower.response.body,
-                reba=int(stay.scores[i]),
-                cost=float(stay.costs[i]),
-                posture=stay.postures[i],
-                base_pose=person.follower.contact(stay.postures[i])[1],
+                reba=int(rest.scores[i]),
+                cost=float(rest.costs[i]),
+                posture=rest.postures[i],
+                base_pose=person.follower.contact(rest.postures[i])[1],
                 segments={name: int(scores[i]) for name, scores in assessment.segments.items()},
                 reasons=assessment.reasons(i),
                 own_reba=int(alone.scores[0]),
@@ -224,7 +228,7 @@ def _members(
     return tuple(members)
 
 
-def _free(search: PlaceSearch, best: Stay) -> dict[str, tuple[int, float]]:
+def _free(search: PlaceSearch, best: RestAtPlace) -> dict[str, tuple[int, float]]:
     """Return the highest and the mean score for every axis that could be left to everybody."""
     grid, objective = search.grid, search.objective
     found = {"none": (int(best.scores.max()), float(best.scores.mean()))}
@@ -232,11 +236,11 @@ def _free(search: PlaceSearch, best: Stay) -> dict[str, tuple[int, float]]:
         # At the group's place everybody is as they are; along the axis from there they may be
         # better off.
         here = best.scores.copy()
-        moves = [stay for number in numbers for stay in search.line(best.point, number)]
+        moves = [rest for number in numbers for rest in search.line(best.point, number)]
         if not moves:
             continue
-        for stay in moves:
-            here = np.where(stay.scores > 0, np.minimum(here, stay.scores), here)
+        for rest in moves:
+            here = np.where(rest.scores > 0, np.minimum(here, rest.scores), here)
         on_grid = grid.with_free(axis)
         scores = np.column_stack([here, on_grid[:, (on_grid > 0).all(axis=0)]])
         two = np.stack([scores.max(axis=0), scores.mean(axis=0)])

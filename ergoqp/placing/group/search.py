@@ -93,7 +93,7 @@ class Placing:
 
 
 @dataclass(frozen=True)
-class Stay:
+class RestAtPlace:
     """Everybody at rest at one place.
 
     Attributes:
@@ -189,7 +189,7 @@ class PlaceSearch:
                     break
         return [self.placing.point(poses[i]) for i in chosen]
 
-    def at(self, point: np.ndarray) -> Stay:
+    def at(self, point: np.ndarray) -> RestAtPlace:
         """Return everybody at rest at a place, each from the nearest grid place that they reach."""
         self.placements += 1
         pose = self.placing.pose(point)
@@ -208,32 +208,29 @@ class PlaceSearch:
             posture, there = person.settle(seed, pose, grasp, soles)
             postures.append(posture)
             reached.append(there)
-        return self._stay(point, np.array(postures), np.array(reached))
+        return self._rest(point, np.array(postures), np.array(reached))
 
-    def coming(self, stay: Stay) -> Stay:
-        """Return the same place with everybody coming straight from comfort.
+    def resettled_from_comfort(self, rest: RestAtPlace) -> RestAtPlace:
+        """Return the same place, with people settled again from comfort where that is worse.
 
-        This is done where it leads to a worse posture.
-
-        A rest posture can depend on the way to it, and the same place must be good whichever way
-        somebody takes.
+        A rest posture can depend on the way to it. A place must be good on either way.
         """
-        pose = self.placing.pose(stay.point)
+        pose = self.placing.pose(rest.point)
         postures, reached = [], []
         for person, (soles, grasp) in zip(self._people, self._holds, strict=True):
             posture, there = person.settle(person.response.comfort, pose, grasp, soles)
             postures.append(posture)
             reached.append(there)
-        other = self._stay(stay.point, np.array(postures), np.array(reached))
-        worse = (other.scores > stay.scores) & (stay.scores > 0)
-        return Stay(
-            stay.point,
-            np.where(worse, other.scores, stay.scores),
-            np.where(worse, other.costs, stay.costs),
-            np.where(worse[:, None], other.postures, stay.postures),
+        other = self._rest(rest.point, np.array(postures), np.array(reached))
+        worse = (other.scores > rest.scores) & (rest.scores > 0)
+        return RestAtPlace(
+            rest.point,
+            np.where(worse, other.scores, rest.scores),
+            np.where(worse, other.costs, rest.costs),
+            np.where(worse[:, None], other.postures, rest.postures),
         )
 
-    def descend(self, start: np.ndarray) -> list[Stay]:
+    def descend(self, start: np.ndarray) -> list[RestAtPlace]:
         """Return the best place of a search from a point, and the start itself.
 
         A step of the pattern goes one way along one of the five numbers and is taken when it lowers
@@ -262,14 +259,14 @@ class PlaceSearch:
                 if point[number] == here.point[number] or not self.placing.holds(point):
                     continue
                 there = self.at(point)
-                best = min(best, there, key=lambda stay: stay.key(self.objective))
+                best = min(best, there, key=lambda rest: rest.key(self.objective))
                 if self._merit(there) < self._merit(here) - 1e-6:
                     here, improved = there, True
             if not improved:
                 scale /= 2
         return [best, first]
 
-    def line(self, point: np.ndarray, number: int, count: int = 9) -> list[Stay]:
+    def line(self, point: np.ndarray, number: int, count: int = 9) -> list[RestAtPlace]:
         """Return everybody at rest at places along one of the five numbers from a point.
 
         The places are those where the object may be.
@@ -289,15 +286,17 @@ class PlaceSearch:
             [0.5 * width / max(count - 1, 1) for width, count in zip(wide, places, strict=True)]
         )
 
-    def _merit(self, stay: Stay) -> float:
-        return float(merit(stay.costs[:, None], self.objective)[0])
+    def _merit(self, rest: RestAtPlace) -> float:
+        return float(merit(rest.costs[:, None], self.objective)[0])
 
-    def _stay(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> Stay:
+    def _rest(self, point: np.ndarray, postures: np.ndarray, reached: np.ndarray) -> RestAtPlace:
         pose, own = self.placing.pose(point), self.problem.own_limits
         # Where a limit of the user's own forbids it, nobody is.
         reached = reached & np.array([not own.broken(pose, posture) for posture in postures])
         scores = np.where(reached, self.problem.assess(postures).final, 0)
-        return Stay(point, scores, np.where(reached, self.problem.cost(postures), np.inf), postures)
+        return RestAtPlace(
+            point, scores, np.where(reached, self.problem.cost(postures), np.inf), postures
+        )
 
 
 def _features(poses: np.ndarray) -> np.ndarray:

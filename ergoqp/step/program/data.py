@@ -19,7 +19,7 @@ from ergoqp.step.model import PLACE, StepModel
 from ergoqp.step.program.bounds import no_further, patience, row_bounds, unhurried
 from ergoqp.step.program.objective import cost_function, objective
 
-QP_DATA: Final = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
+QP_DATA: Final = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
 """What `ergoqp.step.program.qp.build_qp` takes, in its order."""
 
 
@@ -82,12 +82,12 @@ def pass_data(model: StepModel) -> ca.Function:
         "H": H,
         "g": g,
         "A": bounds.matrix,
-        "lower": bounds.lower,
-        "upper": bounds.upper,
+        "lbA": bounds.lower,
+        "ubA": bounds.upper,
         "side": bounds.side,
         "cap": bounds.cap,
-        "low": brake.low,
-        "high": brake.high,
+        "lb": brake.low,
+        "ub": brake.high,
         "S": S,
         "E": E,
         "shift": shift,

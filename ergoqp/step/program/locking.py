@@ -81,7 +81,7 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     qp = build_qp(solver, len(model.movable), shape, exact.tolist())
     answer = dict(zip(_ANSWER, written_out(qp, *(found[name] for name in QP_DATA)), strict=True))
     # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
-    xi = ca.fmin(ca.fmax(answer["xi"], found["low"]), found["high"])
+    xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
     lock = shape(_newly_locked(model))
     newly = by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)["newly_locked"]
     result = {

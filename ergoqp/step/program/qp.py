@@ -38,8 +38,8 @@ def build_qp(
 
     Each row is relaxed by at most `cap` in the direction `side`.
 
-    min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lower <= A xi - side s <= upper,  0 <= s <= cap,
-    low <= xi <= high.
+    min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lbA <= A xi - side s <= ubA,  0 <= s <= cap,
+    lb <= xi <= ub.
 
     Where no row has a cap (almost always) this is a QP in six unknowns and solved as one.
 
@@ -51,11 +51,11 @@ def build_qp(
             most.
 
     Returns:
-        Function ``(H, g, A, lower, upper, side, cap, low, high) -> (xi (6,), slack (m,),
+        Function ``(H, g, A, lbA, ubA, side, cap, lb, ub) -> (xi (6,), slack (m,),
         multipliers (m,), residual)`` where the residual is the largest of primal, dual, gap and
         multiplier-sign residual in the infinity norm.
     """
-    names = ("H", "g", "A", "lower", "upper", "side", "cap", "low", "high")
+    names = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
     shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
     inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
     hard = _hard(solver, m, inputs, shape)
@@ -67,30 +67,28 @@ def build_qp(
 
 
 def _hard(solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape) -> ca.Function:
-    H, g, A, lower, upper, _, _, low, high = inputs
-    x, rows, box = solver.function(6, m)(H, g, A, lower, upper, low, high)
-    residual = written_out(shape(_residual(6, m)), H, g, A, lower, upper, low, high, x, rows, box)[
-        0
-    ]
+    H, g, A, lbA, ubA, _, _, lb, ub = inputs
+    x, rows, box = solver.function(6, m)(H, g, A, lbA, ubA, lb, ub)
+    residual = written_out(shape(_residual(6, m)), H, g, A, lbA, ubA, lb, ub, x, rows, box)[0]
     return ca.Function("hard", inputs, [x, ca.MX(ca.DM.zeros(m)), rows, residual])
 
 
 def _relaxed(
     solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
 ) -> ca.Function:
-    H, g, A, lower, upper, side, cap, low, high = inputs
+    H, g, A, lbA, ubA, side, cap, lb, ub = inputs
     # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between
     # equal bounds instead, DAQP was seen to lose a multiplier.
     loose = ca.if_else(cap > 0, 1.0, 0.0)
     full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
     full_g = ca.vertcat(g, PENALTY * loose)
     full_A = ca.horzcat(A, -ca.diag(side * loose))
-    full_low, full_high = (
-        ca.vertcat(low, ca.MX(ca.DM.zeros(m))),
-        ca.vertcat(high, ca.if_else(cap > 0, cap, 1.0)),
+    full_lb, full_ub = (
+        ca.vertcat(lb, ca.MX(ca.DM.zeros(m))),
+        ca.vertcat(ub, ca.if_else(cap > 0, cap, 1.0)),
     )
     n = 6 + m
-    data = [ca.densify(full_H), full_g, ca.densify(full_A), lower, upper, full_low, full_high]
+    data = [ca.densify(full_H), full_g, ca.densify(full_A), lbA, ubA, full_lb, full_ub]
     x, rows, box = solver.function(n, m)(*data)
     residual = written_out(shape(_residual(n, m)), *data, x, rows, box)[0]
     xi, slack = x[:6], loose * x[6:]
@@ -110,12 +108,12 @@ def _residual(n: int, m: int) -> ca.Function:
     to its bound: the same number where the dual residual is zero, and a multiplier of an absent
     bound cannot hide in it. Dual quantities are relative to the size of the objective.
     """
-    names = ("H", "g", "A", "lba", "uba", "lbx", "ubx", "x", "rows", "box")
+    names = ("H", "g", "A", "lbA", "ubA", "lb", "ub", "x", "rows", "box")
     shapes = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1), (n, 1), (m, 1), (n, 1))
     inputs = [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
-    H, g, A, lba, uba, lbx, ubx, x, rows, box = inputs
+    H, g, A, lbA, ubA, lb, ub, x, rows, box = inputs
     value = A @ x
-    below, above = ca.vertcat(value - lba, x - lbx), ca.vertcat(uba - value, ubx - x)
+    below, above = ca.vertcat(value - lbA, x - lb), ca.vertcat(ubA - value, ub - x)
     primal = -ca.fmin(ca.mmin(below), ca.mmin(above))
     stationary = H @ x + g + (rows.T @ A).T + box
     dual = ca.mmax(ca.fabs(stationary))

@@ -36,7 +36,7 @@ class Twice:
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve; the flag is not looked at: the step and the comparison judge the answer."""
-        bounds = {"lba": qp.lower, "uba": qp.upper, "lbx": qp.low, "ubx": qp.high}
+        bounds = {"lba": qp.lbA, "uba": qp.ubA, "lbx": qp.lb, "ubx": qp.ub}
         given = {"h": qp.H, "g": qp.g, "a": qp.A, "q": np.zeros(0), "p": np.zeros(0), **bounds}
         first = self._solve({**given, **self._cold})
         start = {"x0": first["x"], "lam_a0": first["lam_a"], "lam_x0": first["lam_x"]}
