@@ -74,8 +74,8 @@ def _near_singular(qp: Qp, rng: np.random.Generator) -> Qp:
         qp,
         H=0.5 * (H + H.T),
         A=np.concatenate([qp.A, qp.A + turn]),
-        lower=np.concatenate([qp.lbA, qp.lbA - room]),
-        upper=np.concatenate([qp.ubA, qp.ubA + room]),
+        lbA=np.concatenate([qp.lbA, qp.lbA - room]),
+        ubA=np.concatenate([qp.ubA, qp.ubA + room]),
     )
 
 
@@ -103,6 +103,6 @@ def _with_rows(qp: Qp, rows: Array, lower: Array, upper: Array) -> Qp:
     return replace(
         qp,
         A=np.concatenate([qp.A, rows]),
-        lower=np.concatenate([qp.lbA, lower]),
-        upper=np.concatenate([qp.ubA, upper]),
+        lbA=np.concatenate([qp.lbA, lower]),
+        ubA=np.concatenate([qp.ubA, upper]),
     )

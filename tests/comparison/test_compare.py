@@ -86,7 +86,7 @@ def test_what_is_saved_reads_back_and_serves_qpbenchmark(tmp_path: Path) -> None
             given.family,
         )
         for one, other in zip(back, given, strict=True):
-            for name in ("H", "g", "A", "lower", "upper", "low", "high"):
+            for name in ("H", "g", "A", "lbA", "ubA", "lb", "ub"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 

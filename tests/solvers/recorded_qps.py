@@ -33,7 +33,7 @@ def samples() -> tuple[tuple[tuple[Qp, np.ndarray], ...], ...]:
 def contradictory(qp: Qp) -> Qp:
     """The QP with a row below -1 and above 1."""
     row = np.ones((2, qp.size[0]))
-    ends = {"lower": np.r_[qp.lbA, -np.inf, 1.0], "upper": np.r_[qp.ubA, -1.0, np.inf]}
+    ends = {"lbA": np.r_[qp.lbA, -np.inf, 1.0], "ubA": np.r_[qp.ubA, -1.0, np.inf]}
     return replace(qp, A=np.vstack([qp.A, row]), **ends)
 
 
@@ -43,6 +43,6 @@ def twice(qp: Qp) -> Qp:
     return replace(
         qp,
         A=np.vstack([qp.A, row]),
-        lower=np.r_[qp.lbA, -9.0, -9.0],
-        upper=np.r_[qp.ubA, 9.0, 9.0],
+        lbA=np.r_[qp.lbA, -9.0, -9.0],
+        ubA=np.r_[qp.ubA, 9.0, 9.0],
     )
