@@ -15,7 +15,7 @@ from ergoqp.limits.twist import TwistLimit
 class Stop:
     """The law by which a problem's object stops, see `ergoqp.Problem.stop`.
 
-    Braking scales the planned twist u down along a straight line, in t_b = max_i |u_i| / a_i
+    Braking scales the planned twist u down along a straight line, in ``t_b = max_i |u_i| / a_i``
     seconds, whatever the periods of the steps to come. Where every twist is sent as planned, the
     object moves by at most u (dt + t_b / 2) in the period of u and the stop after it.
 

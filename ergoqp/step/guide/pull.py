@@ -35,7 +35,7 @@ def pull_function(model: StepModel) -> ca.Function:
     It is ``(landed, guide, guided, trial) -> (pull_H (6, 6), pull_g (6,), distance [s], on,
     drawn)``.
 
-    On a journey 1/2 |xi - v|^2 in the norm of effort, times `Control.guide_weight`, where the
+    On a journey ``1/2 |xi - v|^2`` in the norm of effort, times `Control.guide_weight`, where the
     velocity v leads to the place along a straight line: all axes arrive together, none is faster
     than its speed, and all slow down in time. Only position and the tool's axis are led; turning
     about the axis is nobody's business. H is positive semidefinite.

@@ -21,9 +21,10 @@ def weights_function(model: StepModel) -> ca.Function:
     """What follows from the ages alone, in scalars.
 
     Returns:
-        Function ``(ages, idle, dt) -> (own, of_plan (n, 2): weights at the end of this period, and
-        seconds; present (n,): weights now; remaining (k,): seconds for which what was sent still
-        acts; period, dt_ok, aged: ages at the end of this period; idled, fits, parked)``.
+        Function ``(ages, idle, dt) -> (own, of_plan, present, remaining, period, dt_ok, aged,
+        idled, fits, parked)``. `of_plan` (n, 2) has weights at the end of this period, and seconds;
+        `present` (n,) weights now; `remaining` (k,) the seconds for which what was sent still acts;
+        `aged` the ages at the end of this period.
     """
     problem, history = model.problem, model.history
     W, robot = problem.average, problem.robot
