@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from page_blocks import blocks_of
 
 import ergoqp
 from benchmarks.made_markers import markers_of, write_c3d, write_table
@@ -59,10 +62,28 @@ def _posture() -> dict[str, Any]:
     return {"posture": awkward_start(problem, person_of_kind("alike", problem, 0), 0)}
 
 
+def _my_terms() -> dict[str, Any]:
+    """The module, the problem file and the entry points that the page on own terms shows."""
+    shown = blocks_of(Path(__file__).resolve().parents[2] / "docs" / "extend.md")
+    parts = [block.text for block in shown if block.text.startswith("# in my_terms.py\n")]
+    Path("my_terms.py").write_text("\n".join(parts), encoding="utf-8")
+    points = next(block.text for block in shown if "entry-points" in block.text)
+    info = Path("my_terms-0.1.dist-info")
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-terms\nVersion: 0.1\n")
+    points = re.sub(r'\[project\.entry-points\."(.+)"\]', r"[\1]", points).replace('"', "")
+    (info / "entry_points.txt").write_text(points, encoding="utf-8")
+    problem = next(block.text for block in shown if block.language == "toml")
+    Path("mine.toml").write_text(problem, encoding="utf-8")
+    sys.path.insert(0, str(Path.cwd()))
+    return {}
+
+
 GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "take": _take,
     "trial": _trial,
     "robot": _robot,
     "posture": _posture,
+    "my_terms": _my_terms,
 }
 """Name -> what makes it in the working folder; what it returns is there for Python blocks."""

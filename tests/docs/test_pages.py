@@ -34,6 +34,7 @@ def _marked() -> list[Any]:
 @pytest.mark.parametrize("page", _marked())
 def test_the_blocks_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # what a page adds to it goes with the page
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for block in blocks_of(page):
         for name in block.given:
