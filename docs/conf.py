@@ -35,3 +35,4 @@ napoleon_google_docstring = True
 html_theme = "furo"
 html_title = f"ergoqp {release}"
 html_static_path = ["_static"]
+html_css_files = ["site.css"]
