@@ -114,6 +114,7 @@ def test_source_distribution_holds_everything(distributions):
         "CHANGELOG.md",
         "CONTRIBUTING.md",
         "LICENSE",
+        "CITATION.cff",
         "Makefile",
         "pyproject.toml",
     } <= names
@@ -208,26 +209,31 @@ def test_version_is_said_once():
 
 
 def test_readme_names_what_is_there():
-    """Links lead somewhere, and benchmarks and problems that are named exist."""
+    """Links lead somewhere."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)]+)\)", text):
         assert (ROOT / target).exists(), target
-    for name in re.findall(r"python -m benchmarks\.(\w+)", text):
-        assert (ROOT / "benchmarks" / f"{name}.py").is_file()
+    assert len(text.splitlines()) <= 130
+
+
+def test_the_site_names_what_is_there():
+    """Benchmarks that are named exist, and problems that exist are named."""
+    text = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    for name in re.findall(r"(?:python -m |`)benchmarks\.(\w+)", text):
+        assert (ROOT / "benchmarks" / f"{name}.py").is_file(), name
     for path in (ROOT / "problems").glob("*.toml"):
         assert f"`{path.stem}`" in text
 
 
-def test_problem_of_the_readme():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
-    from ergoqp.problem_files.load import problem_from_dict
-
-    whole = next(block for block in blocks if "title" in block)
-    robot = next(block for block in blocks if block.startswith("[robot]"))
-    problem = problem_from_dict(tomllib.loads(whole) | tomllib.loads(robot), "readme")
-    assert problem.title == "polishes a panel, standing"
-    assert problem.robot.lag == 0.1
+def test_readme_on_a_package_index(distributions):
+    """There are no files beside it: links and pictures have whole addresses."""
+    wheel = zipfile.ZipFile(distributions[0])
+    name = next(name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+    text = wheel.read(name).decode("utf-8").partition("\n\n")[2]
+    targets = re.findall(r"\]\(([^)]+)\)", text)
+    assert len(targets) > 5
+    assert all(target.startswith("https://") for target in targets)
+    assert "<!-- given" not in text
 
 
 def test_the_files_that_contributing_names_are_there() -> None:

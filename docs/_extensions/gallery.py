@@ -50,13 +50,16 @@ def closed_loop(axes: Any) -> None:
 
 
 def stopping_speed(axes: Any) -> None:
-    """Draw the largest speed from which a stop within a distance is possible, exact and naive."""
+    """Draw the largest speed from which the object stops within a distance, and the naive one."""
     dt, a = 0.01, 0.6
-    distance = np.linspace(1e-6, 0.004, 400)
-    k = np.floor((-1 + np.sqrt(1 + 8 * distance / (a * dt**2))) / 2)
-    exact = distance / ((k + 1) * dt) + a * dt * k / 2
+    distance = np.linspace(0, 0.0006, 400)
+    knee = a * dt**2
+    # As `ergoqp.limits.stop.Braking.fastest`.
+    exact = (
+        np.sqrt(a * (2 * np.maximum(distance, knee) - knee)) + np.minimum(distance - knee, 0) / dt
+    )
     axes.plot(1e3 * distance, 1e3 * np.sqrt(2 * a * distance), color=GREY, label="sqrt(2 a d)")
-    axes.plot(1e3 * distance, 1e3 * exact, color=TEAL, label="exact, periods of 10 ms")
+    axes.plot(1e3 * distance, 1e3 * exact, color=TEAL, label="with periods of 10 ms")
     axes.set(xlabel="distance to a limit [mm]", ylabel="largest speed [mm/s]")
     axes.legend(frameon=False)
 
@@ -69,9 +72,9 @@ PICTURES = {
 
 
 def draw(app: Sphinx) -> None:
-    """Draw all pictures into the sources' folder ``gallery``."""
-    folder = Path(app.srcdir) / "gallery"
-    folder.mkdir(exist_ok=True)
+    """Draw all pictures into ``out/gallery``, beside the sources."""
+    folder = Path(app.srcdir).parent / "out" / "gallery"
+    folder.mkdir(parents=True, exist_ok=True)
     for name, picture in PICTURES.items():
         figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
         axes.spines[["top", "right"]].set_visible(False)
