@@ -17,6 +17,7 @@ from benchmarks.made_markers import markers_of, write_c3d, write_table
 from benchmarks.made_motions import BODY, RATE, moved, posture
 from ergoqp.simulation.demo_recording import demo_recording
 from ergoqp.simulation.people import person_of_kind
+from ergoqp.simulation.people.alike import sample_person
 from ergoqp.simulation.starts import awkward_start
 
 
@@ -79,11 +80,26 @@ def _my_terms() -> dict[str, Any]:
     return {}
 
 
+def _patient() -> dict[str, Any]:
+    """A dentist's posture at a place that an arm beside the chair reaches."""
+    problem = ergoqp.load_problem("dentist")
+    person = sample_person(problem, seed=0, body=problem.response.body)
+    return {"posture": awkward_start(problem, person, seed=4, places=1)}
+
+
+def _run() -> dict[str, Any]:
+    problem = ergoqp.load_problem("screwing")
+    ergoqp.simulate(problem, problem.response.comfort, 0.2).save(Path())
+    return {}
+
+
 GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "take": _take,
     "trial": _trial,
     "robot": _robot,
     "posture": _posture,
+    "patient": _patient,
+    "run": _run,
     "my_terms": _my_terms,
 }
 """Name -> what makes it in the working folder; what it returns is there for Python blocks."""
