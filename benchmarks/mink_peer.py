@@ -220,4 +220,4 @@ def resting(
     still = np.zeros(len(robot.joints))
     fast, ranges = np.full(len(still), 1e3), (robot.lower - 50, robot.upper + 50)
     low, high = joint_bounds(robot.rest, still, ranges, fast, 100 * fast, dt)
-    return Moment(dt, J, terms, H, g, terms["low"], terms["high"], still, low, high, still)
+    return Moment(dt, J, terms, H, g, terms["lb"], terms["ub"], still, low, high, still)

@@ -69,7 +69,7 @@ class ProblemRows(_MomentLimit):
         now = self._now()
         rows = now.terms["A"] @ now.jacobian
         moved = now.terms["side"] * self.slack + now.terms["A"] @ now.offset
-        upper, lower = now.terms["upper"] + moved, now.terms["lower"] + moved
+        upper, lower = now.terms["ubA"] + moved, now.terms["lbA"] + moved
         return self._on_arm(np.vstack([rows, -rows]), np.concatenate([upper, -lower]), dt)
 
 
