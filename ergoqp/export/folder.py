@@ -8,15 +8,15 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from ergoqp._version import __version__
 from ergoqp.arguments import path_of
 from ergoqp.errors import InputError
+from ergoqp.export.example import example_start, start_header
 from ergoqp.export.fields import input_fields, output_fields, python_fields
 from ergoqp.export.layout import header, memory_header, names_source
 from ergoqp.files.whole import whole_folder
-from ergoqp.joints import JOINTS, SIDES
 from ergoqp.native.compiled import generated
 from ergoqp.native.compiler import compiler
 from ergoqp.native.daqp import (
@@ -31,7 +31,6 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.function import build_step
 from ergoqp.step.guide.place import read_guide
 from ergoqp.step.guide.trial import UNKNOWN
-from ergoqp.step.model import stand_in
 
 CORE: Final = "ergoqp_core"
 """Name of the generated function."""
@@ -46,10 +45,11 @@ _DESCENT: Final = (
     "The step goes by descent; one that can be drawn toward a place is exported with a guide"
     " (`--guide`, `guide=`)."
 )
-_RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
 
 
-def export_step(problem: Problem, folder: Path, guide: Any = None) -> list[Path]:
+def export_step(
+    problem: Problem, folder: Path, guide: Any = None, *, start: ArrayLike | None = None
+) -> list[Path]:
     """Write the step of a problem as C99 with a header.
 
     A CMake file, the solver's library and licence, and examples are written too.
@@ -59,12 +59,14 @@ def export_step(problem: Problem, folder: Path, guide: Any = None) -> list[Path]
         folder: where to; it must not exist or be empty, or hold an earlier export.
         guide: a place to be drawn to, as for `ergoqp.Stepper`; the caller in C can change it. None:
             the exported step knows descent alone, and is smaller.
+        start: state at which the example begins, such as a posture (32,) [rad]; None: the working
+            arms raised, or where the state is points a place with a high cost.
 
     Returns:
         The files.
 
     Raises:
-        InputError: if the folder holds something else, or the guide cannot be used.
+        InputError: if the folder holds something else, or the guide or the start cannot be used.
         CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP
             library.
     """
@@ -79,6 +81,7 @@ def export_step(problem: Problem, folder: Path, guide: Any = None) -> list[Path]
             " export"
         )
     place = None if guide is None else read_guide(problem, guide)
+    begin = example_start(problem, start)
     guided, solver = place is not None, NativeDaqp()
     core = generated(build_step(problem, solver, name=CORE, guided=guided, unrolled=True), CORE)
     memory = memory_header(problem, core[f"{CORE}.h"], place)
@@ -93,6 +96,7 @@ def export_step(problem: Problem, folder: Path, guide: Any = None) -> list[Path]
         "src/qp.c": sizes_source(solver.sizes),
         "src/qp_daqp.h": c_text("qp_daqp.h"),
         "example/main.c": c_text("main.c"),
+        "example/start.h": start_header(begin),
         "example/replay.c": c_text("replay.c"),
         "python/ergoqp_step.py": _filled("ergoqp_step.py.txt", problem, memory, guided),
         "CMakeLists.txt": _filled("CMakeLists.txt", problem, memory, guided),
@@ -130,7 +134,6 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
         "COORDINATES": str(len(problem.coordinates)),
         "KILOBYTES": f"{size / 1000:.0f}",
         "MACHINE": f"{platform.system()} {platform.machine()}",
-        "EXAMPLE": _awkward(problem),
         "INPUT_FIELDS": python_fields(input_fields(problem)),
         "OUTPUT_FIELDS": python_fields(output_fields(problem, guided)),
         "GUIDED": str(guided),
@@ -153,22 +156,6 @@ def stepper_bytes(problem: Problem, memory: str) -> int:
     }
     kinds = ("INPUT_DOUBLES", "OUTPUT_DOUBLES", "STATE", "SZ_W", "SZ_IW", "SZ_ARG", "SZ_RES")
     return 8 * (sum(found[f"ERGOQP_{kind}"] for kind in kinds) + 2 + 18 * ("ERGOQP_TRIAL" in found))
-
-
-def _awkward(problem: Problem) -> str:
-    """Return a start for the example: the working arms raised, the rest comfortable.
-
-    Where the response has points, the start is made of points.
-    """
-    start = dict(zip(problem.coordinates, stand_in(problem).tolist(), strict=True))
-    if problem.coordinates == JOINTS:
-        sides = getattr(problem.response, "hands", SIDES)
-        start |= {
-            f"{side}_{joint}": np.radians(value)
-            for side in sides
-            for joint, value in _RAISED.items()
-        }
-    return " ".join(f"{name}={value:.3f}" for name, value in start.items() if value)
 
 
 def _own_licence() -> str:

@@ -62,6 +62,7 @@ extern "C" {{
 #define ERGOQP_PROBLEM {c_string(problem.name)}
 #define ERGOQP_COORDINATES {len(problem.coordinates)}
 #define ERGOQP_ROWS {len(problem.row_names)}
+#define ERGOQP_CAUSES {len(Cause)}
 #define ERGOQP_DT {problem.dt!r} /* the problem's control period [s] */
 {_GUIDE_VALUES if guided else ""}
 typedef enum {{
@@ -122,7 +123,7 @@ extern const char* const ergoqp_coordinate_names[ERGOQP_COORDINATES];
 extern const char* const ergoqp_row_names[ERGOQP_ROWS + 1];
 extern const char* const ergoqp_row_units[ERGOQP_ROWS + 1];
 extern const char* const ergoqp_status_names[{len(Status)}];
-extern const char* const ergoqp_cause_names[{len(Cause)}];
+extern const char* const ergoqp_cause_names[ERGOQP_CAUSES];
 
 #ifdef __cplusplus
 }}
@@ -199,7 +200,7 @@ def names_source(problem: Problem) -> str:
         "row_names[ERGOQP_ROWS + 1]": (*problem.row_names, ""),
         "row_units[ERGOQP_ROWS + 1]": (*units, ""),
         f"status_names[{len(Status)}]": [status.name for status in Status],
-        f"cause_names[{len(Cause)}]": [cause.name for cause in Cause],
+        "cause_names[ERGOQP_CAUSES]": [cause.name for cause in Cause],
     }
     lines = ['#include "ergoqp_step.h"', ""]
     for name, words in tables.items():

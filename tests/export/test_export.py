@@ -15,6 +15,7 @@ from step_calls import start_of, wandering_steps
 import ergoqp
 from ergoqp.cli.main import execute
 from ergoqp.errors import InputError
+from ergoqp.export.example import example_start, start_header
 from ergoqp.export.folder import export_step
 from ergoqp.export.layout import c_string, header
 from ergoqp.step.answer.causes import Status
@@ -273,17 +274,31 @@ def test_the_command_writes_what_its_cmake_file_builds(tmp_path, capsys):
     assert "ergoqp_step.h" in capsys.readouterr().out
     for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    example = re.search(
-        r"^build/main (.*)$", (folder / "README.md").read_text(), re.MULTILINE
-    ).group(1)
-    shown = subprocess.run(
-        ["build/main", *example.split()], cwd=folder, check=True, capture_output=True, text=True
-    ).stdout
-    assert re.search(r"^ +0\.0 s +\w+ +cost", shown)
-    costs = [float(value) for value in re.findall(r"cost +([\d.]+)", shown)]
+    assert re.search(r"^build/main$", (folder / "README.md").read_text(), re.MULTILINE)
+
+    def shown(*arguments):
+        return subprocess.run(
+            ["build/main", *arguments], cwd=folder, check=True, capture_output=True, text=True
+        ).stdout
+
+    said = shown()
+    assert re.search(r"^ +0\.0 s +\w+ +cost", said)
+    costs = [float(value) for value in re.findall(r" s +\w+ +cost +([\d.]+)", said)]
     assert len(costs) == 11
-    assert costs[-1] < costs[0] - 0.5
-    assert shown.endswith("without a frame: braking\n")
+    assert costs[-1] < costs[0] - 2
+    assert "settled" in said
+    assert "rad/s moving would gain too little\n" in said
+    summary = f"cost of the posture: {costs[0]:.2f} at the start, {costs[-1]:.2f} after 10 s\n"
+    assert said.endswith(summary + "without a frame: braking, no_frame\n")
+    # Far from the workspace the object comes back: the reason names the rows.
+    other = shown("right_shoulder_flexion=2.9", "right_elbow_flexion=0.1")
+    assert re.search(r"recovering .* workspace y outside by [\d.]+ m;", other)
+    for wrong in ("right_elbow=1", "right_elbow_flexion", "right_elbow_flexion=x"):
+        done = subprocess.run(
+            ["build/main", wrong], cwd=folder, check=False, capture_output=True, text=True
+        )
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "allowed NAME=VALUE, such as trunk_flexion=0.5" in done.stderr
     assert "@" not in (folder / "README.md").read_text()
 
     (folder / "inputs").write_bytes(b"\0" * 10)
@@ -340,6 +355,29 @@ def test_daqp_is_built_from_the_sources_that_are_named(exported, tmp_path):
     well, said = configured(folder, *options)
     assert not well
     assert "without the include/types.h of DAQP 0.5, allowed the folder of its sources" in said
+
+
+@pytest.mark.parametrize("name", ["desk", "dentist", "forearm", "overhead", "screwing"])
+def test_the_example_begins_where_the_step_makes_the_cost_fall(name):
+    problem = ergoqp.load_problem(name)
+    state = start = example_start(problem)
+    stepper = Stepper(problem)
+    for _ in range(500):
+        step = stepper.step(state)
+        state = state + step.posture_rate * problem.dt
+    before, after = problem.cost(np.array([start, state]))
+    assert after < before - 0.5
+
+
+def test_the_example_begins_where_the_user_says(tmp_path):
+    problem = ergoqp.load_problem("screwing")
+    start = np.linspace(-0.5, 0.5, len(problem.coordinates))
+    text = start_header(example_start(problem, start))
+    numbers = [float(word) for word in text.removeprefix("#define START {")[:-2].split(",")]
+    np.testing.assert_allclose(numbers, start, atol=1e-6)
+    with pytest.raises(InputError, match=r"^start: got .* allowed 32 finite numbers"):
+        export_step(problem, tmp_path / "step", start=[0.0, 1.0])
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):

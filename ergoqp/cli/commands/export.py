@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from rich.text import Text
 
 from ergoqp.cli.commands.common import console, working, writing
 from ergoqp.cli.commands.guide import guide_named
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
+from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem
+from ergoqp.responses import IkResponse
+from ergoqp.simulation.people.alike import Alike
+from ergoqp.simulation.starts import awkward_start
 
 
 def export(problem_name: str, out: Path, dt: float | None, guide: str | None = None) -> None:
@@ -26,11 +31,22 @@ def export(problem_name: str, out: Path, dt: float | None, guide: str | None = N
         problem = problem.replace(dt=dt)
     place = None if guide is None else guide_named(problem, guide)
     with working(f"exporting {problem.name}"), writing(out):
-        files = export_step(problem, out, place)
+        files = export_step(problem, out, place, start=_awkward(problem))
     screen = console()
     size = sum(file.stat().st_size for file in files)
     screen.print(Text(f"{len(files)} files, {size / 1e6:.1f} MB, in {out}"), soft_wrap=True)
     screen.print(
-        Text(f"cmake -S {out} -B {out}/build && cmake --build {out}/build"), soft_wrap=True
+        Text(f"cmake -S {out} -B {out}/build && cmake --build {out}/build && {out}/build/main"),
+        soft_wrap=True,
     )
     screen.print(Text(f"what goes in and comes out: {out}/include/ergoqp_step.h"), soft_wrap=True)
+
+
+def _awkward(problem: Problem) -> np.ndarray | None:
+    """Return an awkward posture for the example, where the problem says where the object may be."""
+    if not isinstance(problem.response, IkResponse):
+        return None
+    try:
+        return awkward_start(problem, Alike(problem.response), 0)
+    except InputError:
+        return None
