@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import sys
 from collections.abc import Callable
@@ -41,6 +42,7 @@ def _robot() -> dict[str, Any]:
     problem = ergoqp.load_problem("screwing")
     posture = problem.response.comfort
     state = SimpleNamespace(left=5)
+    late = itertools.cycle([False, True])
 
     def running() -> bool:
         state.left -= 1
@@ -52,7 +54,7 @@ def _robot() -> dict[str, Any]:
         object_twist=lambda: np.zeros(6),
         send=lambda twist: None,
         wait=lambda: None,
-        is_late=lambda: False,
+        is_late=lambda: next(late),
     )
     camera = SimpleNamespace(latest=lambda: SimpleNamespace(posture=posture, age=0.01))
     return {"robot": robot, "camera": camera, "log": lambda *said: None}
