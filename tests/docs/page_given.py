@@ -95,6 +95,14 @@ def _run() -> dict[str, Any]:
     return {}
 
 
+def _my_task() -> dict[str, Any]:
+    """The first problem of the page on problems, as its reader saved it."""
+    page = Path(__file__).resolve().parents[2] / "docs" / "problem.md"
+    first = next(block for block in blocks_of(page) if block.language == "toml")
+    Path("my_task.toml").write_text(first.text, encoding="utf-8")
+    return {}
+
+
 GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "take": _take,
     "trial": _trial,
@@ -103,5 +111,6 @@ GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "patient": _patient,
     "run": _run,
     "my_terms": _my_terms,
+    "my_task": _my_task,
 }
 """Name -> what makes it in the working folder; what it returns is there for Python blocks."""
