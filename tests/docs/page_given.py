@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -103,6 +104,17 @@ def _my_task() -> dict[str, Any]:
     return {}
 
 
+def _built_step() -> dict[str, Any]:
+    """The folder ``step`` of an export, its shared library built, without what makes it fast."""
+    Path("step/build").mkdir()
+    folders = [f"-I{name}" for name in ("include", "src", "daqp/include")]
+    sources = [f"src/{name}.c" for name in ("ergoqp_core", "ergoqp_step", "ergoqp_names", "qp")]
+    parts = [*folders, *sources, "daqp/lib/libdaqpstat.a", "-lm"]
+    command = ["gcc", "-std=c99", "-O0", "-shared", "-fPIC", *parts]
+    subprocess.run([*command, "-o", "build/libergoqp_step.so"], cwd="step", check=True)
+    return {}
+
+
 GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "take": _take,
     "trial": _trial,
@@ -112,5 +124,6 @@ GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "run": _run,
     "my_terms": _my_terms,
     "my_task": _my_task,
+    "built_step": _built_step,
 }
 """Name -> what makes it in the working folder; what it returns is there for Python blocks."""
