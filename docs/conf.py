@@ -22,15 +22,21 @@ extensions = [
     "sphinx_copybutton",
     "mathml",
     "gallery",
+    "reference",
 ]
 exclude_patterns = ["_build"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
+# A name in single quotes is a link where the name has a page.
+default_role = "py:obj"
+
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autoclass_content = "both"
 napoleon_google_docstring = True
+napoleon_use_ivar = True
+napoleon_custom_sections = ["Source"]
 
 html_theme = "furo"
 html_title = f"ergoqp {release}"

@@ -51,6 +51,15 @@ class Coordinates:
 
     Raises:
         InputError: if there is none, or one twice, or joints are mixed with other names.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.coordinates import Coordinates
+        >>> coordinates = Coordinates(["trunk_twist", "neck_flexion"])
+        >>> coordinates.indices, coordinates.read(np.zeros((3, 32))).shape
+        ([2, 3], (3, 2))
+        >>> coordinates.spread([[0.1, 0.2]])[0, 2:4].tolist()
+        [0.1, 0.2]
     """
 
     def __init__(self, names: Sequence[str]) -> None:

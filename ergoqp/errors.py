@@ -10,26 +10,64 @@ class ErgoqpError(Exception):
     """Root of the package's own errors; its text is one sentence for the user.
 
     On the command line the exit status is 2.
+
+    Example:
+        >>> import ergoqp
+        >>> try:
+        ...     ergoqp.load_problem("no such problem")
+        ... except ergoqp.errors.ErgoqpError as error:
+        ...     print(type(error).__name__)
+        ProblemError
     """
 
 
 class InputError(ErgoqpError, ValueError):
-    """A value of the user's is not usable: wrong shape, unit, name or range."""
+    """A value of the user's is not usable: wrong shape, unit, name or range.
+
+    Example:
+        >>> from ergoqp.errors import InputError
+        >>> from ergoqp.human import Body
+        >>> try:
+        ...     Body(stature=175.0)
+        ... except InputError as error:
+        ...     print(error)
+        stature: got 175.0 m, allowed 1.2 to 2.3 m
+    """
 
 
 class OutOfReachError(InputError):
-    """The person of a problem can be at rest at none of the places that were tried."""
+    """The person of a problem can be at rest at none of the places that were tried.
+
+    Example:
+        >>> from ergoqp.errors import InputError, OutOfReachError
+        >>> issubclass(OutOfReachError, InputError)
+        True
+    """
 
 
 class WorkersError(ErgoqpError):
     """The processes that were to solve the starts are gone.
 
     What they finished is in the ledger, where there is one.
+
+    Example:
+        >>> from ergoqp.errors import ErgoqpError, WorkersError
+        >>> issubclass(WorkersError, ErgoqpError)
+        True
     """
 
 
 class RecordingError(ErgoqpError):
-    """A motion-capture file cannot be read as what it claims to be."""
+    """A motion-capture file cannot be read as what it claims to be.
+
+    Example:
+        >>> import ergoqp
+        >>> try:
+        ...     ergoqp.load_recording("nowhere.bvh")
+        ... except ergoqp.errors.RecordingError as error:
+        ...     print(str(error).split(":")[0])
+        nowhere.bvh
+    """
 
 
 class UnknownNamesError(RecordingError):
@@ -38,6 +76,16 @@ class UnknownNamesError(RecordingError):
     Args:
         words: the sentence.
         names: of the joints or markers, as the recording has them.
+
+    Example:
+        >>> import ergoqp
+        >>> import numpy as np
+        >>> names = [f"point_{number}" for number in range(9)]
+        >>> try:
+        ...     ergoqp.fit_postures(names, np.zeros((3, 9, 3)), 30.0)
+        ... except ergoqp.errors.UnknownNamesError as error:
+        ...     print(error.names[0])
+        point_0
     """
 
     def __init__(self, words: str, names: tuple[str, ...]) -> None:
@@ -47,7 +95,16 @@ class UnknownNamesError(RecordingError):
 
 
 class ProblemError(ErgoqpError, ValueError):
-    """A problem is not well posed: unknown or contradictory terms; lists every mistake found."""
+    """A problem is not well posed: unknown or contradictory terms; lists every mistake found.
+
+    Example:
+        >>> import ergoqp
+        >>> try:
+        ...     ergoqp.load_problem("no such problem")
+        ... except ergoqp.errors.ProblemError as error:
+        ...     print(str(error).split(",")[0])
+        problem: got 'no such problem'
+    """
 
 
 class MissingExtraError(ErgoqpError, ImportError):
@@ -57,6 +114,11 @@ class MissingExtraError(ErgoqpError, ImportError):
         what: what needs it, for example ``"the report page"``.
         extra: name of the extra that installs it.
         module: the module that failed to import.
+
+    Example:
+        >>> from ergoqp.errors import MissingExtraError
+        >>> print(str(MissingExtraError("the report page", "report", "viser")).split(":")[0])
+        the report page needs the package 'viser'
     """
 
     def __init__(self, what: str, extra: str, module: str) -> None:
@@ -70,6 +132,14 @@ class ModelError(ErgoqpError):
     """A learned model cannot be fitted from this data, or its file is not one.
 
     Such a file is cut, changed or of another kind.
+
+    Example:
+        >>> import ergoqp
+        >>> try:
+        ...     ergoqp.load_cost("nowhere.npz")
+        ... except ergoqp.errors.ModelError as error:
+        ...     print(str(error).split(":")[0])
+        nowhere.npz
     """
 
 

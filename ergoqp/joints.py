@@ -52,7 +52,17 @@ _TABLE = (
 )
 
 JOINTS: Final[tuple[str, ...]] = tuple(name for name, _, _ in _TABLE)
-"""The 32 joint names, in the order of every posture vector."""
+"""The 32 joint names, in the order of every posture vector.
+
+Source:
+    The ranges of the joints are those of AAOS and of five adult studies, as tabulated in F. A.
+    Davis, appendix A.1.
+
+Example:
+    >>> from ergoqp import JOINTS
+    >>> len(JOINTS), JOINTS[0], JOINTS.index("right_elbow_flexion")
+    (32, 'trunk_flexion', 9)
+"""
 
 UPPER_BODY: Final[tuple[str, ...]] = JOINTS[:20]
 """Trunk, neck and both arms."""

@@ -40,11 +40,19 @@ class Comparison:
         problem: name of the problem.
         steps: control steps that were recorded.
         seed: of the loops.
-        accuracy: that the solvers were set to.
+        accuracy: that the solvers were set to, in the units of the QPs.
         sequences: the QPs, those derived included.
         trials: every solver on every sequence.
-        figures: solver -> figure -> number, see `ergoqp.comparison.figures.figures_of`.
+        figures: solver -> figure -> number, each in the unit of
+            `ergoqp.comparison.figures.figures_of`.
         missing: solvers that are not installed, and that were not asked for.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> found = ergoqp.compare(problem, ["daqp"], steps=3, derive=0)
+        >>> found.steps, found.missing, [len(one) for one in found.sequences]
+        (3, (), [3])
     """
 
     problem: str
@@ -132,13 +140,20 @@ def compare(
         solvers: names from `ergoqp.solvers`; None: all that are installed.
         steps: control steps to record.
         seed: of the loops and of the derived QPs.
-        accuracy: that the solvers are set to, 1e-9 to 1.
+        accuracy: largest residuals that the solvers are set to, 1e-9 to 1, in the units of the QPs.
         derive: how many QPs of each derived kind per recorded sequence.
         progress: called now and then with the share that is done.
 
     Raises:
         InputError: for an argument that cannot be.
         MissingExtraError: if a solver that is asked for is not installed.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> found = ergoqp.compare(problem, ["daqp"], steps=3, derive=0)
+        >>> found.figures["daqp"]["success_1e-6"]
+        1.0
     """
     names, missing = check(solvers, steps, seed, accuracy)
     if derive < 0:

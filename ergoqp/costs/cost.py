@@ -30,6 +30,20 @@ class Cost(Protocol):
 
             def __call__(self, postures):
                 return 1 + ((np.atleast_2d(postures) - q0) ** 2 @ w)
+
+    Example:
+        >>> import casadi as ca
+        >>> import numpy as np
+        >>> from ergoqp.costs.cost import Cost
+        >>> class Upright:
+        ...     name = "upright"
+        ...     minimum = 1.0
+        ...     def expression(self, q):
+        ...         return 1 + q[0] ** 2
+        ...     def __call__(self, postures):
+        ...         return 1 + np.atleast_2d(postures)[:, 0] ** 2
+        >>> isinstance(Upright(), Cost), Upright()(np.zeros((2, 32))).tolist()
+        (True, [1.0, 1.0])
     """
 
     @property

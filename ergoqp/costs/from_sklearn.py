@@ -43,7 +43,18 @@ class SklearnCost(LearnedCost):
 
     Attributes:
         model: a sum of kernels, or a network.
+        coordinates: names of the inputs.
+        minimum: V_min, no posture is meant to cost less [points].
         reduction: how a reduced set of kernels differs from the full one; None for a full one.
+
+    Example:
+        >>> import numpy as np
+        >>> from sklearn.svm import SVR
+        >>> from ergoqp.costs.from_sklearn import from_sklearn
+        >>> x = np.linspace(-1, 1, 21)[:, None]
+        >>> cost = from_sklearn(SVR().fit(x, 1 + x[:, 0] ** 2), ["trunk_flexion"])
+        >>> cost.name, cost(np.zeros((4, 32))).shape
+        ('sklearn', (4,))
     """
 
     name = "sklearn"
@@ -102,7 +113,7 @@ class SklearnCost(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
         form = KernelSum if settings["form"] == "kernels" else Layers
         reduction = settings["reduction"]
         if reduction is not None:
@@ -186,6 +197,16 @@ def from_sklearn(estimator: Any, coordinates: Sequence[str], minimum: float = 1.
         ModelError: for an estimator, kernel or step that cannot be read, one that is not fitted, or
             another number of inputs.
         MissingExtraError: if scikit-learn is not installed.
+
+    Example:
+        >>> import numpy as np
+        >>> from sklearn.svm import SVR
+        >>> from ergoqp.costs.from_sklearn import from_sklearn
+        >>> x = np.linspace(-1, 1, 21)[:, None]
+        >>> estimator = SVR().fit(x, 1 + x[:, 0] ** 2)
+        >>> cost = from_sklearn(estimator, ["trunk_flexion"])
+        >>> bool(np.allclose(cost.predict(x), estimator.predict(x)))
+        True
     """
     width = len(tuple(coordinates))
     if type(estimator).__name__ == "GaussianMixture":

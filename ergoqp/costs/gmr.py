@@ -56,6 +56,25 @@ class Gmr(LearnedCost):
         mixture: the Gaussians over (inputs, score).
         regression: the score given the inputs.
         variant: ``"per_score"`` or ``"joint"``.
+        coordinates: names of the inputs.
+        minimum: V_min, the lowest score of the data [points].
+        temperatures: that divide the logarithms of the responsibilities, dimensionless.
+        shares: share of each temperature, adding up to 1.
+
+    Source:
+        EPFL semester report, "Learning ergonomic human-robot interaction", equations 2.4 to
+        2.8.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.gmr import Gmr
+        >>> from ergoqp.datasets.data import DataSet
+        >>> rng = np.random.default_rng(0)
+        >>> x = np.concatenate([rng.normal(0, 0.1, (60, 1)), rng.normal(1, 0.1, (60, 1))])
+        >>> data = DataSet(x, np.repeat([1.0, 3.0], 60), ("trunk_flexion",))
+        >>> cost = Gmr.fit(data, components=2, temperatures=(1,), shares=(1,))
+        >>> cost.predict(np.array([[0.0], [1.0]])).round(1).tolist()
+        [1.0, 3.0]
     """
 
     name = "gmr"
@@ -111,9 +130,9 @@ class Gmr(LearnedCost):
                 ``joint``.
             regularisation: added to every variance, also to that of the score in ``joint`` [rad^2
                 or m^2, points^2].
-            temperatures: of the responsibilities; None: (1, 8) for ``per_score`` and (1,) for
-                ``joint``.
-            shares: of the temperatures; None: (0.7, 0.3), or (1,).
+            temperatures: of the responsibilities, dimensionless; None: (1, 8) for ``per_score`` and
+                (1,) for ``joint``.
+            shares: share of each temperature; None: (0.7, 0.3), or (1,).
 
         Raises:
             ModelError: for too few points, equal labels, or an option that is none.
@@ -223,7 +242,7 @@ class Gmr(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
         mixture = MixtureRegression(arrays["weights"], arrays["means"], arrays["covariances"])
         options = {name: settings[name] for name in ("variant", "temperatures", "shares")}
         return cls(mixture, coordinates, minimum, **options)

@@ -66,12 +66,29 @@ class OneClassLadder(LearnedCost):
     Attributes:
         rungs: one boundary per score, ascending.
         scores: of the rungs [points].
+        coordinates: names of the inputs.
+        minimum: V_min, the lowest score of the data [points].
         steepness: of the logistic function, per unit of the margins.
         pull: share of the term that leads from afar.
-        reach: softplus of the far data.
+        reach: value of the softplus at the far data (dimensionless).
         offset: value where every rung is reached [points].
         height: of the lowest rung, if it is one point high [points].
-        curve: how much less the next ones count; 0 for all the same.
+        curve: how much less the next rungs count than the lowest; 0: all count the same
+            (dimensionless).
+
+    Source:
+        EPFL semester report, "Learning ergonomic human-robot interaction", figures 24 and 25.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.ladder import OneClassLadder
+        >>> from ergoqp.datasets.data import DataSet
+        >>> rng = np.random.default_rng(0)
+        >>> x = np.concatenate([rng.normal(0, 0.1, (40, 1)), rng.normal(1, 0.2, (40, 1))])
+        >>> cost = OneClassLadder.fit(DataSet(x, np.repeat([1.0, 2.0], 40), ("trunk_flexion",)))
+        >>> low, high = cost.predict(np.array([[0.0], [1.0]]))
+        >>> bool(low < high)
+        True
     """
 
     name = "one_class_ladder"
@@ -138,8 +155,8 @@ class OneClassLadder(LearnedCost):
             nu: share of a class's points outside its own boundary, at most.
             gamma: of the kernels, per squared scaled unit; None: 3 / d, or for a class
                 with too few points for that, half or a quarter of it.
-            steepness: see the class.
-            pull: see the class.
+            steepness: of the logistic function, per unit of the margins.
+            pull: share of the term that leads from afar.
             progress: told the share that is done.
 
         Raises:
@@ -254,7 +271,7 @@ class OneClassLadder(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
         rungs = []
         for number, (gamma, log_rho) in enumerate(
             zip(settings["gammas"], settings["log_rhos"], strict=True)

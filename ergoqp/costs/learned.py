@@ -32,6 +32,19 @@ class LearnedCost(ABC):
         dense: matrices stay matrices: thousands of kernels are never written out as scalars.
         coordinates: the inputs.
         minimum: V_min, the lowest score of the data [points].
+
+    Example:
+        >>> import numpy as np
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import ergoqp
+        >>> from ergoqp.costs.quadratic import Quadratic
+        >>> cost = Quadratic(1.0, np.zeros(1), np.ones(1), ["trunk_flexion"], 1.0)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     cost.save(Path(folder) / "cost.npz", notes={"who": "me"})
+        ...     again = ergoqp.load_cost(Path(folder) / "cost.npz")
+        >>> again.name, again(np.full(32, 0.5)).tolist()
+        ('quadratic', [1.25])
     """
 
     name: ClassVar[str]
@@ -78,7 +91,7 @@ class LearnedCost(ABC):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
 
     def expression(self, q: ca.MX) -> ca.MX:
         """Return V(q), see :meth:`ergoqp.costs.cost.Cost.expression`; `q` is the whole state."""

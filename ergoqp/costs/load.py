@@ -28,6 +28,19 @@ def load_cost(path: Path | str) -> LearnedCost:
 
     Raises:
         ModelError: if the file is not there, cut, changed, or holds something else.
+
+    Example:
+        >>> import numpy as np
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import ergoqp
+        >>> from ergoqp.costs.quadratic import Quadratic
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "cost.npz"
+        ...     Quadratic(1.0, np.zeros(1), np.ones(1), ["trunk_flexion"], 1.0).save(path)
+        ...     cost = ergoqp.load_cost(path)
+        >>> cost.name, cost.minimum
+        ('quadratic', 1.0)
     """
     header, arrays = load_model(path)
     kind = header.get("kind")

@@ -65,11 +65,25 @@ class Neural(LearnedCost):
         scores: the scores that the network knows (s,) [points].
         coordinates: the inputs.
         minimum: V_min, the lowest score [points].
-        temperature: divides the last layer; above 1 the steps between scores are softer.
+        temperature: divides the last layer (dimensionless). Above 1 the steps between scores are
+            softer.
 
     Raises:
         ModelError: if the network is not of these coordinates and scores, or the temperature is not
             positive.
+
+    Source:
+        The idea is that of DULA and DEBA (Yazdani et al., 2022).
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.neural import Neural
+        >>> from ergoqp.datasets.data import DataSet
+        >>> x = np.linspace(-1, 1, 400)[:, None]
+        >>> data = DataSet(x, np.where(x[:, 0] > 0, 3.0, 1.0), ("trunk_flexion",))
+        >>> cost = Neural.fit(data, steps=4, curves=2, hidden=(8,), epochs=60, rate=0.05, decay=0.0)
+        >>> cost.predict(np.array([[-0.5], [0.5]])).round().tolist()
+        [1.0, 3.0]
     """
 
     name = "neural"
@@ -125,10 +139,10 @@ class Neural(LearnedCost):
             epochs: passes over the data; None: 4 of them, and for few data as many as make 8000
                 updates.
             batch: points per update; None: the 150th part of the data, 64 to 512.
-            rate: largest step of Adam.
-            decay: pull of the weights toward zero, so that few data are not learned by heart; None:
-                1000 by their number.
-            temperature: of the result, see the class.
+            rate: largest step of Adam (dimensionless).
+            decay: pull of the weights toward zero (dimensionless), so that few data are not learned
+                by heart; None: 1000 by their number.
+            temperature: of the result (dimensionless), see the class.
             seed: of start and order.
             progress: told the share that is done.
 
@@ -192,7 +206,7 @@ class Neural(LearnedCost):
             curves: made from the steps of each input.
             hidden: sizes of the dense layers.
             batch: postures per update.
-            rate: largest step of Adam.
+            rate: largest step of Adam (dimensionless).
             seed: of start and postures.
             progress: told the share that is done.
             method: how the sheet is read; the default follows the publication.
@@ -263,7 +277,7 @@ class Neural(LearnedCost):
         return weights / ca.sum1(weights)
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return settings and arrays, in single precision: that is what training gives."""
+        """Return settings and arrays (rows, columns), in single precision as training gives."""
         settings = {"scores": self.scores.tolist(), "temperature": self.temperature}
         return settings, {name: values.astype(np.float32) for name, values in self.network.items()}
 
@@ -275,7 +289,7 @@ class Neural(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
         return cls(dict(arrays), settings["scores"], coordinates, minimum, settings["temperature"])
 
 

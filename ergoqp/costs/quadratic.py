@@ -28,6 +28,15 @@ class Quadratic(LearnedCost):
     Raises:
         ModelError: if there is not one slope and one curvature per input, or one curvature is
             negative.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.quadratic import Quadratic
+        >>> from ergoqp.datasets.data import DataSet
+        >>> x = np.linspace(-1, 1, 9)[:, None]
+        >>> cost = Quadratic.fit(DataSet(x, 2 + 3 * x[:, 0] ** 2, ("trunk_flexion",)))
+        >>> cost.predict(np.array([[0.5]])).round(3).tolist()
+        [2.75]
     """
 
     name = "quadratic"
@@ -100,7 +109,7 @@ class Quadratic(LearnedCost):
         return ca.DM(self.slopes) + ca.DM(2 * self.curvatures) * x
 
     def parts(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return settings and arrays."""
+        """Return settings and arrays (d,)."""
         return {"constant": self.constant}, {"slopes": self.slopes, "curvatures": self.curvatures}
 
     @classmethod
@@ -111,7 +120,7 @@ class Quadratic(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
         return cls(
             settings["constant"], arrays["slopes"], arrays["curvatures"], coordinates, minimum
         )

@@ -41,7 +41,22 @@ class Quality:
 
 
 def quality_of(values: NDArray[np.float64], scores: NDArray) -> Quality:
-    """Compare predicted values (n,) with true scores (n,)."""
+    """Compare predicted values with true scores.
+
+    Args:
+        values: predicted (n,) [points].
+        scores: true (n,) [points].
+
+    Returns:
+        Mean and largest error [points], shares of exact and nearly exact values, rank correlation.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.quality import quality_of
+        >>> quality = quality_of(np.array([1.2, 2.9, 5.4]), np.array([1, 3, 4]))
+        >>> round(quality.mae, 2), round(quality.exact, 2), quality.spearman
+        (0.57, 0.67, 1.0)
+    """
     error, off = np.abs(values - scores), np.abs(np.round(values) - scores)
     rank = spearman(values, scores)
     return Quality(

@@ -43,9 +43,19 @@ class SmoothReba:
         minimum: the lowest exact score under these options, which the value approaches but does not
             undercut [points].
         taus_deg: scales of the logistic noise [deg].
-        weights: of the scales, adding up to 1.
+        weights: share of each scale, adding up to 1.
         method: how the sheet is read.
         function: ``posture (32,) -> cost``, a CasADi Function of scalar operations.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.smooth_reba import SmoothReba
+        >>> cost = SmoothReba(taus_deg=(1.5,), weights=(1.0,))
+        >>> cost(np.zeros((2, 32))).round(2).tolist(), cost.minimum
+        ([1.0, 1.0], 1.0)
+        >>> value, gradient = cost.value_and_gradient(np.zeros(32))
+        >>> gradient.shape
+        (32, 1)
     """
 
     name = "smooth_reba"
@@ -61,7 +71,7 @@ class SmoothReba:
 
         Args:
             taus_deg: scales of the noise, above 0 [deg].
-            weights: one per scale, not negative, adding up to 1.
+            weights: share of each scale, not negative, adding up to 1.
             method: how the sheet is read; the default follows the publication.
             **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
 

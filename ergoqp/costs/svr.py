@@ -62,7 +62,23 @@ class Svr(LearnedCost):
     Attributes:
         features: what the kernels see of the inputs.
         model: the sum of kernels of the features.
+        coordinates: names of the inputs.
+        minimum: V_min, the lowest score of the data [points].
         reduction: how a reduced set differs from the full one; None for a full one.
+
+    Source:
+        EPFL semester report, "Learning ergonomic human-robot interaction", its second
+        surrogate.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.costs.svr import Svr
+        >>> from ergoqp.datasets.data import DataSet
+        >>> x = np.linspace(-1, 1, 41)[:, None]
+        >>> data = DataSet(x, 1 + 4 * x[:, 0] ** 2, ("trunk_flexion",))
+        >>> cost = Svr.fit(data, epsilon=0.1, features="plain")
+        >>> bool(np.abs(cost.predict(data.points) - data.labels).max() < 0.3)
+        True
     """
 
     name = "svr"
@@ -109,16 +125,16 @@ class Svr(LearnedCost):
             epsilon: half the width of the tube [points]: half of that gives twice the support
                 vectors.
             gamma: of the kernel, in units of the fitted relevances. A support vector machine wants
-                it narrower than the Gaussian process that the relevances come from.
+                narrower kernels than the Gaussian process that the relevances come from.
             seed: of the random part of the data that the length scales are fitted to, and of the
                 reduced set.
             max_vectors: most support vectors; more are reduced to so many, see
                 `ergoqp.costs.reduce`.
             features: what the kernels see.
-            widths: of the soft steps, in standard deviations of the input. Narrow ones alone
-                predict best and lead nowhere: between two steps the cost is flat. The default was
-                chosen by where plain descent ends.
-            shares: of the widths, adding up to 1.
+            widths: of the soft steps, in standard deviations of the input (dimensionless). Narrow
+                steps alone predict best, but between two of them the cost is flat and leads
+                nowhere. The default was chosen by where plain descent ends.
+            shares: share of each width, adding up to 1.
 
         Raises:
             ModelError: for too little data, labels that are all the same, or a number out of its
@@ -203,7 +219,7 @@ class Svr(LearnedCost):
         coordinates: Sequence[str],
         minimum: float,
     ) -> Self:
-        """Return the cost that `parts` came from."""
+        """Return the cost that `parts` came from; the arrays have the shapes that it gave them."""
         reduction = settings["reduction"]
         if reduction is not None:
             reduction = Reduction(**reduction)

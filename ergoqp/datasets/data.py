@@ -21,6 +21,18 @@ class DataSet:
         labels: score of each (n,) [points].
         coordinates: names of the columns; see `ergoqp.coordinates.Coordinates`.
         source: what the data are, in a few words.
+
+    Raises:
+        ModelError: at construction, for shapes that do not fit together, or values that are not
+            finite.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.datasets.data import DataSet
+        >>> data = DataSet(np.zeros((10, 1)), np.arange(10.0), ("trunk_flexion",), "by hand")
+        >>> train, test = data.split(0.8)
+        >>> train.points.shape, test.labels.shape
+        ((8, 1), (2,))
     """
 
     points: NDArray[np.float64]
@@ -63,7 +75,7 @@ class DataSet:
         return len(self.labels)
 
     def part(self, rows: NDArray) -> DataSet:
-        """Return the data set of some rows, by number or mask."""
+        """Return the data set of some rows, given by number (k,) or as a mask (n,)."""
         return DataSet(self.points[rows], self.labels[rows], self.coordinates, self.source)
 
     def split(self, share: float = 0.8, seed: int = 0) -> tuple[DataSet, DataSet]:

@@ -72,6 +72,12 @@ def posture_data(
     Raises:
         InputError: for an unknown joint or kind of labels, a score that no posture has, or a method
             or task options with ``"interval"``, which has none.
+
+    Example:
+        >>> from ergoqp.datasets.postures import posture_data
+        >>> data = posture_data(5, scores=(1, 2, 3), cache=False)
+        >>> data.points.shape, sorted(set(data.labels.tolist()))
+        ((15, 20), [1.0, 2.0, 3.0])
     """
     check_whole("per_score", per_score, 1, MOST_PER_SCORE)
     check_whole("seed", seed, 0)
@@ -121,6 +127,15 @@ def interval_labels(points: ArrayLike, joints: Sequence[str] = REPORT_JOINTS) ->
 
     Raises:
         InputError: for another number of columns, NaN, or an angle beyond +-180 deg.
+
+    Source:
+        EPFL semester report, "Learning ergonomic human-robot interaction".
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.datasets.postures import interval_labels
+        >>> interval_labels(np.zeros((2, 20))).tolist()
+        [1, 1]
     """
     return score_interval(_spread(points, joints))
 

@@ -42,13 +42,21 @@ def posture_stream(
         scores: of the postures, as many of each.
         per_score: postures of each score in a block.
         taus_deg: scales of the noise [deg], of which one is drawn per posture; none: no noise.
-        weights: probability of each scale.
+        weights: share of each scale.
         method: how the sheet is read; the default follows the publication.
         **task: options of the task, as in :func:`ergoqp.sheets.reba.assess`, one value for all.
 
     Raises:
         InputError: for an unknown joint, a score that no posture has, or scales and weights that do
             not fit together.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.datasets.stream import posture_stream
+        >>> blocks = posture_stream(np.random.default_rng(0), scores=(1, 2), per_score=10)
+        >>> points, labels = next(blocks)
+        >>> points.shape, sorted(set(labels.tolist()))
+        ((20, 20), [1, 2])
     """
     taus, shares = np.asarray(taus_deg, dtype=float), np.asarray(weights, dtype=float)
     if taus.ndim != 1 or not (np.isfinite(taus) & (taus >= 0)).all():

@@ -34,6 +34,17 @@ def read_data(path: Path | str) -> DataSet:
 
     Raises:
         ModelError: naming the column or the line that cannot be read.
+
+    Example:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from ergoqp.datasets.table import read_data
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "own.csv"
+        ...     _ = path.write_text(chr(10).join(["trunk_flexion_deg,score", "0,1", "90,4"]))
+        ...     data = read_data(path)
+        >>> data.points.round(3).tolist(), data.labels.tolist()
+        ([[0.0], [1.571]], [1.0, 4.0])
     """
     path = Path(path)
     try:

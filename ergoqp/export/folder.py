@@ -69,6 +69,17 @@ def export_step(
         InputError: if the folder holds something else, or the guide or the start cannot be used.
         CompilerError: if there is no C compiler to build the solver's interface with, or no DAQP
             library.
+
+    Example:
+        >>> import ergoqp
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from ergoqp.export.folder import export_step
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     files = export_step(problem, Path(folder))
+        >>> "ergoqp_step.h" in {file.name for file in files}
+        True
     """
     compiler()
     folder = path_of("folder", folder)

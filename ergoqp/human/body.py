@@ -29,11 +29,20 @@ FRACTIONS: Final[dict[str, float]] = {
     "foot_height": 0.039,
     "foot_length": 0.152,
 }
-"""Segment lengths as fractions of the stature (Drillis and Contini 1966, in Winter's figure 4.1).
+"""Lengths of segments, as shares of the stature.
 
 ``trunk`` runs from the middle of the hip centres to the base of the neck, ``shoulder_height`` to
-the height of the shoulder centres; the two widths are between joint centres, narrower than Winter's
-outer widths."""
+the height of the shoulder centres. The two widths are between joint centres, and narrower than the
+outer widths of Winter.
+
+Source:
+    Drillis and Contini (1966), as in figure 4.1 of Winter.
+
+Example:
+    >>> from ergoqp.human import FRACTIONS
+    >>> round(FRACTIONS["forearm"] * 1.75, 4)
+    0.2555
+"""
 
 NOMINAL_STATURE: Final = 1.75
 """Stature of ``models/human.xml`` as written [m]."""
@@ -73,6 +82,20 @@ class Body:
         stature: standing height [m].
         lengths: length of every segment of `FRACTIONS` [m].
         mass: body mass [kg].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Source:
+        The segment lengths of an average person are those of Drillis and Contini (1966).
+
+    Example:
+        >>> from ergoqp.human import Body
+        >>> body = Body(stature=1.60)
+        >>> round(body.lengths["forearm"], 4), round(body.mass, 1)
+        (0.2336, 58.5)
+        >>> round(Body.of_lengths({"forearm": 0.27}).stature, 2)
+        1.85
     """
 
     stature: float = NOMINAL_STATURE
@@ -136,8 +159,8 @@ class Body:
         The others follow from the stature that the measured ones suggest.
 
         Args:
-            lengths: any non-empty part of `FRACTIONS`, in metres. The stature is the weighted
-                median of what each suggests.
+            lengths: any non-empty part of `FRACTIONS` [m]. The stature is the weighted median of
+                what each length suggests.
             mass: body mass [kg], 0 for a normal build.
 
         Raises:

@@ -42,7 +42,13 @@ FRAMES: Final[tuple[str, ...]] = (
 
 ``grip`` is where a tool is held: x out of the fist along the hand, z to the thumb; with the elbow
 at 90 degrees and the rest at zero it has the axes of the world. All other frames have the axes of
-their segment."""
+their segment.
+
+Example:
+    >>> from ergoqp.human import FRAMES
+    >>> "right_grip" in FRAMES, len(FRAMES)
+    (True, 33)
+"""
 
 
 class Kinematics:
@@ -55,6 +61,14 @@ class Kinematics:
         body: the person; its loaded MuJoCo model is the one source of every number.
         growth: by how much the person is larger than `body`, in the order of
             `ergoqp.human.growth.GROWTH`, as a share of it; None: by nothing.
+
+    Example:
+        >>> import numpy as np
+        >>> import casadi as ca
+        >>> from ergoqp.human import Body, Kinematics
+        >>> position, rotation, jacobian = Kinematics(Body()).at("right_grip", ca.DM.zeros(32))
+        >>> position.full().ravel().round(2).tolist(), jacobian.shape
+        ([0.0, -0.16, -0.17], (6, 32))
     """
 
     def __init__(self, body: Body, growth: ca.SX | None = None) -> None:

@@ -48,6 +48,11 @@ def given_person(person: float | str | Path) -> Body:
 
     Raises:
         InputError: the value is neither, or the file does not describe a person.
+
+    Example:
+        >>> from ergoqp.human.person_file import given_person
+        >>> given_person(1.68).stature
+        1.68
     """
     return person_with_markers(person)[0]
 
@@ -155,6 +160,18 @@ def write_person(
 
     Raises:
         OSError: if the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from ergoqp.human import Body
+        >>> from ergoqp.human.person_file import given_person, write_person
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "anna.toml"
+        ...     write_person(path, Body(1.68), {})
+        ...     body = given_person(path)
+        >>> round(body.stature, 2)
+        1.68
     """
     rows = [f"# {_printable(note)}" for note in notes]
     rows += [f"stature = {body.stature:.4f}"]

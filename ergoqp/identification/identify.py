@@ -54,13 +54,23 @@ class Identified:
 
     Attributes:
         problem: the task.
-        traits: the most likely ones, see `ergoqp.identification.traits`.
-        covariance: of the traits (p, p).
+        traits: the most likely ones (p,), each in the unit of `ergoqp.identification.traits`.
+        covariance: of the traits (p, p), in their units.
         situation: how the object is held, and where the soles are.
         residual_deg: RMS between measured and predicted joints over all rests [deg].
         rests: how many there were.
         beyond: what of the rests no traits explain, as expected elsewhere.
         delay: how late the person follows the object [s]; None where nothing says so.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> posture = problem.response.comfort
+        >>> pose = problem.response.contact()(posture)[0].full()
+        >>> found = ergoqp.identify(problem, [(posture, pose)])
+        >>> theirs = problem.replace(response=found.response)
+        >>> theirs.response.comfort.shape, round(float(found.body.stature), 1)
+        ((32,), 1.7)
     """
 
     problem: Problem
@@ -174,6 +184,19 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
 
     Raises:
         InputError: if the problem has no `ergoqp.responses.ik.IkResponse`, or there is no rest.
+
+    Source:
+        The steps are those of Levenberg and Marquardt; a rest that fits nobody counts less, as
+        under Student's t distribution.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> posture = problem.response.comfort
+        >>> pose = problem.response.contact()(posture)[0].full()
+        >>> found = ergoqp.identify(problem, [(posture, pose)])
+        >>> found.rests, found.posture_at(pose).shape
+        (1, (32,))
     """
     identifier, loop = Identifier(problem), watched(rests)
     if loop is None:

@@ -31,6 +31,13 @@ class Resting:
         pose: of the object (4, 4) [m].
         posture: mean of the last second, over the frames in which a joint was seen (32,) [rad];
             NaN where it never was.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.identification.resting import Resting
+        >>> rest = Resting(time=4.2, pose=np.eye(4), posture=np.zeros(32))
+        >>> rest.posture.shape
+        (32,)
     """
 
     time: float

@@ -41,11 +41,21 @@ class OneClass:
     Attributes:
         coordinates: names of the inputs.
         gamma: of the kernel, per squared scaled unit.
-        mean: subtracted from the inputs (d,).
-        scale: divides then (d,).
-        centres: support vectors, scaled (n, d).
-        weights: a_i > 0 (n,).
+        mean: subtracted from the inputs (d,) [rad or m].
+        scale: divides the inputs then (d,) [rad or m].
+        centres: support vectors, scaled (n, d), dimensionless.
+        weights: a_i, positive (n,), dimensionless.
+        rho: level of the sum of kernels on the boundary, positive (dimensionless). It is kept as
+            `log_rho`.
         log_rho: logarithm of rho.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.learning.one_class import OneClass
+        >>> points = np.random.default_rng(0).normal(0.3, 0.1, (60, 2))
+        >>> seen = OneClass.fit(points, ["trunk_flexion", "neck_flexion"], nu=0.1)
+        >>> (seen.margin([[0.25, 0.35], [2.0, 2.0]]) > 0).tolist()
+        [True, False]
     """
 
     def __init__(
@@ -137,7 +147,7 @@ class OneClass:
         """Fit the boundary of a cloud of points.
 
         Args:
-            points: (n, d), in the order of `coordinates`.
+            points: (n, d), in the order of `coordinates` [rad or m].
             coordinates: names of the columns.
             nu: share of the points left outside, at most; above 0, below 1.
             gamma: of the kernel, per squared scaled unit; None: 1 / d.

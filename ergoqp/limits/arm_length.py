@@ -28,7 +28,7 @@ _LONGEST: Final = 100.0
 
 @dataclass(frozen=True)
 class ArmLength:
-    """|wrist - elbow| = length, where the state is elbow and wrist and the twist their velocities.
+    """Elbow and wrist keep their distance, where they are the state and the twist moves them.
 
     The row is the tangent of this surface, an equality. A straight way leaves the surface by the
     square of its length, so whatever twist is considered is first projected: the two points are
@@ -42,6 +42,19 @@ class ArmLength:
     Attributes:
         length: distance of elbow and wrist [m].
         name: of the row.
+        tolerance: so far outside still counts as at the edge [m].
+        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.limits import ArmLength
+        >>> limit = ArmLength(0.25)
+        >>> state = limit.project([[0, 0, 0, 0.3, 0, 0]])
+        >>> state.round(3).tolist()
+        [[0.025, 0.0, 0.0, 0.275, 0.0, 0.0]]
     """
 
     length: float

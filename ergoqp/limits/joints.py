@@ -38,6 +38,18 @@ class JointLimit:
             body can do, it is only kept from going further: an angle measured out there says that
             the range or the sensor is off.
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp import JOINTS
+        >>> from ergoqp.limits import JointLimit
+        >>> limit = JointLimit(ranges_deg={"trunk_flexion": (0, 30)}, recover=True)
+        >>> lower, upper = limit.range
+        >>> round(float(np.degrees(upper[JOINTS.index("trunk_flexion")])), 6)
+        30.0
     """
 
     ranges_deg: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -30,7 +30,17 @@ _UNIT: Final = 1e-6
 
 
 class Region(Protocol):
-    """A convex part of the world."""
+    """A convex part of the world.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import KeepOut
+        >>> class Ceiling:
+        ...     def nearest(self, point):
+        ...         return 2.0 - point[2], ca.SX([0, 0, -1])
+        >>> KeepOut(Ceiling(), name="ceiling").names
+        ('ceiling',)
+    """
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the distance of a point (3,) [m] and the direction (3,) in which it grows.
@@ -47,8 +57,19 @@ class HalfSpace:
     """All points p with normal . p <= offset.
 
     Attributes:
-        normal: leads out of the region, any length but zero.
+        normal: direction that leads out of the region, of any length but zero (dimensionless).
         offset: where the plane is, along the unit normal [m].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import HalfSpace
+        >>> floor = HalfSpace(normal=(0, 0, 2), offset=0.1)
+        >>> distance, direction = floor.nearest(ca.SX([0, 0, 1]))
+        >>> floor.normal, float(distance)
+        ((0.0, 0.0, 1.0), 0.9)
     """
 
     normal: tuple[float, float, float]
@@ -77,6 +98,17 @@ class Ball:
     Attributes:
         centre: x, y, z [m].
         radius: [m].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import Ball
+        >>> ball = Ball(centre=(0, 0, 1), radius=0.2)
+        >>> distance, _ = ball.nearest(ca.SX([0, 0, 2]))
+        >>> round(float(distance), 6)
+        0.8
     """
 
     centre: tuple[float, float, float]
@@ -102,6 +134,17 @@ class Box:
     Attributes:
         lower: least x, y, z [m].
         upper: greatest x, y, z [m].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import Box
+        >>> box = Box(lower=(0, 0, 0), upper=(1, 1, 1))
+        >>> distance, _ = box.nearest(ca.SX([2, 0.5, 0.5]))
+        >>> float(distance)
+        1.0
     """
 
     lower: tuple[float, float, float]
@@ -151,6 +194,18 @@ class KeepOut:
         tolerance: this far inside still counts as at the edge [m].
         recovery_time: coming out from inside is asked at distance / recovery_time [s].
         name: of the row.
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.limits import Ball, KeepOut
+        >>> post = KeepOut(Ball(centre=(0.5, 0.3, 1.0), radius=0.1), name="post")
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> problem = problem.replace(limits=[*problem.limits, post])
+        >>> "post" in problem.row_names
+        True
     """
 
     region: Region

@@ -42,6 +42,16 @@ class Situation:
             [m, rad]; None: nothing.
         most: and at any twist (6,): that much of it is in the displacement, along each axis by
             itself; None: nothing.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import Situation, WorkspaceBox
+        >>> pose = ca.DM.eye(4)
+        >>> posture, seen, still = ca.DM.zeros(32), ca.DM.ones(32), ca.DM.zeros(6)
+        >>> here = Situation(posture, seen, pose, ca.DM.zeros(32, 6), still, still)
+        >>> rows = WorkspaceBox((-1, -1, -1), (1, 1, 2)).rows(here)
+        >>> rows.above.full().ravel().tolist()
+        [1.0, 1.0, 2.0]
     """
 
     posture: Expression
@@ -126,6 +136,18 @@ class Rows:
         rate: largest rate allowed (m,), inf without one.
         reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for
             straight ones.
+
+    Raises:
+        ProblemError: at construction, for shapes that do not fit together.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import Rows
+        >>> height = ca.DM([[0, 0, 1, 0, 0, 0]])
+        >>> free = ca.DM([ca.inf])
+        >>> rows = Rows(height, ca.DM([0.2]), ca.DM([0.3]), free, ca.DM.zeros(1))
+        >>> rows.matrix.shape, float(rows.above)
+        ((1, 6), 0.3)
     """
 
     matrix: Expression
@@ -194,6 +216,14 @@ class Limit(Protocol):
             attribute it need not.
         proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then
             never asked for less than it promises, not even where braking has no better bound.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> from ergoqp.limits import WorkspaceBox
+        >>> box = problem.limit_of(WorkspaceBox)
+        >>> box.names, box.unit, box.hard
+        (('workspace x', 'workspace y', 'workspace z'), 'm', True)
     """
 
     @property
@@ -254,6 +284,15 @@ def straight_margins(
         mixed: the situation, for hard rows of more than one axis: what a mean adds is in the
             displacement axis by axis, and those can make up for each other in a row that mixes
             them.
+
+    Example:
+        >>> import casadi as ca
+        >>> from ergoqp.limits import Rows
+        >>> from ergoqp.limits.limit import straight_margins
+        >>> free = ca.DM([ca.inf])
+        >>> rows = Rows(ca.DM([[0, 0, 1, 0, 0, 0]]), free, ca.DM([0.3]), free, ca.DM.zeros(1))
+        >>> round(float(straight_margins(rows, ca.DM([0, 0, 0.1, 0, 0, 0]))), 2)
+        0.2
     """
     if mixed is None or mixed.lead is None or mixed.most is None:
         moved = rows.matrix @ displacement

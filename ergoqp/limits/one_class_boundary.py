@@ -23,7 +23,7 @@ class OneClassBoundary:
 
     The logarithm keeps the boundary and gives a slope that does not vanish far away. Its curvature
     is never below -2 gamma (it is the logarithm of a sum of exponentials of concave quadratics), so
-    with the scaled displacement D
+    with the scaled displacement D::
 
         g(q + D) >= g(q) + grad g . D - gamma |D|^2
 
@@ -35,9 +35,21 @@ class OneClassBoundary:
         model: the one-class SVM.
         hard: True where the state itself is commanded (`LinearResponse`): kept by construction.
             False for a person's posture: kept as far as braking allows.
-        tolerance: this far outside still counts as on the boundary, in units of g.
+        tolerance: so far outside still counts as on the boundary, in units of g (dimensionless).
         recovery_time: coming back from outside is asked at distance / recovery_time [s].
         name: of the row.
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.learning.one_class import OneClass
+        >>> from ergoqp.limits import OneClassBoundary
+        >>> points = np.random.default_rng(0).normal(0.3, 0.1, (60, 2))
+        >>> seen = OneClass.fit(points, ["trunk_flexion", "neck_flexion"])
+        >>> OneClassBoundary(seen, name="seen before").names
+        ('seen before',)
     """
 
     model: OneClass

@@ -14,7 +14,13 @@ from ergoqp.arguments import check_number, names_of, shown
 from ergoqp.errors import InputError
 
 AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
-"""The six axes of a twist: along and about the world's x, y and z."""
+"""The six axes of a twist: along and about the world's x, y and z.
+
+Example:
+    >>> from ergoqp.limits import AXES
+    >>> AXES
+    ('x', 'y', 'z', 'rx', 'ry', 'rz')
+"""
 
 _LEAST: Final = 1e-9
 _GREATEST: Final = 1e6
@@ -25,9 +31,9 @@ _GREATEST: Final = 1e6
 class TwistLimit:
     """Speed, acceleration and allowed axes of the object, each axis by itself.
 
-    Braking scales the whole twist down along a straight line, as fast as its slowest axis allows,
-    so that a stop from twist xi takes max_i |xi_i| / a_i seconds and moves the object along xi
-    alone. That makes the end of the stop say everything about a convex limit on the way.
+    Braking scales the whole twist down along a straight line, as fast as its slowest axis allows.
+    A stop from twist xi then takes ``max_i |xi_i| / a_i`` seconds and moves the object along xi
+    alone. So a convex limit that holds at the end of the stop holds on the whole way.
 
     Attributes:
         linear_speed: along each axis [m/s].
@@ -37,6 +43,15 @@ class TwistLimit:
         axes: the axes that the object can move, of `AXES`.
         aside: acceleration that the step keeps free on every axis, for a surface that it has to
             follow [m/s^2].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> from ergoqp.limits import TwistLimit
+        >>> limit = TwistLimit(linear_speed=0.1, axes=("x", "y", "z"))
+        >>> limit.speed.tolist()
+        [0.1, 0.1, 0.1, 0.0, 0.0, 0.0]
     """
 
     linear_speed: float = 0.20

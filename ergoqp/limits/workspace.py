@@ -30,6 +30,20 @@ class WorkspaceBox:
     Attributes:
         lower: least x, y, z [m].
         upper: greatest x, y, z [m].
+        tolerance: so far outside still counts as at the edge [m].
+        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.limits import TwistLimit, WorkspaceBox
+        >>> box = WorkspaceBox(lower=(0.2, -0.4, 0.7), upper=(0.7, 0.4, 1.4))
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> small = problem.replace(limits=[TwistLimit(), box])
+        >>> small.row_names
+        ('workspace x', 'workspace y', 'workspace z')
     """
 
     lower: tuple[float, float, float]
@@ -92,8 +106,19 @@ class AxisCone:
     """The tool's axis (x of the contact frame) stays within an angle of a direction of the world.
 
     Attributes:
-        direction: middle of the cone, any length but zero.
+        direction: middle of the cone, of any length but zero (dimensionless).
         half_angle_deg: half the opening [deg].
+        tolerance: so far outside still counts as at the edge [rad].
+        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> from ergoqp.limits import AxisCone
+        >>> cone = AxisCone(direction=(2, 0, 0), half_angle_deg=30.0)
+        >>> cone.direction, cone.unit
+        ((1.0, 0.0, 0.0), 'rad')
     """
 
     direction: tuple[float, float, float]

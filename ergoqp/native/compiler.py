@@ -33,7 +33,14 @@ FLAGS: Final = (
 
 
 class CompilerError(ErgoqpError):
-    """There is no C compiler, or it did not like what it was given."""
+    """There is no C compiler, or it did not like what it was given.
+
+    Example:
+        >>> from ergoqp.errors import ErgoqpError
+        >>> from ergoqp.native.compiler import CompilerError
+        >>> issubclass(CompilerError, ErgoqpError)
+        True
+    """
 
 
 @lru_cache(maxsize=1)

@@ -63,7 +63,7 @@ def optimise(
         mode: ``"stackelberg"``, or ``"cooperative"``: the person's posture is chosen too, an
             optimistic bound.
         solver: ``"ipopt"``, ``"fatrop"`` or ``"sqpmethod"``.
-        pose: of the object now (4, 4); None: where the posture has it.
+        pose: of the object now (4, 4) [m]; None: where the posture has it.
         person: who holds it, or their body; None: the person of the problem's response.
         tau_deg: scale of the smooth score in the last stage [deg]; a cost that is not the smooth
             score has none.
@@ -80,6 +80,13 @@ def optimise(
             person reaches it.
         MissingExtraError: if what several processes or a cluster need is not installed.
         OSError: if `out` cannot be written.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> best = ergoqp.optimise(problem, starts=1)
+        >>> best.pose.shape, best.reba_after <= best.reba_before
+        ((4, 4), True)
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     for name, value, least in (("starts", starts, 1), ("seed", seed, 0), ("jobs", jobs, 1)):

@@ -31,18 +31,26 @@ class Trial:
 
     Attributes:
         number: of the start, 0 to starts - 1.
-        pose: of the object where it ended (4, 4).
+        pose: of the object where it ended (4, 4) [m].
         posture: at which the person comes to rest there (32,) [rad]; `mode="cooperative"`: the
             posture that was chosen.
         reba: exact score of that posture; 0 where it does not count: out of reach, or outside a
             limit.
         cost: smooth cost of that posture at the final tau [points].
         kkt_residual: largest violation of the optimality conditions of the single-level problem,
-            recomputed.
+            recomputed (dimensionless).
         apart: largest difference of a joint between the program's posture and the one the person
             comes to rest at [rad].
-        seconds: time that the start took.
+        seconds: time that the start took [s].
         note: why it does not count, empty if it does.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> best = ergoqp.optimise(problem, starts=1)
+        >>> [trial] = best.trials
+        >>> trial.number, trial.reba == best.reba_after, trial.note
+        (0, True, '')
     """
 
     number: int
@@ -87,19 +95,31 @@ class Optimum:
         solver: name of the nonlinear solver.
         seed: of the starts.
         response: the person whose posture it is: body, weights, comfort.
-        pose: best pose of the object's contact frame (4, 4).
+        pose: best pose of the object's contact frame (4, 4) [m].
         posture: of the person there (32,) [rad].
         reba_before: exact score of the posture that was given.
         reba_after: exact score at the best pose.
         kkt_residual: largest violation of the optimality conditions of the single-level problem at
-            the final tau.
+            the final tau (dimensionless).
         cost_before: smooth cost at the final tau of the posture that was given [points].
         cost_after: the same at the best pose [points].
         tau_deg: scale of the smooth score in the last stage [deg]; None for a cost that has none.
-        pose_before: pose of the object that was given (4, 4).
+        pose_before: pose of the object that was given (4, 4) [m].
         posture_before: posture that was given (32,) [rad].
         trials: of every start, in order.
         assumptions: sentences on what was taken as given.
+
+    Example:
+        >>> import ergoqp
+        >>> import tempfile
+        >>> from ergoqp.placing.optimum import Optimum
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> best = ergoqp.optimise(problem, starts=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     again = Optimum.load(best.save(folder))
+        >>> again.reba_after == best.reba_after
+        True
+        >>> stepper = ergoqp.Stepper(problem, guide=best)
     """
 
     problem: str

@@ -69,6 +69,11 @@ class Found:
         label: who, as `population` says.
         optimum: the best place; None if there is none.
         note: why there is none, empty otherwise.
+
+    Example:
+        >>> from ergoqp.placing.population import Found
+        >>> Found("1.20 m", None, "reaches no place").note
+        'reaches no place'
     """
 
     label: str
@@ -110,6 +115,15 @@ def best_of_population(
     Raises:
         InputError: if an option is not usable. Somebody who reaches no place is no mistake, but a
             `Found` with a note.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.population import best_of_population, variant
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> people = [("1.60 m", variant(problem, stature=1.60))]
+        >>> [found] = best_of_population(people, starts=1)
+        >>> found.label, found.optimum.reba_after <= found.optimum.reba_before
+        ('1.60 m', True)
     """
     everybody = list(people)
     found = []
@@ -153,6 +167,13 @@ def variant(
     Raises:
         InputError: for a value that is not allowed, a response of another kind, or a load where the
             cost was learned without.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.population import variant
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> variant(problem, stature=1.60, load_kg=3.0).response.body.stature
+        1.6
     """
     response = person_of(problem)
     if stature is not None:

@@ -44,11 +44,21 @@ class Control:
             that is named, and the step brakes within its acceleration, but not within that jerk.
             None: 0.05 for an object that is held, and 0 where the twist is that of points, which
             nothing else moves. Above 0.1 the step often brakes close to the edge of a cone.
-        guide_weight: how strongly a journey to the given place is kept to, in multiples of effort.
+        guide_weight: how strongly a journey to the given place is kept to, in multiples of the
+            effort (dimensionless).
         guide_gain: how much better than where descent comes to rest the given place must promise to
             be, and how much worse than promised it may be to be kept [points].
         guide_price: how much worse than where it began a journey to a place may make the person,
             for a while, before the object goes back [points].
+
+    Raises:
+        ProblemError: at construction, for a value out of its range.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> problem.replace(control=ergoqp.Control(look_ahead=0.8)).control.look_ahead
+        0.8
     """
 
     look_ahead: float = 0.5

@@ -52,6 +52,20 @@ class Problem:
         method: how the exact sheet is read.
         name: short name, a word.
         title: the task in a few words.
+
+    Raises:
+        ProblemError: at construction, if terms are missing, unknown or contradict each other; the
+            message lists every mistake.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.costs.smooth_reba import SmoothReba
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> slow = problem.replace(dt=0.02, cost=SmoothReba(load_kg=6.0))
+        >>> slow.dt, slow.cost.minimum
+        (0.02, 1.0)
+        >>> int(slow.assess(slow.response.comfort).final[0])
+        1
     """
 
     cost: Cost

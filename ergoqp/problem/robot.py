@@ -30,10 +30,10 @@ class DeclaredRobot:
 
     All values are upper ends.
 
-    The robot's own twist w follows what is sent, s, as w' = ((1 + g) s(t - delay) - w) / lag with
-    |g| <= `gain_error`; delay, lag and g may be less than declared, but do not change while it
-    moves. Workspace and tool axis hold for every such robot; what is measured beyond it is a fault,
-    named, and the object stops.
+    The twist w of the robot follows the twist s that is sent, as w' = ((1 + g) s(t - delay) - w) /
+    lag, with g between -`gain_error` and `gain_error`. Delay, lag and g may be less than declared,
+    but they do not change while the robot moves. Workspace and tool axis hold for every such robot.
+    A measurement that no such robot explains is a fault: the step names it, and the object stops.
 
     Attributes:
         delay: from sending a twist until the robot begins to follow it [s].
@@ -41,9 +41,21 @@ class DeclaredRobot:
         gain_error: share by which it may be faster or slower than sent; needs a measured pose.
         pose_delay: age of the measured pose, and of the reported twist [s].
         pose_noise: how far off a measured position is at most, per axis [m].
-        pose_noise_deg: and a measured orientation, about each axis [deg].
-        longest_hold: for how long a twist may go on being executed because the next call is late
-            [s], once between two moments at which nothing is under way; needs a measured pose.
+        pose_noise_deg: how far off a measured orientation is at most, about each axis [deg].
+        longest_hold: for how long the robot may go on with a twist because the next call is late
+            [s]. This may happen once between two moments at which nothing is under way. It needs a
+            measured pose.
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import ergoqp
+        >>> robot = ergoqp.DeclaredRobot(delay=0.02, lag=0.05, pose_noise=0.001)
+        >>> robot.declared, robot.owes
+        (True, True)
+        >>> robot.noise[:3].tolist()
+        [0.001, 0.001, 0.001]
     """
 
     delay: float = 0.0

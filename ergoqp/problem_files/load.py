@@ -148,6 +148,14 @@ def load_problem(name: str | Path) -> Problem:
     Raises:
         ProblemError: if there is no such problem, or the file is not one; the message lists every
             mistake.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> problem.name, problem.dt
+        ('screwing', 0.01)
+        >>> len(problem.row_names)
+        36
     """
     path = _find(path_of("problem", name, ProblemError))
     try:

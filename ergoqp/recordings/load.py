@@ -80,6 +80,17 @@ def load_recording(
         RecordingError: the file is not a readable recording, or its skeleton, unit or axes are not
             known.
         InputError: another argument is not usable.
+
+    Example:
+        >>> import ergoqp
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from ergoqp.simulation.demo_recording import demo_recording
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     _ = demo_recording(Path(folder) / "demo.bvh")
+        ...     recording = ergoqp.load_recording(Path(folder) / "demo.bvh", window=(0.0, 1.0))
+        >>> recording.postures.shape, bool(recording.scored.all())
+        ((31, 32), True)
     """
     path = path_of("recording", path)
     asked = Asked(_names("columns", columns), None if rate is None else _rate(rate))

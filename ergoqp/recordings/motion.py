@@ -31,6 +31,13 @@ class JointMotion:
         measures: what was measured at the person, by the name that the file has in small letters
             [m].
         up: its vertical axis, as `ergoqp.recordings.fitting.axes.UPS`; None if it does not say.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.recordings.motion import JointMotion
+        >>> motion = JointMotion(("hip", "knee"), np.zeros((10, 2, 3)), np.arange(10) / 100)
+        >>> motion.of("knee").shape, motion.unit
+        ((10, 3), None)
     """
 
     names: tuple[str, ...]

@@ -21,7 +21,13 @@ CENTRES: Final[tuple[str, ...]] = (
 """The joint centres that a recording can be mapped to: frames of `ergoqp.human.FRAMES`.
 
 ``pelvis`` is the middle of the hip centres, ``neck`` the base of the neck, ``head`` the base of the
-skull."""
+skull.
+
+Example:
+    >>> from ergoqp.recordings.names import CENTRES
+    >>> "right_elbow" in CENTRES
+    True
+"""
 
 
 _NAMELESS: Final = re.compile(r"[*U]?\d*|C_\d+|unlabell?ed.*", re.IGNORECASE)

@@ -18,7 +18,13 @@ from ergoqp.registry import check_free, own_term, registered
 READERS: Final = tuple(
     ending[1:] for kind in KINDS if kind is not TABLE for ending in kind.endings if ending != ".csv"
 )
-"""Endings that no reader of one's own may have; tables are anybody's."""
+"""Endings that no reader of one's own may have; tables are anybody's.
+
+Example:
+    >>> from ergoqp.recordings import READERS
+    >>> "bvh" in READERS, "c3d" in READERS
+    (True, True)
+"""
 
 
 def read_motion(path: Path, progress: Progress = unseen, asked: Asked | None = None) -> JointMotion:

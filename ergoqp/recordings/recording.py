@@ -37,6 +37,17 @@ class Recording:
         measured: segments of the person whose lengths are measured in the recording; the others
             follow from the stature. None of them where the person was stated, or the recording is
             of joint angles.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp import fit_postures, reba
+        >>> from ergoqp.human import Body
+        >>> from ergoqp.recordings.fitting.centres_of import centres_of
+        >>> pelvis = np.tile([0.0, 0.0, 0.9, 0.0], (50, 1))
+        >>> centres = centres_of(Body(), pelvis, np.zeros((50, 32)))
+        >>> recording = fit_postures(list(centres), np.stack(list(centres.values()), axis=1), 50.0)
+        >>> int(reba.assess(recording.scored_postures).final.max())
+        1
     """
 
     time: np.ndarray

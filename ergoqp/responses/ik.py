@@ -43,22 +43,37 @@ class IkResponse:
             `seat` and `feet`.
         tool: axis of the tool in the hand, a key of `TOOL_AXES`.
         free_about_tool: whether the hand may turn about the tool's axis.
-        weights: cost of moving a joint, by name without its side, or with it; the rest as in
-            `DEFAULT_WEIGHTS`.
+        weights: cost of moving a joint (dimensionless), by name without its side, or with it; the
+            rest as in `DEFAULT_WEIGHTS`.
         comfort_deg: posture that the person relaxes toward, by joint name, with or without the side
             [deg]; legs as in `DEFAULT_COMFORT_DEG`, the rest zero.
-        balance: cost of moving the pelvis away from above the feet, per (m/s)^2, when standing:
-            people keep their balance.
+        balance: cost of moving the pelvis away from above the feet when standing, per (m/s)^2 in
+            the units of `weights`: people keep their balance.
         relaxation_time: time constant of relaxing toward it [s].
         damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
         looks: whether the person looks at the work: the neck follows it then, and trunk and neck
             share what the eyes leave over, see `ergoqp.responses.gaze`. Without it the neck stays
             as it is.
-        attention: cost of not seeing the work with ease, per rad^2 beyond the eyes' easy turn, in
-            the units of `weights`.
+        attention: cost of not seeing the work with ease, per rad^2 beyond the easy turn of the
+            eyes, in the units of `weights`.
         free_arm: where an arm is that holds nothing: it ``"hangs"``, or ``"rests"`` on a thigh or a
             desk, where it stays as it is; None: it hangs when standing and rests when seated. An
             arm that holds the object too is one of `hands`.
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Source:
+        Whitney's weighted pseudo-inverse (1972).
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.human import Body
+        >>> from ergoqp.responses import IkResponse
+        >>> response = IkResponse(body=Body(1.68), comfort_deg={"elbow_flexion": 90.0})
+        >>> rates, unmet = response.sensitivity()(response.comfort, np.zeros(32))
+        >>> rates.shape, response.hands
+        ((32, 6), ('right',))
     """
 
     body: Body = field(default_factory=Body)

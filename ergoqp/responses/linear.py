@@ -24,9 +24,21 @@ class LinearResponse:
 
     Attributes:
         coordinates: names of the entries of the state.
-        matrix: S (n, 6); None: the identity.
-        comfort: where the state would like to be (n,), see `ergoqp.Control.comfort`; None: zero.
+        matrix: S (n, 6) [unit of the coordinate per m, or per rad]; None: the identity.
+        comfort: where the state would like to be (n,), in the unit of each coordinate, see
+            `ergoqp.Control.comfort`; None: zero.
         largest: entries of a state beyond this are taken for mistakes, in their unit.
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.responses import LinearResponse
+        >>> response = LinearResponse()
+        >>> rates, unmet = response.sensitivity()(np.zeros(6), np.zeros(6))
+        >>> bool((rates.full() == np.eye(6)).all())
+        True
     """
 
     coordinates: Sequence[str] = FOREARM

@@ -14,6 +14,12 @@ class Response(Protocol):
 
     Attributes:
         joints: names of the joints that the model moves; the others stay as measured.
+
+    Example:
+        >>> import ergoqp
+        >>> response = ergoqp.load_problem("screwing").response
+        >>> response.sensitivity().size_out(0), len(response.joints)
+        ((32, 6), 27)
     """
 
     @property

@@ -67,6 +67,14 @@ class Seeker:
 
     Attributes:
         stepper: that moves the object.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> seeker = ergoqp.Seeker(problem, thinks=False)
+        >>> step = seeker.step(problem.response.comfort)
+        >>> step.status, seeker.seeks, seeker.best is None
+        ('optimal', True, True)
     """
 
     def __init__(

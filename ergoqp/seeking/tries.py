@@ -45,6 +45,17 @@ class Seeking:
         returns: how often the object returns to the best place, which may not be what it was.
         worse: at the end the object stays; once the person there scores this much worse than
             measured, or somebody has moved the object elsewhere, all is tried anew [points].
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.seeking import Seeking
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> seeker = ergoqp.Seeker(problem, how=Seeking(tries=3, longest=30.0), thinks=False)
+        >>> seeker.seeks
+        True
     """
 
     tries: int = 6
@@ -73,6 +84,17 @@ class Place:
     Attributes:
         name: a few words.
         pose: of the object (4, 4) [m].
+
+    Raises:
+        InputError: at construction, if the pose is not a rigid one.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.seeking import Place
+        >>> pose = np.eye(4)
+        >>> pose[:3, 3] = 0.4, 0.0, 1.1
+        >>> Place("before the chest", pose).name
+        'before the chest'
     """
 
     name: str
@@ -96,6 +118,13 @@ class Try:
         pose: where the object came to rest (4, 4) [m].
         score: of the person at rest there, as measured [points]; NaN where they did not rest.
         note: what became of it.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.seeking.tries import Try
+        >>> tried = Try("descent", "it begins here", 0.0, 4.5, np.eye(4), 2.1, "")
+        >>> tried.ended - tried.begun
+        4.5
     """
 
     name: str

@@ -37,8 +37,17 @@ class Assessment:
     Attributes:
         postures: the postures, shape (n, 32) [rad], read-only.
         method: how the sheet was read.
-        final: REBA score 1 to 15, 0 when invalid; shape (n,), int.
+        final: REBA score (n,), 1 to 15, and 0 when invalid; int [points].
         valid: whether a posture could be scored; shape (n,), bool.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp import reba
+        >>> assessment = reba.assess(np.zeros((3, 32)))
+        >>> assessment.final.tolist(), assessment.band.tolist()
+        ([1, 1, 1], [0, 0, 0])
+        >>> assessment.reasons(0)[-1]
+        'REBA: table C 1, activity +0: 1, negligible'
     """
 
     postures: NDArray[np.float64]
@@ -56,7 +65,7 @@ class Assessment:
 
     @cached_property
     def band(self) -> NDArray[np.int64]:
-        """Action level 0 to 4 (names: ``reba.ACTION_LEVELS``), -1 when invalid; shape (n,)."""
+        """Action level 0 to 4 as in `ergoqp.reba.ACTION_LEVELS`, -1 when invalid; shape (n,)."""
         return np.searchsorted(self._sheet.level_starts, self.final, side="right") - 1
 
     @cached_property

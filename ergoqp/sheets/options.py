@@ -60,32 +60,45 @@ class Method:
             assessments only: costs take flexion, as elevation mixes joints.
         final_max: upper end of the final score, 15; some implementations stop at 12.
         neck_extension_deg: extension counts past this; negative: flexion below that amount counts
-            as extension.
-        neck_flexion_deg: end of the neck's first band.
-        neck_side_bend_deg: modifier threshold.
-        neck_twist_deg: modifier threshold.
-        trunk_upright_deg: upright within this, both ways.
-        trunk_bent_deg: end of the trunk's second band, both ways.
-        trunk_deep_deg: start of its last band.
-        trunk_side_bend_deg: modifier threshold.
-        trunk_twist_deg: modifier threshold.
-        knee_bent_deg: +1 past this.
-        knee_deep_deg: +2 past this; 180 to have no such band.
-        upper_arm_low_deg: end of the first band, both ways.
-        upper_arm_middle_deg: end of the second band.
-        upper_arm_high_deg: end of the third band.
-        shoulder_abduction_deg: modifier threshold.
-        shoulder_rotation_deg: modifier threshold, both ways.
-        elbow_low_deg: lower end of the good band.
-        elbow_high_deg: upper end of the good band; 180 to have none.
-        wrist_flexion_deg: end of the first band, both ways.
-        wrist_deviation_deg: modifier threshold, both ways.
-        forearm_pronation_deg: modifier threshold of the twisted wrist, both ways.
-        load_low_kg: one point from this mass.
-        load_high_kg: two points past this mass.
+            as extension [deg].
+        neck_flexion_deg: end of the neck's first band [deg].
+        neck_side_bend_deg: modifier threshold [deg].
+        neck_twist_deg: modifier threshold [deg].
+        trunk_upright_deg: upright within this, both ways [deg].
+        trunk_bent_deg: end of the trunk's second band, both ways [deg].
+        trunk_deep_deg: start of its last band [deg].
+        trunk_side_bend_deg: modifier threshold [deg].
+        trunk_twist_deg: modifier threshold [deg].
+        knee_bent_deg: +1 past this [deg].
+        knee_deep_deg: +2 past this; 180 to have no such band [deg].
+        upper_arm_low_deg: end of the first band, both ways [deg].
+        upper_arm_middle_deg: end of the second band [deg].
+        upper_arm_high_deg: end of the third band [deg].
+        shoulder_abduction_deg: modifier threshold [deg].
+        shoulder_rotation_deg: modifier threshold, both ways [deg].
+        elbow_low_deg: lower end of the good band [deg].
+        elbow_high_deg: upper end of the good band; 180 to have none [deg].
+        wrist_flexion_deg: end of the first band, both ways [deg].
+        wrist_deviation_deg: modifier threshold, both ways [deg].
+        forearm_pronation_deg: modifier threshold of the twisted wrist, both ways [deg].
+        load_low_kg: one point from this mass [kg].
+        load_high_kg: two points past this mass [kg].
 
     Raises:
         InputError: at construction, for a value outside its range or edges out of order.
+
+    Source:
+        S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
+        (2000) 201-205.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp import JOINTS, reba
+        >>> posture = np.zeros(32)
+        >>> posture[JOINTS.index("trunk_flexion")] = np.radians(20)
+        >>> [int(reba.assess(posture, reba.Method(band_ends=ends)).segments["trunk"][0])
+        ...  for ends in ("lower", "higher")]
+        [2, 3]
     """
 
     band_ends: Literal["lower", "higher"] = "lower"

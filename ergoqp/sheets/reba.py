@@ -30,22 +30,38 @@ from ergoqp.sheets.task import read_task, whole_numbers
 __all__ = ["ACTION_LEVELS", "Assessment", "Method", "Scores", "assess", "combine"]
 
 ACTION_LEVELS: Final[tuple[str, ...]] = sheet_of(Method()).levels
-"""Names of the action levels 0 to 4: negligible, low, medium, high, very high."""
+"""Names of the action levels 0 to 4: negligible, low, medium, high, very high.
+
+Source:
+    S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
+    (2000) 201-205.
+
+Example:
+    >>> from ergoqp import reba
+    >>> reba.ACTION_LEVELS
+    ('negligible', 'low', 'medium', 'high', 'very high')
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Scores:
     """What the tables give for segment scores.
 
-    It is whole numbers, or arrays of the common shape if any argument was one.
+    They are whole numbers. If any argument was an array, they are arrays of the common shape.
 
     Attributes:
-        table_a: table A of neck, trunk and legs.
-        score_a: with the load.
-        table_b: table B of upper arm, lower arm and wrist.
-        score_b: with the coupling.
-        score_c: table C of scores A and B.
-        final: with the activity, 1 to 15.
+        table_a: table A of neck, trunk and legs, of any shape [points].
+        score_a: table A with the load, of any shape [points].
+        table_b: table B of upper arm, lower arm and wrist, of any shape [points].
+        score_b: table B with the coupling, of any shape [points].
+        score_c: table C of scores A and B, of any shape [points].
+        final: table C with the activity, 1 to 15, of any shape [points].
+
+    Example:
+        >>> from ergoqp import reba
+        >>> scores = reba.combine(neck=1, trunk=[1, 5], legs=1, upper_arm=1, lower_arm=1, wrist=1)
+        >>> scores.final.tolist()
+        [1, 3]
     """
 
     table_a: np.int64 | NDArray[np.int64]
@@ -70,19 +86,33 @@ def combine(
 ) -> Scores:
     """Combine segment scores through the tables.
 
+    All arguments are whole numbers, and they broadcast.
+
     Args:
-        neck: 1 to 3; whole numbers of any shape, and all arguments broadcast.
-        trunk: 1 to 5.
-        legs: 1 to 4.
-        upper_arm: 1 to 6, of the arm carried forward.
-        lower_arm: 1 to 2.
-        wrist: 1 to 3.
-        load: points 0 to 3.
-        coupling: points 0 to 3.
-        activity: points 0 to 3.
+        neck: 1 to 3, of any shape [points].
+        trunk: 1 to 5, of any shape [points].
+        legs: 1 to 4, of any shape [points].
+        upper_arm: 1 to 6, of the arm carried forward, of any shape [points].
+        lower_arm: 1 to 2, of any shape [points].
+        wrist: 1 to 3, of any shape [points].
+        load: points of the load, 0 to 3, of any shape [points].
+        coupling: points of the coupling, 0 to 3, of any shape [points].
+        activity: points of the activity, 0 to 3, of any shape [points].
 
     Raises:
         InputError: for a score outside its range, or shapes that do not broadcast.
+
+    Source:
+        S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
+        (2000) 201-205, tables A, B and C.
+
+    Example:
+        >>> from ergoqp import reba
+        >>> scores = reba.combine(
+        ...     neck=2, trunk=3, legs=2, upper_arm=3, lower_arm=2, wrist=2, load=1
+        ... )
+        >>> int(scores.table_a), int(scores.score_a), int(scores.table_b), int(scores.final)
+        (5, 6, 5, 8)
     """
     sheet = sheet_of(Method())
     segments = {
@@ -144,20 +174,34 @@ def assess(
     Args:
         postures: shape (n, 32) or (32,) for one, in the order of :data:`ergoqp.JOINTS` [rad].
         method: how the sheet is read; the default follows the publication.
-        load_kg: mass handled [kg]. This and every option below: one value, or one per posture,
-            shape (n,).
-        shock: shock or a rapid build-up of force.
-        coupling: 0 good, 1 fair, 2 poor, 3 unacceptable.
-        activity: 0 to 3, one for each of: static over a minute, repeated over four times a minute,
-            rapid large changes.
-        seated: knees are not counted.
-        one_leg: weight on one leg or an unstable stance; not counted when seated.
-        arm_supported: (right, left), arm supported or gravity assisted.
-        shoulder_raised: (right, left).
+        load_kg: mass handled [kg]. This and every option below is one value, or one per posture
+            with the shape (n,).
+        shock: flag, () or (n,): there is a shock or a rapid build-up of force.
+        coupling: () or (n,): 0 good, 1 fair, 2 poor, 3 unacceptable [points].
+        activity: () or (n,): 0 to 3, one for each of static over a minute, repeated over four times
+            a minute, rapid large changes [points].
+        seated: flag, () or (n,): the person sits, and the knees are not counted.
+        one_leg: flag, () or (n,): the weight is on one leg, or the stance is unstable. It is not
+            counted when seated.
+        arm_supported: flags (right, left): the arm is supported or gravity assists it.
+        shoulder_raised: flags (right, left): the shoulder is raised.
 
     Raises:
         InputError: for a wrong shape, an angle beyond +-180 deg (degrees given as radians?) or an
             option out of range.
+
+    Source:
+        S. Hignett and L. McAtamney, Rapid entire body assessment (REBA), Applied Ergonomics 31
+        (2000) 201-205.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp import JOINTS, reba
+        >>> posture = np.zeros(32)
+        >>> posture[JOINTS.index("trunk_flexion")] = np.radians(70)
+        >>> assessment = reba.assess(posture, load_kg=6.0)
+        >>> int(assessment.final[0]), int(assessment.segments["trunk"][0])
+        (3, 4)
     """
     rows = read_postures(postures)
     method = read_method(method)

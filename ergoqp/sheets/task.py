@@ -24,6 +24,12 @@ class TaskOptions(TypedDict, total=False):
     """The options as keywords, one value for all postures.
 
     Meanings are as in :func:`ergoqp.sheets.reba.assess`.
+
+    Example:
+        >>> from ergoqp.costs.smooth_reba import SmoothReba
+        >>> from ergoqp.sheets.task import TaskOptions
+        >>> SmoothReba(**TaskOptions(load_kg=12.0, coupling=1)).minimum
+        3.0
     """
 
     load_kg: float

@@ -47,7 +47,20 @@ class Checker:
     Attributes:
         problem: whose limits are checked.
         violations: steps that broke a limit, per limit.
-        max_violation: the worst of each, in `units`.
+        max_violation: the worst of each, in the unit of `units`.
+
+    Example:
+        >>> import numpy as np
+        >>> import ergoqp
+        >>> from ergoqp.simulation.check import Checker
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> checker = Checker(problem)
+        >>> fast = np.array([9.0, 0, 0, 0, 0, 0])
+        >>> posture = problem.response.comfort
+        >>> pose = problem.response.contact()(posture)[0].full()
+        >>> broken = checker.check(fast, np.zeros(6), pose, posture, np.zeros(32), problem.dt)
+        >>> "speed" in broken, checker.violations["speed"]
+        (True, 1)
     """
 
     problem: Problem
@@ -102,14 +115,14 @@ class Checker:
         """Judge one step and return the names of the limits that it broke.
 
         Args:
-            twist: sent (6,).
-            previous: twist of the period before (6,).
-            pose: of the object when the step was taken (4, 4).
+            twist: sent (6,) [m/s, rad/s].
+            previous: twist of the period before (6,) [m/s, rad/s].
+            pose: of the object when the step was taken (4, 4) [m].
             posture: measured (32,) [rad], None when no frame arrived.
             rate: how the model person follows (32,) [rad/s].
             dt: period [s].
             observed: (32,) bool, None: all.
-            after: where the object was at the end of the period (4, 4); None: where the twist
+            after: where the object was at the end of the period (4, 4) [m]; None: where the twist
                 leads.
             stops: whether the step itself said that it brakes.
             gave_way: joints whose rate the step itself said it could not keep (its `slack`): soft

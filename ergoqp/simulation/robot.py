@@ -28,11 +28,23 @@ class RobotKind:
     Attributes:
         delay: until it begins to follow a twist [s].
         lag: time constant with which it does [s].
-        gain: how many times the sent twist it moves.
+        gain: how many times the sent twist it moves (dimensionless).
         pose_delay: age of the measured pose and of the reported twist [s].
         pose_noise: of a measured position, uniform, at most, per axis [m].
         pose_noise_deg: of a measured orientation, uniform, at most, about each axis [deg].
         speed_noise: of the reported twist, one standard deviation, as a share of it.
+
+    Raises:
+        InputError: at construction, for a value of another kind or out of its range.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.robot import RobotKind
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> late = RobotKind(delay=0.02, lag=0.05)
+        >>> run = ergoqp.simulate(problem, problem.response.comfort, duration=0.1, robot=late)
+        >>> run.poses.shape
+        (10, 4, 4)
     """
 
     delay: float = 0.0

@@ -33,11 +33,11 @@ class Run:
         seed: of everything random in the run.
         time: time of each sample [s], shape (n,).
         postures: the person's true posture at each sample, shape (n, 32) [rad].
-        base_poses: pelvis in the world, shape (n, 4, 4).
-        poses: true pose of the object's contact frame in the world, shape (n, 4, 4).
+        base_poses: pelvis in the world, shape (n, 4, 4) [m].
+        poses: true pose of the object's contact frame in the world, shape (n, 4, 4) [m].
         twists: object twist sent at each sample, shape (n, 6) [m/s, rad/s].
-        reba: exact score of the true posture, shape (n,).
-        cost: smooth cost of the measured posture, shape (n,).
+        reba: exact score of the true posture, shape (n,) [points].
+        cost: smooth cost of the measured posture, shape (n,) [points].
         statuses: status of each step.
         reasons: its sentence, empty when there is nothing to say.
         active: names of the limits that held the object back at each step.
@@ -64,6 +64,16 @@ class Run:
         slips: how often a hand slipped on the object.
         fell: when the person fell [s], None if never.
         unbalanced: share of the time with the centre of mass outside what carries the person.
+
+    Example:
+        >>> import ergoqp
+        >>> import tempfile
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> run = ergoqp.simulate(problem, problem.response.comfort, duration=0.2)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     name = run.save(folder).name
+        >>> name, run.postures.shape, run.let_go
+        ('run.json', (20, 32), None)
     """
 
     problem: str

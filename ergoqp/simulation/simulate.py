@@ -83,6 +83,14 @@ def simulate(
 
     Raises:
         InputError: if an argument is not usable, naming it.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> posture = problem.response.comfort
+        >>> run = ergoqp.simulate(problem, posture, duration=0.2)
+        >>> run.twists.shape, sum(run.violations.values())
+        ((20, 6), 0)
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     check_numbers(problem, duration, seed)

@@ -23,7 +23,17 @@ _EDGE = 0.02
 
 
 def awkward_start(problem: Problem, person: Person, seed: int, places: int = PLACES) -> np.ndarray:
-    """Return the worst-scored rest posture (32,) [rad] of `awkward_place`."""
+    """Return the worst-scored rest posture (32,) [rad] of `awkward_place`.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people.alike import sample_person
+        >>> from ergoqp.simulation.starts import awkward_start
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> posture = awkward_start(problem, sample_person(problem, 0), seed=0, places=4)
+        >>> posture.shape, int(problem.assess(posture).final[0]) > 1
+        ((32,), True)
+    """
     return awkward_place(problem, person, seed, places)[1]
 
 

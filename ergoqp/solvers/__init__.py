@@ -45,11 +45,23 @@ SOLVERS: Final = {
     "proxqp": Listed("proxqp:Proxqp", "proxsuite"),
     "osqp": Listed("osqp:Osqp", "osqp"),
 }
-"""Solvers by name; whatever else qpsolvers offers where it is installed goes by its name there."""
+"""Solvers by name; whatever else qpsolvers offers where it is installed goes by its name there.
+
+Example:
+    >>> from ergoqp.solvers import SOLVERS
+    >>> SOLVERS["daqp"].package
+    'daqp'
+"""
 
 
 def installed_solvers() -> tuple[str, ...]:
-    """Return the names out of `SOLVERS` whose packages are installed."""
+    """Return the names out of `SOLVERS` whose packages are installed.
+
+    Example:
+        >>> from ergoqp.solvers import installed_solvers
+        >>> "daqp" in installed_solvers()
+        True
+    """
     return tuple(name for name, one in SOLVERS.items() if find_spec(one.package) is not None)
 
 
@@ -59,6 +71,11 @@ def solver_named(name: str) -> QpSolver:
     Raises:
         InputError: if there is none of that name, or two.
         MissingExtraError: if it is not installed.
+
+    Example:
+        >>> from ergoqp.solvers import solver_named
+        >>> solver_named("qpoases").name
+        'qpoases'
     """
     own, more = registered("solver"), ()
     if isinstance(name, str):
@@ -119,12 +136,22 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
         name: of the solver.
         n: number of unknowns.
         m: number of rows.
-        accuracy: largest primal residual, dual residual and gap that are wanted; each solver's
-            settings aim a little lower.
+        accuracy: largest primal residual, dual residual and gap that are wanted, in the units of
+            the QP. The settings of each solver aim a little lower.
 
     Raises:
         InputError: for an unknown name, a size or an accuracy that cannot be.
         MissingExtraError: if the solver is not installed.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers import open_session
+        >>> session = open_session("daqp", n=2, m=1)
+        >>> answer = session.solve(
+        ...     np.eye(2), [-1, -1], [[1, 1]], [-np.inf], [1], [-9, -9], [9, 9]
+        ... )
+        >>> answer.x.round(6).tolist(), answer.found
+        ([0.5, 0.5], True)
     """
     solver = solver_named(name)
     if n < 1 or m < 0:

@@ -18,13 +18,21 @@ class Qp:
     """min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
 
     Attributes:
-        H: symmetric (n, n).
-        g: (n,).
-        A: (m, n).
-        lbA: least values of the rows (m,), -inf where there is none.
-        ubA: greatest values of the rows (m,), inf where there is none.
-        lb: least x (n,).
-        ub: greatest x (n,).
+        H: symmetric (n, n), in the units of the QP.
+        g: (n,), in the units of the QP.
+        A: (m, n), in the units of the QP.
+        lbA: least values of the rows (m,), -inf where there is none, in the units of the QP.
+        ubA: greatest values of the rows (m,), inf where there is none, in the units of the QP.
+        lb: least x (n,), in the units of the QP.
+        ub: greatest x (n,), in the units of the QP.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers.sequence import Qp
+        >>> one = np.ones(1)
+        >>> qp = Qp(np.eye(1), -one, np.eye(1), 0 * one, 2 * one, -9 * one, 9 * one)
+        >>> qp.size, float(qp.value(one))
+        ((1, 1), -0.5)
     """
 
     H: Array

@@ -31,13 +31,21 @@ class QpAnswer:
     """What a solver says of one QP. Nothing of it has been checked; see `ergoqp.solvers.judge`.
 
     Attributes:
-        x: the answer (n,); NaN where there is none.
-        rows: multipliers of the rows (m,), positive at the upper bound: H x + g + A' rows + box =
-            0.
-        box: multipliers of the bounds on x (n,), positive at the upper bound.
+        x: the answer (n,), in the units of the QP; NaN where there is none.
+        rows: multipliers of the rows (m,), in the units of the QP, positive at the upper bound: H x
+            + g + A' rows + box = 0.
+        box: multipliers of the bounds on x (n,), in the units of the QP, positive at the upper
+            bound.
         flag: one of `FLAGS`.
         iterations: the solver's own count; None where it does not tell.
         seconds: how long the solver took, setting it up or updating it with new data included [s].
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers import open_session
+        >>> answer = open_session("daqp", 1, 1).solve([[1]], [-3], [[1]], [0], [2], [-9], [9])
+        >>> answer.found, answer.rows.round(6).tolist()
+        (True, [1.0])
     """
 
     x: Array
@@ -80,6 +88,15 @@ class Session:
 
     Attributes:
         fault: what was wrong when the solver first failed so, in words; empty: nothing.
+
+    Example:
+        >>> import numpy as np
+        >>> from ergoqp.solvers import open_session
+        >>> session = open_session("daqp", n=1, m=1)
+        >>> session.solve([[1]], [-1], [[1]], [0], [2], [-9], [9]).x.round(6).tolist()
+        [1.0]
+        >>> session.solve([[1]], [-3], [[1]], [0], [2], [-9], [9]).x.round(6).tolist()
+        [2.0]
     """
 
     def __init__(self, name: str, n: int, m: int, make: Callable[[], Workspace]) -> None:
@@ -104,13 +121,14 @@ class Session:
         """Solve min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
 
         Args:
-            H: symmetric, positive definite (n, n).
-            g: (n,).
-            A: (m, n).
-            lbA: (m,), -inf where a row has none.
-            ubA: (m,), inf where a row has none.
-            lb: (n,), -inf allowed.
-            ub: (n,), inf allowed.
+            H: symmetric, positive definite (n, n), in the units of the QP.
+            g: (n,), in the units of the QP.
+            A: (m, n), in the units of the QP.
+            lbA: least values of the rows (m,), in the units of the QP; -inf where a row has none.
+            ubA: greatest values of the rows (m,), in the units of the QP; inf where a row has
+                none.
+            lb: (n,), -inf allowed, in the units of the QP.
+            ub: (n,), inf allowed, in the units of the QP.
             warm: start from the last answer, where the solver can; False: as if this were the first
                 QP.
 

@@ -40,6 +40,12 @@ class QpSolver(abc.ABC):
         name: that users call it by.
         method: what it does, in two words.
         warm: whether it can start from the last answer.
+
+    Example:
+        >>> from ergoqp.solvers import solver_named
+        >>> solver = solver_named("daqp")
+        >>> solver.name, solver.method, solver.warm
+        ('daqp', 'active set', True)
     """
 
     name: str = "own"

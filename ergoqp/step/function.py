@@ -47,6 +47,15 @@ def step_function(
         InputError: if the problem is none, a flag is none, or the solver is unknown, or not the one
             that is compiled.
         CompilerError: if there is no C compiler.
+
+    Source:
+        The penalty of slack is exact: Nocedal and Wright, section 17.2.
+
+    Example:
+        >>> import ergoqp
+        >>> function = ergoqp.step_function(ergoqp.load_problem("screwing"))
+        >>> function.size_in("posture"), function.size_out("twist")
+        ((32, 1), (6, 1))
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     compiled, guided = flag("compiled", compiled), flag("guided", guided)

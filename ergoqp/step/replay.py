@@ -29,6 +29,16 @@ def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
     Raises:
         InputError: if an entry is not one of such a loop.
         CompilerError: if the logged step was compiled, and there is no compiler here.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> log = []
+        >>> stepper = ergoqp.Stepper(problem, log=log.append)
+        >>> step = stepper.step(problem.response.comfort)
+        >>> [again] = ergoqp.replay(problem, log)
+        >>> bool((again.twist == step.twist).all())
+        True
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     log = as_tuple("log", log)

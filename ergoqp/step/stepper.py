@@ -54,6 +54,16 @@ class Stepper:
         InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
         ProblemError: if the workspace is too narrow for such a period.
         CompilerError: if there is no C compiler for ``compiled=True``.
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> stepper = ergoqp.Stepper(problem)
+        >>> step = stepper.step(problem.response.comfort)
+        >>> step.status, step.twist.shape
+        ('optimal', (6,))
+        >>> stepper.step(None).status
+        'braking'
     """
 
     def __init__(

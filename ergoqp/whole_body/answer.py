@@ -26,6 +26,15 @@ class WholeBodyStep:
         object_step: the object's own step (`ergoqp.step.stepper.Step`), in which the robot has no
             limits.
         solve_time: duration of the call [s].
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.whole_body import WholeBody
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> whole = WholeBody(problem)
+        >>> step = whole.step(None, whole.start)
+        >>> step.status, step.twist.shape
+        ('braking', (6,))
     """
 
     joint_velocities: np.ndarray

@@ -115,6 +115,18 @@ def run_whole_body(
         seed: of noise and lost frames.
         senses: what lies between person and controller.
         checker: judges the object's motion; None: nobody does.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people.alike import sample_person
+        >>> from ergoqp.whole_body import WholeBody
+        >>> from ergoqp.whole_body.loop import run_whole_body
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> posture = problem.response.comfort
+        >>> whole = WholeBody(problem, posture=posture)
+        >>> trace = run_whole_body(whole, sample_person(problem, 0), posture, duration=0.1)
+        >>> len(trace.steps), trace.broken_limits(whole)
+        (10, 0)
     """
     whole.reset()
     dt, arm = whole.dt, whole.start.copy()

@@ -38,10 +38,16 @@ class Robot:
         frame_pose: the frame in that body (4, 4) [m].
         joints: names of the k joints between base and frame, from the base on.
         lower: least joint positions (k,) [rad, or m for slides].
-        upper: greatest joint positions (k,).
+        upper: greatest joint positions (k,) [rad, or m for slides].
         velocity: largest joint speeds (k,) [rad/s].
         acceleration: largest joint accelerations (k,) [rad/s^2].
-        rest: where the null space leads (k,).
+        rest: where the null space leads (k,) [rad].
+
+    Example:
+        >>> from ergoqp.whole_body import load_robot
+        >>> robot = load_robot("panda")
+        >>> len(robot.joints), robot.lower.shape
+        (7, (7,))
     """
 
     name: str
@@ -70,17 +76,22 @@ def load_robot(
         robot: ``"panda"``, which comes with the package, or the path of an MJCF or URDF file.
         frame: the end-effector frame, a site or a body of the file; the object is fixed to it, and
             its z axis points out of the hand; None: ``"flange"``.
-        velocity: largest joint speeds, one number or one per joint [rad/s]; None: the file's custom
-            numeric ``joint_velocity``.
-        acceleration: largest joint accelerations [rad/s^2]; None: the file's
+        velocity: largest joint speeds, one number or (k,), one per joint [rad/s]; None: the file's
+            custom numeric ``joint_velocity``.
+        acceleration: largest joint accelerations, one number or (k,) [rad/s^2]; None: the file's
             ``joint_acceleration``.
-        rest: joint positions that the null space leads to [rad]; None: the file's ``joint_rest``,
-            else the middle of the ranges.
+        rest: joint positions (k,) that the null space leads to [rad]; None: the file's
+            ``joint_rest``, else the middle of the ranges.
 
     Raises:
         InputError: if the frame is not a name, or the file cannot be read, has no such frame (the
             sentence lists those that it has), no joint before it, a joint without a range or of
             more than one axis, or if speeds or accelerations are neither in it nor given.
+
+    Example:
+        >>> from ergoqp.whole_body import load_robot
+        >>> load_robot("panda", velocity=0.5).velocity.tolist()
+        [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
     """
     frame = DEFAULT_FRAME if frame is None else frame
     # MuJoCo looks for whatever it is given as if it were a text.

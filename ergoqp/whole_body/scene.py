@@ -86,6 +86,13 @@ class Scene:
         arm: columns of the arm's joints (k,).
         idle: columns of all other joints of the robot's file, such as fingers: they stay where they
             are.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.whole_body import WholeBody
+        >>> scene = WholeBody(ergoqp.load_problem("screwing")).scene
+        >>> len(scene.person), len(scene.arm), scene.pairs.shape[1]
+        (36, 7, 2)
     """
 
     def __init__(
@@ -167,7 +174,7 @@ class Scene:
         return count
 
     def pair_name(self, pair: np.ndarray) -> str:
-        """Return a pair in words, for a reason."""
+        """Return a pair (2,) in words, for a reason."""
         first, second = (
             self.model.geom(int(i)).name.split("/")[-1].replace("_", " ") for i in pair
         )

@@ -74,6 +74,15 @@ class WholeBody:
     Raises:
         ProblemError: if the state of the problem is not a person's posture.
         InputError: if an argument is unusable, or the arm cannot hold the object at the start.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.whole_body import WholeBody
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> whole = WholeBody(problem)
+        >>> step = whole.step(problem.response.comfort, whole.start)
+        >>> step.joint_velocities.shape, step.status in ("optimal", "settled", "slower")
+        ((7,), True)
     """
 
     def __init__(

@@ -73,6 +73,14 @@ def best_for_group(
         InputError: if an argument is not usable, or no place is reached by everybody, naming who is
             left out.
         MissingExtraError: if joblib is not installed and more than one process is wanted.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.group.optimise import best_for_group
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> best = best_for_group(problem, [1.60, 1.80], spacing=0.5, starts=1, cache=False)
+        >>> best.pose.shape, [member.label for member in best.members]
+        ((4, 4), ['1.60 m', '1.80 m'])
     """
     if objective not in get_args(Objective):
         raise InputError(

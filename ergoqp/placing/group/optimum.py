@@ -26,12 +26,21 @@ class Member:
         reba: exact score at the group's place.
         cost: smooth cost there [points].
         posture: rest posture there (32,) [rad].
-        base_pose: pelvis in the world there (4, 4).
+        base_pose: pelvis in the world there (4, 4) [m].
         segments: score of every segment there.
         reasons: the score in sentences.
         own_reba: exact score at the own best place.
-        own_pose: of the object there (4, 4).
+        own_pose: of the object there (4, 4) [m].
         reach: share of the grid's poses that the person reaches.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.group.optimise import best_for_group
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> best = best_for_group(problem, [1.75], spacing=0.5, starts=1, cache=False)
+        >>> [first] = best.members
+        >>> first.posture.shape, first.pays == first.reba - first.own_reba
+        ((32,), True)
     """
 
     label: str
@@ -60,19 +69,27 @@ class GroupOptimum:
         problem: name of the problem.
         title: the problem in a few words, for people.
         objective: ``"minimax"`` or ``"mean"``.
-        pose: of the object's contact frame (4, 4), the same for everybody.
+        pose: of the object's contact frame (4, 4) [m], the same for everybody.
         members: the people, in the order given.
         grid: scores of everybody over the grid, in the same order.
         spacing: of the grid [m].
-        grid_pose: best pose of the grid (4, 4).
-        grid_reba: exact scores of the people there (people,).
-        free: highest and mean exact score if everybody could set one thing for themselves, by its
-            name (``"none"`` first: everything fixed); the better of what the grid holds and of
-            moving from the group's place.
+        grid_pose: best pose of the grid (4, 4) [m].
+        grid_reba: exact scores of the people there (p,) [points].
+        free: highest and mean exact score [points] if everybody could set one thing for themselves,
+            by its name. The first name is ``"none"``: everything is fixed. It is the better of what
+            the grid holds and of moving from the place of the group.
         placements: how often the whole group was put to rest beyond the grid.
-        seconds: time that it took, without what came from the cache.
+        seconds: time that it took, without what came from the cache [s].
         seated: whether the people sit.
         assumptions: sentences on what was taken as given.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.group.optimise import best_for_group
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> best = best_for_group(problem, [1.75], spacing=0.5, starts=1, cache=False)
+        >>> best.mean <= best.maximum, best.mean >= best.own_mean
+        (True, True)
     """
 
     problem: str

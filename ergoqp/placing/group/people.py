@@ -23,6 +23,15 @@ class Person:
     Attributes:
         label: how the person is called in tables, unique in a group.
         follower: body, weights and comfort.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.placing.group.people import Person
+        >>> from ergoqp.simulation.people.alike import sample_person
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> anna = Person("Anna", sample_person(problem, seed=3))
+        >>> anna.label, round(anna.stature, 1)
+        ('Anna', 1.8)
     """
 
     label: str

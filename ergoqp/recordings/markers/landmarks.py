@@ -41,6 +41,14 @@ SIDED: Final = (
 finger, ``hand`` on the back of the knuckles, ``forefoot`` on the foot above the second toe's ball,
 ``upper_arm``, ``forearm``, ``thigh`` and ``shank`` on the outside between the joints."""
 LANDMARKS: Final = (*MIDDLE, *(f"{side}_{name}" for side in SIDES for name in SIDED))
+"""Names of the places on the skin where markers sit, the sided ones with their side.
+
+Example:
+    >>> from ergoqp.recordings.markers.landmarks import LANDMARKS
+    >>> "c7" in LANDMARKS, "right_asis" in LANDMARKS
+    (True, True)
+"""
+
 RIGID: Final = {
     "pelvis": ("right_asis", "left_asis", "right_psis", "left_psis", "sacrum"),
     "trunk": ("c7", "back", "notch", "xiphoid"),

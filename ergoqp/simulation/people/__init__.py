@@ -26,7 +26,13 @@ _MAKERS: Final = {
 }
 
 KINDS: Final = tuple(_MAKERS)
-"""Names of the kinds of people."""
+"""Names of the kinds of people.
+
+Example:
+    >>> from ergoqp.simulation.people import KINDS
+    >>> "alike" in KINDS, "mass" in KINDS
+    (True, True)
+"""
 
 
 def person_of_kind(kind: str, problem: Problem, seed: int, body: Body | None = None) -> Person:
@@ -41,6 +47,13 @@ def person_of_kind(kind: str, problem: Problem, seed: int, body: Body | None = N
 
     Raises:
         InputError: for a kind that there is not.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.simulation.people import person_of_kind
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> person_of_kind("stubborn", problem, seed=1).kind
+        'stubborn'
     """
     if kind not in _MAKERS:
         raise InputError(f"follower: got {shown(kind)}, allowed one of {', '.join(KINDS)}")

@@ -87,6 +87,14 @@ def sample_person(problem: Problem, seed: int, body: Body | None = None) -> Alik
 
     Raises:
         InputError: if the problem's response is of another kind.
+
+    Example:
+        >>> import ergoqp
+        >>> from ergoqp.human import Body
+        >>> from ergoqp.simulation.people.alike import sample_person
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> sample_person(problem, seed=1, body=Body(1.68)).body.stature
+        1.68
     """
     response = problem.response
     if not isinstance(response, IkResponse):

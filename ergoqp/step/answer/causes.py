@@ -6,7 +6,13 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """What a step did; the order is the order of precedence."""
+    """What a step did; the order is the order of precedence.
+
+    Example:
+        >>> from ergoqp.step.answer.causes import Status
+        >>> [status.name for status in Status]
+        ['optimal', 'settled', 'relaxed', 'recovering', 'braking', 'invalid']
+    """
 
     optimal = 0
     settled = 1

@@ -21,6 +21,17 @@ class Step:
             send this.
         status: ``optimal``, ``settled``, ``relaxed``, ``recovering``, ``braking`` or ``invalid``.
         solve_time: duration of the call [s].
+
+    Example:
+        >>> import ergoqp
+        >>> problem = ergoqp.load_problem("screwing")
+        >>> step = ergoqp.Stepper(problem).step(problem.response.comfort)
+        >>> step.status, step.posture_rate.shape
+        ('optimal', (32,))
+        >>> round(step.margins["workspace z"], 2)
+        0.37
+        >>> step.reason
+        ''
     """
 
     def __init__(
@@ -50,7 +61,10 @@ class Step:
         return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
 
     def account(self, name: str) -> np.ndarray:
-        """Return one output of the step function, by its name in `ergoqp.step.inputs.OUTPUTS`."""
+        """Return an output (k,) of the step function, by its name.
+
+        The names are those of `ergoqp.step.inputs.OUTPUTS`.
+        """
         return self._account(name)
 
     @property
