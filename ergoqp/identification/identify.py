@@ -124,7 +124,8 @@ class Identified:
     def comfort_deg(self) -> dict[str, tuple[float, float]]:
         """Favourite angle of each joint and its posterior deviation [deg].
 
-        Rests say where people would rather be, not how far: the deviation is to be believed.
+        Rests say in which direction people would rather be, and hardly how far. The deviation says
+        how unsure the angle is.
         """
         layout = self._model.layout
         part = layout.parts["comfort"]
@@ -180,7 +181,7 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
         rests: `Resting`s, or pairs of a posture (32,) [rad] and a pose (4, 4) [m]; NaN stands for a
             joint that was not seen. Or a loop, in which rests are looked for, and how late the
             person follows: an `ergoqp.Run`, the folder of one, or what a stepper's log got.
-        longest: after how long no further step is taken [s].
+        longest: time after which no further step is taken [s].
 
     Raises:
         InputError: if the problem has no `ergoqp.responses.ik.IkResponse`, or there is no rest.

@@ -43,7 +43,8 @@ class ArmLength:
         length: distance of elbow and wrist [m].
         name: of the row.
         tolerance: so far outside still counts as at the edge [m].
-        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
 
     Raises:
         InputError: at construction, for a value of another kind or out of its range.

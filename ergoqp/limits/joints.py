@@ -24,20 +24,21 @@ class JointLimit:
     """Range and rate of every joint of the person.
 
     A joint within `yield_zone_deg` of its end yields: the response holds it there and the others
-    follow, so that one joint at its end does not stop the object. An unobserved joint has no row:
-    nobody knows where it is.
+    follow, so that one joint at its end does not stop the object. A joint that the sensors
+    do not see has no row, as its angle is not known.
 
     Attributes:
         ranges_deg: narrower ranges, by joint name: (least, greatest) [deg]; the rest as in
             `ergoqp.joints`.
         rate_deg: largest rate that the object may ask of a joint [deg/s].
-        yield_zone_deg: see above [deg].
-        tolerance_deg: measured this far outside still counts as at the end, not outside [deg].
-        recover: whether a joint outside a range that was narrowed here moves the object until it is
-            back, for twice the time that this should take. Else, and always at the end of what a
-            body can do, it is only kept from going further: an angle measured out there says that
-            the range or the sensor is off.
-        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        yield_zone_deg: distance to the end within which a joint yields [deg].
+        tolerance_deg: a joint that is measured so far outside still counts as at its end [deg].
+        recover: whether a joint outside a range that was narrowed here moves the object until the
+            joint is back, for twice the time that this should take. Otherwise, and always at the
+            end of what a body can do, the joint is only kept from going further: an angle measured
+            out there says that the range or the sensor is off.
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
 
     Raises:
         InputError: at construction, for a value of another kind or out of its range.

@@ -178,9 +178,9 @@ class Box:
 class KeepOut:
     """The contact point stays out of a region.
 
-    What is outside a convex region is not convex. It is held as one row: the half-space that
-    touches the region in the point nearest to where the object is, fixed over all that is under way
-    and over the whole stop. That half-space is a part of what is allowed, so a stop that stays in
+    The outside of a convex region is not convex. So the limit is one row: the half-space that
+    touches the region in its point nearest to the object, fixed over the motion under way and over
+    the whole stop. That half-space is a part of what is allowed, so a stop that stays in
     it stays out of the region. And the distance from a convex region is a convex function: on a
     straight way its tangents at later points lie above those at earlier ones from there on, so a
     stop that was certified in one half-space is, further along, certified in the next.
@@ -192,7 +192,8 @@ class KeepOut:
     Attributes:
         region: `HalfSpace`, `Box`, `Ball`, or anything else with a `Region.nearest`.
         tolerance: this far inside still counts as at the edge [m].
-        recovery_time: coming out from inside is asked at distance / recovery_time [s].
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
         name: of the row.
 
     Raises:

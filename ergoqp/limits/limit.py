@@ -16,12 +16,13 @@ Expression = Any
 
 @dataclass(frozen=True)
 class Situation:
-    """Where things are at this step, as CasADi expressions.
+    """The person and the object at one step, as CasADi expressions.
 
     Attributes:
         posture: joint angles (32,) [rad], or what the state of the problem is.
         observed: 1 for joints that are seen (32,).
-        pose: contact frame in the world (4, 4), where it lands when what is under way is done.
+        pose: contact frame in the world (4, 4) [m], where the object lands when the motion under
+            way is done.
         sensitivity: S (32, 6) with the locks of this pass.
         swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must
             look ahead.
@@ -30,18 +31,18 @@ class Situation:
         surface: the limit that the state has to stay on exactly, or None.
         ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not
             yet in `posture`.
-        shift: what the posture will change by that (32,) [rad], S ahead.
+        shift: change of the posture that is still to come from that displacement, S ahead (32,)
+            [rad].
         lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot
             be counted on, by the name of its first row; without an entry all of it can.
         turn: largest angle under way that a robot may have done already [rad]; None: there is none.
         stray: largest angle by which what is under way leaves a straight line [rad]; None: it
             matters to no row.
-        raised: what a mean that rises adds to it at most, as an angle [rad]; None: it matters to no
-            row.
-        lead: what it adds at most to a displacement of `Limit.margins`, at any acceleration (6,)
-            [m, rad]; None: nothing.
-        most: and at any twist (6,): that much of it is in the displacement, along each axis by
-            itself; None: nothing.
+        raised: angle that a rising mean adds to it at most [rad]; None: it matters to no row.
+        lead: what a rising mean adds at most to a displacement of `Limit.margins`, at any
+            acceleration (6,) [m, rad]; None: nothing.
+        most: what it adds at most at any twist (6,) [m, rad]: the displacement holds that much of
+            it, along each axis by itself; None: nothing.
 
     Example:
         >>> import casadi as ca
@@ -191,7 +192,8 @@ class Limit(Protocol):
         returns: whether each row, once outside, asks to come back: on the object side it does; a
             person's posture does not move the object by itself.
         tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.
-        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
         yield_zone: distance to the end within which a joint of the response yields (is locked)
             instead of stopping the object; 0 for quantities that cannot yield. A limit that has one
             is `linear`.
@@ -281,9 +283,8 @@ def straight_margins(
     Args:
         rows: as they are where the way begins.
         displacement: of the object (6,) [m, rad].
-        mixed: the situation, for hard rows of more than one axis: what a mean adds is in the
-            displacement axis by axis, and those can make up for each other in a row that mixes
-            them.
+        mixed: the situation, for hard rows of more than one axis. A mean adds to the displacement
+            axis by axis, and in a row that mixes axes these parts can cancel each other.
 
     Example:
         >>> import casadi as ca

@@ -36,7 +36,8 @@ class OneClassBoundary:
         hard: True where the state itself is commanded (`LinearResponse`): kept by construction.
             False for a person's posture: kept as far as braking allows.
         tolerance: so far outside still counts as on the boundary, in units of g (dimensionless).
-        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
         name: of the row.
 
     Raises:

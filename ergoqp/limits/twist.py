@@ -33,7 +33,7 @@ class TwistLimit:
 
     Braking scales the whole twist down along a straight line, as fast as its slowest axis allows.
     A stop from twist xi then takes ``max_i |xi_i| / a_i`` seconds and moves the object along xi
-    alone. So a convex limit that holds at the end of the stop holds on the whole way.
+    alone. So a convex limit that holds at both ends of the stop holds on the whole way.
 
     Attributes:
         linear_speed: along each axis [m/s].

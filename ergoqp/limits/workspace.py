@@ -31,7 +31,8 @@ class WorkspaceBox:
         lower: least x, y, z [m].
         upper: greatest x, y, z [m].
         tolerance: so far outside still counts as at the edge [m].
-        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
 
     Raises:
         InputError: at construction, for a value of another kind or out of its range.
@@ -109,7 +110,8 @@ class AxisCone:
         direction: middle of the cone, of any length but zero (dimensionless).
         half_angle_deg: half the opening [deg].
         tolerance: so far outside still counts as at the edge [rad].
-        recovery_time: coming back from outside is asked at distance / recovery_time [s].
+        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+            distance / recovery_time.
 
     Raises:
         InputError: at construction, for a value of another kind or out of its range.

@@ -48,10 +48,11 @@ def optimise(
 ) -> Optimum:
     """Look for the object's place where the person, left to come to rest, has the lowest score.
 
-    The leader places the object, the follower comes to rest (`ergoqp.placing.rest`): one nonlinear
-    program by the follower's conditions of optimality, with the smooth score made narrower step by
-    step, from many places. Every start ends with the verdict of `Alike.settle` and the exact
-    sheet. The best by the exact score is taken, then the one with the lowest cost.
+    The leader places the object, and the follower comes to rest (`ergoqp.placing.rest`). The
+    conditions of the rest make this one nonlinear program. It is solved from many places, with a
+    smooth score that becomes narrower step by step. At the end of every start the person settles
+    (`Alike.settle`), and the exact sheet gives the score. The start with the lowest exact score is
+    the best; among equals it is the one with the lowest cost.
 
     Args:
         problem: the task; its response must be an `IkResponse`.

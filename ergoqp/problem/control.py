@@ -26,30 +26,31 @@ class Control:
         contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points /
             (rad/s)^2].
         comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint
-            weight]: where the sheet is flat it leads the way.
+            weight]. It leads the way where the sheet is flat.
         rest_below: predicted gain of one second at full speed below which the object comes to rest
             [points].
-        rest_after: for how long it must be that low [s].
+        rest_after: how long the gain must be that low [s].
         move_above: predicted gain above which it moves again [points].
-        move_after: for how long it must be that high [s].
+        move_after: how long the gain must be that high [s].
         stall_gain: improvement of the cost that counts as one [points].
-        stall_after: without an improvement for this long the object comes to rest all the same [s];
-            it goes slower from a quarter of that on.
-        rest_filter: time constant over which the predicted gain is averaged, and the cost: they see
-            every angle's noise [s].
+        stall_after: the object comes to rest after so long without an improvement [s]; it slows
+            down from a quarter of that time on.
+        rest_filter: time constant over which the predicted gain and the cost are averaged, as both
+            see the noise of every angle [s].
         max_age: oldest posture that still counts [s].
-        average: W, what is sent is the mean of the planned twist over the last W seconds, so that
-            its jerk is at most 2 acceleration / W and a stop takes up to W longer [s]. Many periods
-            in a row that are much shorter than the loop's use up what is kept of those seconds:
-            that is named, and the step brakes within its acceleration, but not within that jerk.
-            None: 0.05 for an object that is held, and 0 where the twist is that of points, which
-            nothing else moves. Above 0.1 the step often brakes close to the edge of a cone.
+        average: W, the length of the mean [s]: what is sent is the mean of the planned twist over
+            the last W seconds, so its jerk is at most 2 acceleration / W, and a stop takes up to W
+            longer. The step keeps a record of those seconds. Many periods in a row that are much
+            shorter than that of the loop use the record up: the step says so and brakes within its
+            acceleration, but not within that jerk. None: 0.05 for an object that is held, and 0
+            where the twist is that of points, which nothing else moves. Above 0.1 the step often
+            brakes close to the edge of a cone.
         guide_weight: how strongly a journey to the given place is kept to, in multiples of the
             effort (dimensionless).
-        guide_gain: how much better than where descent comes to rest the given place must promise to
-            be, and how much worse than promised it may be to be kept [points].
-        guide_price: how much worse than where it began a journey to a place may make the person,
-            for a while, before the object goes back [points].
+        guide_gain: how much less than at the rest of descent the given place must promise to cost,
+            and how much more than promised it may cost and be kept [points].
+        guide_price: how much more than at its begin a journey to a place may cost the person for a
+            while, before the object goes back [points].
 
     Raises:
         ProblemError: at construction, for a value out of its range.

@@ -49,8 +49,8 @@ _REMEMBERED: Final = 10
 class Seeker:
     """One control loop that tries places; takes and gives what a `Stepper` does.
 
-    Every twist is the stepper's own, with its limits and its certification: what is tried is only
-    where it is drawn to.
+    Every twist is that of the stepper, with its limits and its certification. The seeker changes
+    only the place that the object is drawn to.
 
     Args:
         problem: the task; it must move an object that a person holds.
@@ -58,8 +58,8 @@ class Seeker:
         how: how many, and for how long; None: `Seeking`'s defaults.
         thinks: whether the person is identified from the rests, and places are tried that promise
             to be better for them (`ergoqp.identify`).
-        patient: whether the loop waits while that is thought about, as a simulation may; else it
-            is done aside, while the object rests.
+        patient: whether the loop waits for that thought, as a simulation may; False: the thought
+            runs aside while the object rests.
         terms: keywords of the `Stepper`.
 
     Raises:
@@ -149,7 +149,7 @@ class Seeker:
         self._lead(None)
 
     def hold(self) -> None:
-        """Say no: the object comes to rest and stays, and nothing is tried, until `try_again`."""
+        """Stop: the object comes to rest and stays, and no place is tried until `try_again`."""
         self.stepper.hold()
         self._held = True
 

@@ -35,16 +35,19 @@ class Seeking:
 
     Attributes:
         tries: how many places are tried at most, that of descent among them.
-        worth: what a place must promise beyond the best that was measured, to be tried because of
-            what is known of this person [points].
-        longest: after how long no place is tried any more, and the best one has been returned to
-            [s].
-        patience: a try without a rest so long after the object came there is over [s].
-        better: a place must score so much lower to be returned to [points].
-        enough: so little above what standing at ease scores nothing more is looked for [points].
-        returns: how often the object returns to the best place, which may not be what it was.
-        worse: at the end the object stays; once the person there scores this much worse than
-            measured, or somebody has moved the object elsewhere, all is tried anew [points].
+        worth: by how much a place must promise to score lower than the best that was measured, to
+            be tried for what is known of this person [points].
+        longest: time after which no place is tried any more, and the object has returned to the
+            best one [s].
+        patience: a try is over when the person has not come to rest so long after the object came
+            there [s].
+        better: a place must score so much lower for the object to return to it [points].
+        enough: the search ends at a score so little above that of a person who stands at ease
+            [points].
+        returns: how often the object returns to the best place; the person may score otherwise
+            there the second time.
+        worse: at the end the object stays. All places are tried anew once the person there scores
+            this much worse than measured [points], or somebody has moved the object elsewhere.
 
     Raises:
         InputError: at construction, for a value of another kind or out of its range.
@@ -112,8 +115,8 @@ class Try:
 
     Attributes:
         name: of the place.
-        why: it was gone to.
-        begun: when [s].
+        why: why the object went there.
+        begun: when it set out [s].
         ended: when it was judged [s].
         pose: where the object came to rest (4, 4) [m].
         score: of the person at rest there, as measured [points]; NaN where they did not rest.

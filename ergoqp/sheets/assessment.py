@@ -124,9 +124,9 @@ class Assessment:
     def costly(self, i: int) -> list[str]:
         """Say what makes posture `i` score above 1.
 
-        It is segments above their lowest, of the arms the one that counts, and points.
-
-        Nothing where the score is 1: not every segment above its lowest costs a point.
+        The list names the segments above their lowest score, of the arms only the one that counts,
+        and the points of the task. It is empty where the score is 1, as not every segment above its
+        lowest costs a point.
 
         Args:
             i: number of the posture, from 0 (negative: from the end).

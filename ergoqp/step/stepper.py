@@ -36,19 +36,21 @@ LogSink = Callable[[dict[str, Any]], None]
 
 
 class Stepper:
-    """One control loop's state: last twist, last pose, rest state. Make one per loop.
+    """The state of one control loop: last twist, last pose, rest state. Make one per loop.
 
     Args:
         problem: the task.
         solver: name of the QP solver, see `ergoqp.solvers`.
-        compiled: take the step through the C compiler: the same answers in a fraction of the time.
+        compiled: whether the C compiler makes the step: the answers are the same, in a fraction of
+            the time.
         dt: control period [s]; None: the problem's.
-        log: called before every step with a dict of everything that goes in (``ergoqp.replay``
-            gives the same answers again); an exception in it is not passed on: the loop goes on,
-            the step's reason says that it is not recorded, and the next one is tried again.
-        guide: a place to be drawn to where descent alone comes to rest at a worse one: the optimum
-            of `ergoqp.optimise`, or a pose (4, 4), see `ergoqp.step.guide.place.read_guide`. Limits
-            are what they are without.
+        log: function that is called before every step with a dict of everything that goes in;
+            `ergoqp.replay` gives the same answers again. An exception in it is not passed on: the
+            loop goes on, the reason of the step says that the step is not recorded, and the next
+            step is tried again.
+        guide: a place that the object is drawn to, where descent alone comes to rest at a worse
+            one: the optimum of `ergoqp.optimise`, or a pose (4, 4) [m], see
+            `ergoqp.step.guide.place.read_guide`. The limits are the same as without a guide.
 
     Raises:
         InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
@@ -128,9 +130,9 @@ class Stepper:
         The guide stays; what was learned about it is forgotten.
 
         Args:
-            twist: with which the object moves already (6,) [m/s, rad/s], for whoever takes over a
-                moving robot, once; it is clipped to the speed limits, and what is clipped off is
-                not braked down. None: it stands still.
+            twist: twist (6,) with which the object moves already [m/s, rad/s], for a caller who
+                takes over a moving robot, once. It is clipped to the speed limits, and what is
+                clipped off is not braked down. None: the object stands still.
 
         Raises:
             InputError: if `twist` is not six finite numbers.
@@ -143,9 +145,9 @@ class Stepper:
         self._inputs["posture"][:] = 0.0
 
     def hold(self) -> None:
-        """Say no: the object comes to rest and stays there until `try_again` or `reset`.
+        """Stop: the object comes to rest and stays there until `try_again` or `reset`.
 
-        Steps brake with that reason, whatever comes in; never raises.
+        Every step brakes and says so, whatever comes in. It never raises.
         """
         self._held = True
 
@@ -164,10 +166,10 @@ class Stepper:
         return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
 
     def guide(self, guide: Any) -> None:
-        """Be drawn to another place from now on, or to none.
+        """Draw the object to another place from now on, or to none.
 
-        Never raises while the loop runs: a place that cannot be used is none, and the reason of the
-        next steps says why.
+        It never raises while the loop runs. A place that cannot be used is taken for none, and the
+        reason of the next steps says why.
 
         Args:
             guide: as at construction; None: descent alone.
@@ -213,8 +215,8 @@ class Stepper:
     ) -> Step:
         """Return the next object twist.
 
-        Whatever comes in, a step comes out: an unusable input gives ``invalid``, a lost frame
-        ``braking``, both with the decelerating twist and a reason.
+        Every input gives a step. An unusable input gives the status ``invalid``, and a lost frame
+        gives ``braking``; both have a decelerating twist and a reason.
 
         Args:
             posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no
@@ -222,14 +224,14 @@ class Stepper:
             pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last
                 one, the first time from the posture.
             twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was
-                sent, as late as declared. It is for the pose, where that is not measured, and for
-                faults of the robot; the limits hold for what is sent whatever it says.
-            dt: for how long this twist will be executed [s]; None: the loop's period. Not the time
-                since the last call: a late call ends what was certified, and a period longer than
-                three of the loop's (or than the declared ``longest_hold``) brakes.
+                sent, as late as declared. It tells the pose where no pose is measured, and it tells
+                faults of the robot. The limits hold for what is sent, whatever it says.
+            dt: for how long this twist will be executed [s]; None: the period of the loop. It is
+                not the time since the last call: a late call ends what was certified, and a period
+                longer than three of the loop (or than the declared ``longest_hold``) brakes.
             age: how old the posture is [s].
-            enable: False decelerates to rest, and so does what is neither True nor False (1 and 0
-                are).
+            enable: False decelerates to rest. So does a value that is neither True nor False (1 and
+                0 are).
             observed: (32,) bool, False for joints that the sensors do not see in this frame; None:
                 all are seen. What an unseen joint's entry in `posture` says is not used.
         """
@@ -265,18 +267,18 @@ class Stepper:
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
         """Return the next braking twist without new data.
 
-        It is for the robot's own watchdog, when no step came in time.
+        The robot's own watchdog calls it when no step came in time.
 
-        It goes on along the stop that the last step was certified for, and the loop's state with
-        it: a step that comes after it continues from there. Never raises.
+        The twist follows the stop that the last step was certified for. The state of the loop moves
+        along, so a later step continues from there. It never raises.
 
         Args:
             dt: for how long the twist will be executed [s]; None: the loop's period.
-            elapsed: seconds for which the robot has already ramped down by itself before this call
-                [s]. Its ramp is taken to be that stop; it is not judged, and the object comes to
-                rest before it moves again. After another ramp, such as a straight one, which is up
-                to half of `Control.average` ahead of it, use `reset`: with the twist that is
-                measured, or once it stands.
+            elapsed: how long the robot has already ramped down by itself before this call [s]. Its
+                ramp is taken to be that stop. The ramp is not judged, and the object comes to rest
+                before it moves again. A straight ramp, for example, is up to half of
+                `Control.average` ahead of that stop: after such a ramp use `reset`, with the
+                measured twist or once the object stands.
         """
         late = min(number(elapsed), self._longest_stop)
         while late >= SHORTEST_DT:
@@ -292,9 +294,9 @@ class Stepper:
         return self._inputs["posture"].copy(), self._inputs["observed"].copy()
 
     def sent_instead(self, twist: Any) -> None:
-        """Say that another twist than the step's was sent; the next step goes on from there.
+        """Say that another twist than that of the step was sent; the next step goes on from there.
 
-        This is for whoever limits the twist further.
+        A caller who limits the twist further needs it.
 
         Args:
             twist: (6,) [m/s, rad/s], within the limits of the object.
