@@ -65,8 +65,8 @@ def check_order(where: str, at: Mapping[str, np.ndarray]) -> None:
     """
     for found in _impossible(at):
         raise RecordingError(
-            f"{where}: {found}: markers are named wrongly, or an axis is mirrored; exchange their"
-            " names (mapping)"
+            f"{where}: got markers of which {found}, allowed ones that are where their names say;"
+            " exchange their names (mapping), or an axis is mirrored"
         )
 
 

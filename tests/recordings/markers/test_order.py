@@ -52,9 +52,7 @@ def renamed(names: str, rows: slice = EVERYWHERE) -> np.ndarray:
 
 @pytest.mark.parametrize("names", WRONG)
 def test_names_that_are_exchanged_for_the_whole_take(names: str) -> None:
-    what = (
-        f"{WRONG[names]}: markers are named wrongly, or an axis is mirrored; exchange their names"
-    )
+    what = f"got markers of which {WRONG[names]}.*, allowed ones that are where their names say"
     with pytest.raises(RecordingError, match=what):
         read(renamed(names))
 
