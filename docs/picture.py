@@ -23,7 +23,8 @@ with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
     page = browser.new_page(viewport={"width": 1000, "height": 900})
     page.goto(report.as_uri())
-    # The two postures, and the chart of the score below them.
+    # The two postures, and the chart of the score below them, without the replay between.
+    page.locator("section", has=page.locator("iframe")).evaluate("each => each.remove()")
     first = page.locator("section .columns").first.bounding_box()
     last = page.locator("section").nth(1).locator("figure svg").first.bounding_box()
     assert first is not None

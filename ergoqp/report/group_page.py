@@ -18,14 +18,14 @@ from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.lineup import Standing, lineup
 from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
-from ergoqp.report.optimum_page import (
+from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
+from ergoqp.report.place_words import (
     place_words,
     score_headline,
     slice_words,
     task_options,
     tilt_words,
 )
-from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
 
 OBJECTIVES = {"minimax": "the lowest highest score", "mean": "the lowest mean score"}
 """What the objectives look for, in words."""
@@ -78,8 +78,8 @@ def write_group_page(
         replay="",
         replay_note="",
         figures=[
-            Picture(
-                _row(found),
+            Picture.of(
+                lambda width: _row(found, width),
                 "Everybody at the group's place, in one scale; the dashed line is the object's"
                 " height.",
             )
@@ -89,8 +89,12 @@ def write_group_page(
             _adjustable(found),
             *_maps(found, problem, people, jobs),
             Section("Reasons", tables=[_reasons(found)]),
-            Section("Options", tables=[PageTable(("what", "value"), _options(found, problem))]),
             Section("Assumptions", sentences=found.assumptions),
+            Section(
+                "Options",
+                tables=[PageTable(("what", "value"), _options(found, problem))],
+                folded=True,
+            ),
         ],
     )
     write_page(page, path)
@@ -111,12 +115,12 @@ def _facts(found: GroupOptimum, problem: Problem) -> list[tuple[str, str]]:
     ]
 
 
-def _row(found: GroupOptimum) -> str:
+def _row(found: GroupOptimum, width: float) -> str:
     standing = [
         Standing(m.body, m.posture, m.base_pose, m.segments, m.label, m.reba, found.pose)
         for m in found.members
     ]
-    return lineup(standing, "Everybody at the group's place")
+    return lineup(standing, "Everybody at the group's place", width=width)
 
 
 def _people(found: GroupOptimum) -> Section:

@@ -5,6 +5,7 @@ It also shows every start and the bound.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
@@ -13,15 +14,22 @@ import numpy as np
 
 from ergoqp.placing.group.search import Placing
 from ergoqp.placing.optimum import Optimum
-from ergoqp.placing.slices import Slice, slices_through
+from ergoqp.placing.slices import slices_through
 from ergoqp.placing.start import begin_from
 from ergoqp.problem.problem import Problem
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
-from ergoqp.report.charts.score_map import AXES, COLOURS, Spot, score_map
+from ergoqp.report.charts.score_map import COLOURS, Spot, score_map
 from ergoqp.report.charts.strips import segments_chart
-from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
-from ergoqp.simulation.options import options_of
+from ergoqp.report.numbers import plain
+from ergoqp.report.page import Page, PageTable, Picture, Section, write_page
+from ergoqp.report.place_words import (
+    change_of,
+    place_words,
+    score_headline,
+    slice_words,
+    task_options,
+)
 from ergoqp.simulation.people.alike import Alike
 
 MODES = {
@@ -63,7 +71,7 @@ def write_optimum_page(
         ),
         headlines=[
             score_headline("before", optimum.reba_before),
-            score_headline("at the best place", optimum.reba_after),
+            replace(score_headline("at the best place", optimum.reba_after), arrow=True),
         ],
         change=change_of(optimum.reba_before, optimum.reba_after),
         facts=_facts(optimum),
@@ -89,63 +97,16 @@ def write_optimum_page(
             _map(optimum, problem, follower, jobs),
             _why(optimum, problem, before, after),
             *([] if cooperative is None else [_bound(optimum, cooperative)]),
-            _starts(optimum),
-            Section("Options", tables=[PageTable(("what", "value"), _options(optimum, problem))]),
             Section("Assumptions", sentences=optimum.assumptions or ["None."]),
+            _starts([optimum, *([] if cooperative is None else [cooperative])]),
+            Section(
+                "Options",
+                tables=[PageTable(("what", "value"), _options(optimum, problem))],
+                folded=True,
+            ),
         ],
     )
     write_page(page, path)
-
-
-def score_headline(label: str, score: float) -> Headline:
-    """Return a score, or a mean of scores, large and in the colour of its action level."""
-    level = int(palette.level_of_score(round(score)))
-    words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
-    return Headline(label, f"{score:.2f}".rstrip("0").rstrip(".") if score else "–", level, words)
-
-
-def change_of(before: int, after: int) -> str:
-    """Say the difference of two scores in words."""
-    points = abs(after - before)
-    if not points:
-        return "The score is what it was."
-    return f"{points} point{'s' if points > 1 else ''} {'better' if after < before else 'worse'}."
-
-
-def place_words(pose: np.ndarray) -> str:
-    """Say where a pose is [m]; a name stays with its number."""
-    return (
-        ", ".join(
-            f"{axis}\u00a0{_signed(value)}" for axis, value in zip("xyz", pose[:3, 3], strict=True)
-        )
-        + "\u00a0m"
-    )
-
-
-def tilt_words(problem: Problem, pose: np.ndarray) -> str:
-    """Say how a pose is tilted from the middle of the tool's cone [deg]."""
-    turns = Placing.of(problem).point(pose)[3:]
-    up, left = (AXES[3 + i][1] * turns[i] for i in (0, 1))
-    return (
-        f"{abs(up):.0f} deg {'up' if up >= 0 else 'down'}, {abs(left):.0f} deg to the"
-        f" {'left' if left >= 0 else 'right'}"
-    )
-
-
-def slice_words(slice_: Slice) -> str:
-    """Say what a map is over and what stays."""
-    fixed = {
-        i: value for i, value in enumerate(slice_.point) if i not in (slice_.across, slice_.up)
-    }
-    words = [f"{'xyz'[i]} = {_signed(value)} m" for i, value in fixed.items() if i < 3]
-    names = [AXES[i][0].split(",")[0] for i in (slice_.up, slice_.across)]
-    return (
-        f"{names[0]} by {names[1]}, at {', '.join(words)}" if words else f"{names[0]} by {names[1]}"
-    )
-
-
-def _signed(value: float) -> str:
-    return f"{round(float(value), 2) + 0.0:.2f}".replace("-", "−")
 
 
 def _segments(problem: Problem, posture: np.ndarray) -> dict[str, int]:
@@ -175,7 +136,6 @@ def _facts(optimum: Optimum) -> list[tuple[str, str]]:
         ("best place", place_words(optimum.pose)),
         ("moved by", f"{moved:.0f} cm"),
         ("smooth cost", f"{optimum.cost_before:.2f} → {optimum.cost_after:.2f} points"),
-        ("largest KKT residual", f"{optimum.kkt_residual:.1e}"),
     ]
     if ends:
         facts.append(
@@ -219,7 +179,7 @@ def _why(
     head = (f"before: REBA {optimum.reba_before}", f"best place: REBA {optimum.reba_after}")
     return Section(
         "Segments and reasons",
-        pictures=[Picture(segments_chart(before, after))],
+        pictures=[Picture.of(lambda width: segments_chart(before, after, width=width))],
         tables=[
             PageTable(head, list(zip_longest(*reasons, fillvalue="")), marked=changed, even=True)
         ],
@@ -232,7 +192,6 @@ def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
             MODES[each.mode],
             str(each.reba_after),
             f"{each.cost_after:.3f}",
-            f"{each.kkt_residual:.1e}",
             place_words(each.pose),
         )
         for each in (optimum, cooperative)
@@ -243,18 +202,19 @@ def _bound(optimum: Optimum, cooperative: Optimum) -> Section:
         " they also chose their posture for the score: an optimistic bound, which no person has to"
         " follow.",
         tables=[
-            PageTable(("", "REBA", "smooth cost", "KKT residual", "place"), rows, numeric=(1, 2, 3))
+            PageTable(("posture", "REBA", "smooth cost, points", "place"), rows, numeric=(1, 2))
         ],
     )
 
 
-def _starts(optimum: Optimum) -> Section:
+def _starts(found: Sequence[Optimum]) -> Section:
+    optimum = found[0]
     rows = [
         (
             str(trial.number),
             str(trial.reba) if trial.reba else "–",
             f"{trial.cost:.3f}",
-            f"{trial.kkt_residual:.1e}",
+            plain(trial.kkt_residual, 2),
             f"{np.degrees(trial.apart):.2f}",
             f"{1e3 * trial.seconds:.0f}",
             trial.note or place_words(trial.pose),
@@ -262,20 +222,25 @@ def _starts(optimum: Optimum) -> Section:
         for trial in optimum.trials
     ]
     best = [i for i, trial in enumerate(optimum.trials) if np.array_equal(trial.pose, optimum.pose)]
+    residuals = " and ".join(
+        f"{plain(each.kkt_residual, 2)} where {MODES[each.mode]}" for each in found
+    )
     head = (
         "start",
         "REBA",
-        "smooth cost",
+        "smooth cost, points",
         "KKT residual",
         "apart, deg",
-        "ms",
+        "time, ms",
         "where it ended, or why it does not count",
     )
     return Section(
         "Starts",
         "Every start ends with the exact score of the posture at which the person comes to rest;"
-        " apart is how far that is from the posture that the program reckoned with.",
+        " apart is how far that is from the posture that the program reckoned with. The largest"
+        f" KKT residual, without unit, is {residuals}.",
         tables=[PageTable(head, rows, marked=best, numeric=(0, 1, 2, 3, 4, 5))] if rows else [],
+        folded=True,
     )
 
 
@@ -292,13 +257,3 @@ def _options(optimum: Optimum, problem: Problem) -> list[tuple[str, str]]:
         ),
     ]
     return [*own, *task_options(problem)]
-
-
-def task_options(problem: Problem) -> list[tuple[str, str]]:
-    """Return the problem's terms in words, without those of the control loop."""
-    loop = ("control: ", "QP solver", "twist limit", "joint limit")
-    terms = [(what, value) for what, value in options_of(problem, "") if not what.startswith(loop)]
-    return [
-        ("person of the problem" if what == "person in the controller" else what, value)
-        for what, value in terms
-    ]

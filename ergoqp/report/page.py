@@ -5,7 +5,7 @@ Everything that is not a picture is escaped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -14,6 +14,7 @@ from ergoqp._version import __version__
 from ergoqp.errors import MissingExtraError
 from ergoqp.files.whole import write_whole
 from ergoqp.report import palette
+from ergoqp.report.charts.frame import NARROW, WIDTH
 
 
 @dataclass(frozen=True)
@@ -25,20 +26,34 @@ class Headline:
         value: as it is written.
         level: action level 0 to 4, -1 without a colour.
         words: below it.
+        arrow: an arrow leads to it from the one before.
     """
 
     label: str
     value: str
     level: int
     words: str
+    arrow: bool = False
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing with its caption; `svg` is trusted markup, made by this package."""
+    """A drawing with its caption; `svg` is trusted markup, made by this package.
+
+    Attributes:
+        svg: the drawing.
+        caption: below it, may be empty.
+        narrow: the same drawing for a telephone; empty: `svg` is narrow enough.
+    """
 
     svg: str
     caption: str = ""
+    narrow: str = ""
+
+    @classmethod
+    def of(cls, draw: Callable[[float], str], caption: str = "") -> Picture:
+        """Return what is drawn for a width [px], at the page's own and at a narrow one."""
+        return cls(draw(WIDTH), caption, draw(NARROW))
 
 
 @dataclass(frozen=True)
@@ -73,6 +88,7 @@ class Section:
         columns: pictures side by side instead.
         chips: what colours mean: class and words, above the pictures.
         links: pages beside this one, as a list: file name and words.
+        folded: only the heading is seen until it is clicked; on paper all is.
     """
 
     title: str
@@ -83,6 +99,7 @@ class Section:
     columns: bool = False
     chips: Sequence[tuple[str, str]] = ()
     links: Sequence[tuple[str, str]] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,14 +109,15 @@ class Page:
     Attributes:
         title: heading and title of the window.
         subtitle: below it.
-        headlines: the scores that matter, large; two of them are before and after.
+        headlines: the scores that matter, large.
         change: between before and after, in words; may be empty.
+        stays: what still costs points, each with its reason, below `change`.
         facts: name and value of the numbers that go with them.
         replay: the replay as a page of its own; empty without one.
         replay_note: what it leaves out.
         figures: flat figures of the postures that matter.
         sections: charts and tables.
-        notes: what is not well, a sentence each, below `change`.
+        notes: what else is not well, a sentence each, below them.
     """
 
     title: str
@@ -112,6 +130,7 @@ class Page:
     figures: Sequence[Picture]
     sections: Sequence[Section] = field(default_factory=tuple)
     notes: Sequence[str] = field(default_factory=tuple)
+    stays: Sequence[str] = field(default_factory=tuple)
 
 
 def write_page(page: Page, path: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ergoqp.sheets import reba
 from ergoqp.sheets.options import sheet_of
 
-COLOURS: Final = ("#1f8a8c", "#9ccf9b", "#f7dc6f", "#dd6b20", "#a3123a")
+COLOURS: Final = ("#1b7c7e", "#9ccf9b", "#f7dc6f", "#dd6b20", "#a3123a")
 """Fill of level 0 to 4, lowest risk first."""
 
 INKS: Final = ("#ffffff", "#10261a", "#2b2300", "#2b1400", "#ffffff")

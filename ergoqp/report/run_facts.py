@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from ergoqp.report import palette
+from ergoqp.report.numbers import plain
 from ergoqp.simulation.run import Run
 
 _MOST_REASONS: Final = 25
@@ -62,6 +63,17 @@ class RunFacts:
         )
 
     @property
+    def added(self) -> str:
+        """Say what the robot added to what the person alone would have come to, in a sentence."""
+        gain = self.standing_still - self.after
+        if not (self.standing_still and self.after):
+            return f"{self.before} at the start, {self.after or 'not scored'} at the end."
+        points = f"{abs(gain)} point{'' if abs(gain) == 1 else 's'}"
+        if not gain:
+            return "The robot changed nothing: the score would be the same had the object stayed."
+        return f"The robot {'took' if gain > 0 else 'added'} {points}{' off' if gain > 0 else ''}."
+
+    @property
     def costs(self) -> str:
         """Say what still costs points at the end, and why.
 
@@ -82,7 +94,7 @@ class RunFacts:
     def timing(self) -> str:
         """Say the duration of the steps."""
         median, p99, highest = self.step_us
-        return f"median {median:.3g} µs, p99 {p99:.3g} µs, max {highest:.3g} µs"
+        return f"median {plain(median)} µs, p99 {plain(p99)} µs, max {plain(highest)} µs"
 
 
 def facts_of(run: Run) -> RunFacts:
@@ -125,7 +137,7 @@ def violation_rows(run: Run) -> list[tuple[str, str, str]]:
     rows = []
     for name, count in run.violations.items():
         unit = run.units.get(name, "").removeprefix("1")
-        worst = f"{run.max_violation.get(name, 0.0):.3g} {unit}".rstrip() if count else "–"
+        worst = f"{plain(run.max_violation.get(name, 0.0))} {unit}".rstrip() if count else "–"
         rows.append((name, str(count), worst))
     return rows
 

@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
-from ergoqp.joints import spoken
 from ergoqp.report import palette
 from ergoqp.report.body.figure import posture_figure
 from ergoqp.report.body.replay import Movement, timing_of
 from ergoqp.report.body.scene import scene_html
-from ergoqp.report.charts.over_time import lines_chart, score_chart, timing_chart
-from ergoqp.report.charts.strips import Strip, segments_chart, segments_strips, strips_chart
+from ergoqp.report.numbers import plain
 from ergoqp.report.page import Headline, Page, PageTable, Picture, Section, write_page
-from ergoqp.report.run_facts import (
-    RunFacts,
-    facts_of,
-    hint_of,
-    reasons_of,
-    segments_at,
-    told_of,
-    violation_rows,
-)
+from ergoqp.report.run_facts import RunFacts, facts_of, hint_of, segments_at, told_of
+from ergoqp.report.run_sections import limits, motion, over_time, segments, steps
 from ergoqp.report.task import is_seated, scored_alike
-from ergoqp.sheets.reba import Assessment
 from ergoqp.simulation.run import Run
-
-_STATUS_STYLE: Final = {
-    "optimal": "level0",
-    "settled": "level1",
-    "relaxed": "level2",
-    "recovering": "level3",
-    "braking": "level4",
-    "invalid": "level4",
-}
-_MOST_LIMITS: Final = 16
 
 
 def write_run_page(run: Run, path: Path) -> None:
@@ -70,34 +49,27 @@ def write_run_page(run: Run, path: Path) -> None:
     page = Page(
         title=run.title[:1].upper() + run.title[1:],
         subtitle=_subtitle(run),
-        headlines=[
-            _headline("before", facts.before),
-            _headline("after", facts.after),
-            _headline(f"best, at {facts.best_at:.1f} s", facts.best),
-        ],
-        change=facts.change,
+        headlines=_headlines(facts),
+        change=facts.added,
+        stays=facts.stays,
         notes=_notes(run, facts),
         facts=_facts(run, facts),
         replay=scene_html(movement, timing),
         replay_note=timing.note,
         figures=[_figure(run, 0, "before"), _figure(run, -1, "after")],
         sections=[
-            _over_time(run, facts, scores),
-            _segments(run, facts),
-            _motion(run),
+            over_time(run, facts, scores),
+            segments(run, facts),
+            motion(run),
             *_tries(run),
-            _limits(run),
-            _steps(run, facts),
+            limits(run),
+            steps(run, facts),
+            Section("Assumptions", sentences=run.assumptions or ["None."]),
             Section(
                 "Options",
-                tables=[
-                    PageTable(
-                        ("what", "value"),
-                        [*run.options, ("control period", f"{1e3 * run.dt:.3g} ms")],
-                    )
-                ],
+                tables=[PageTable(("what", "value"), _options(run))],
+                folded=True,
             ),
-            Section("Assumptions", sentences=run.assumptions or ["None."]),
         ],
     )
     write_page(page, path)
@@ -136,7 +108,7 @@ def _tries(run: Run) -> list[Section]:
 
 def _notes(run: Run, facts: RunFacts) -> list[str]:
     """What is not well at the end, and what the steps said of robot and sensors."""
-    notes = [f"Still costs points: {facts.costs}."] if facts.stays else []
+    notes = [] if facts.stays or not facts.after else ["Nothing costs points at the end."]
     if said := told_of(run):
         hint = hint_of(said)
         notes.append(
@@ -146,10 +118,29 @@ def _notes(run: Run, facts: RunFacts) -> list[str]:
     return notes
 
 
+def _headlines(facts: RunFacts) -> list[Headline]:
+    """Before, had the object stayed, after; and the best on the way, where that was better."""
+    found = [_headline("before", facts.before)]
+    if facts.standing_still:
+        found.append(_headline("had the object stayed", facts.standing_still))
+    found.append(replace(_headline("after", facts.after), arrow=True))
+    if facts.best < facts.after:
+        found.append(_headline(f"best, at {facts.best_at:.1f} s", facts.best))
+    return found
+
+
 def _headline(label: str, score: int) -> Headline:
     level = int(palette.level_of_score(score))
     words = f"{palette.risk_of_level(level)} risk" if score else "not scored"
     return Headline(label, str(score) if score else "–", level, words)
+
+
+def _options(run: Run) -> list[tuple[str, str]]:
+    return [
+        *run.options,
+        ("control period", f"{plain(1e3 * run.dt)} ms"),
+        ("seed", str(run.seed)),
+    ]
 
 
 def _subtitle(run: Run) -> str:
@@ -163,13 +154,12 @@ def _facts(run: Run, facts: RunFacts) -> list[tuple[str, str]]:
     return [
         (
             "duration",
-            f"{run.time[-1] - run.time[0]:.1f} s, {len(run.time)} steps of {1e3 * run.dt:.3g} ms",
+            f"{run.time[-1] - run.time[0]:.1f} s, {len(run.time)} steps of"
+            f" {plain(1e3 * run.dt)} ms",
         ),
         ("rest", facts.settling),
         ("limits broken", "none" if not broken else f"{broken} times, see the limits"),
-        ("duration of a step", f"median {facts.step_us[0]:.3g} µs"),
         ("person", f"{run.follower.replace('_', ' ')}, {run.body.stature:.2f} m"),
-        ("seed", str(run.seed)),
         *let_go,
         *_out_of_balance(run),
         *_felt(run),
@@ -210,136 +200,3 @@ def _figure(run: Run, row: int, name: str) -> Picture:
     return Picture(
         svg, f"{name}: REBA {score}, {palette.risk_of_level(int(palette.level_of_score(score)))}"
     )
-
-
-def _over_time(run: Run, facts: RunFacts, scores: Assessment) -> Section:
-    start = float(run.time[0])
-    marks = [(start, facts.before, "before"), (float(run.time[-1]), facts.after, "after")]
-    if facts.best < min(facts.before, facts.after):
-        marks.insert(1, (start + facts.best_at, facts.best, "best"))
-    return Section(
-        "Score",
-        pictures=[
-            Picture(
-                score_chart(run.time, run.reba, run.cost, marks),
-                "Exact score of the true posture on its risk levels.",
-            ),
-            Picture(
-                segments_strips(run.time, scores.segments),
-                "Segment scores, in the colours of the body.",
-            ),
-        ],
-    )
-
-
-def _segments(run: Run, facts: RunFacts) -> Section:
-    before, after = run.assessment.reasons(0), run.assessment.reasons(-1)
-    rows = list(zip_longest(before, after, fillvalue=""))
-    changed = [
-        i
-        for i, name in enumerate(palette.SEGMENTS)
-        if facts.segments_before[name] != facts.segments_after[name]
-    ]  # the first sentences are those of the segments, in this order
-    return Section(
-        "Segments and reasons",
-        pictures=[Picture(segments_chart(facts.segments_before, facts.segments_after))],
-        tables=[
-            PageTable(
-                (f"before: REBA {facts.before}", f"after: REBA {facts.after}"),
-                rows,
-                marked=changed,
-                even=True,
-            )
-        ],
-    )
-
-
-def _motion(run: Run) -> Section:
-    linear = {f"v{axis}": 1e3 * run.twists[:, i] for i, axis in enumerate("xyz")}
-    angular = {f"ω{axis}": np.degrees(run.twists[:, 3 + i]) for i, axis in enumerate("xyz")}
-    way = np.linalg.norm(np.diff(run.poses[:, :3, 3], axis=0), axis=1).sum()
-    apart = np.linalg.norm(run.poses[-1, :3, 3] - run.poses[0, :3, 3])
-    return Section(
-        "Object",
-        "Twist that was sent, at the contact frame along the axes of the world: x forward, y left,"
-        f" z up. The object went {100 * way:.1f} cm and ended {100 * apart:.1f} cm from where it"
-        " began.",
-        pictures=[
-            Picture(
-                lines_chart("Linear velocity of the object", run.time, linear, "mm/s"),
-                "Linear velocity.",
-            ),
-            Picture(
-                lines_chart("Angular velocity of the object", run.time, angular, "deg/s"),
-                "Angular velocity.",
-            ),
-        ],
-    )
-
-
-def _limits(run: Run) -> Section:
-    names = sorted({name for active in run.active for name in active})
-    held = {
-        name: np.array([name in active for active in run.active], dtype=np.int64) for name in names
-    }
-    shown = sorted(names, key=lambda name: -int(held[name].sum()))[:_MOST_LIMITS]
-    styles = {1: ("active", "active")}
-    strips = [Strip(spoken(name), held[name], styles, _share(held[name])) for name in shown]
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
-    missing = len(names) - len(shown)
-    intro = "When a limit held the object back." if names else "No limit held the object back."
-    if missing:
-        intro += f" {missing} more were active for a smaller share."
-    pictures = (
-        [Picture(strips_chart("Active limits over time", f"{said}.", run.time, strips))]
-        if strips
-        else []
-    )
-    broken = [(spoken(name), *rest) for name, *rest in violation_rows(run)]
-    tables = (
-        [PageTable(("limit", "steps that broke it", "worst"), broken, numeric=(1, 2))]
-        if broken
-        else []
-    )
-    if broken:
-        intro += " The steps that broke one were counted by an independent checker."
-    sentences = [
-        f"The simulated person's own {spoken(joint)} was beyond its range in {count} samples."
-        for joint, count in run.person_outside.items()
-        if count
-    ]
-    return Section("Limits", intro, pictures, tables, sentences)
-
-
-def _steps(run: Run, facts: RunFacts) -> Section:
-    statuses = np.array(run.statuses)
-    strips = []
-    for status, count in facts.status_counts.items():
-        here = (statuses == status).astype(np.int64)
-        style = {1: (_STATUS_STYLE.get(status, "unscored"), status)}
-        strips.append(Strip(status, here, style, f"{count} · {_share(here)}"))
-    said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
-    return Section(
-        "Control steps",
-        pictures=[
-            Picture(
-                strips_chart("Status of each step over time", f"{said}.", run.time, strips),
-                "Status of each step.",
-            ),
-            Picture(timing_chart(run.step_time, run.dt), f"Duration of a step: {facts.timing}."),
-        ],
-        tables=(
-            [
-                PageTable(
-                    ("status", "steps", "first, s", "last, s", "reason"), rows, numeric=(1, 2, 3)
-                )
-            ]
-            if (rows := reasons_of(run))
-            else []
-        ),
-    )
-
-
-def _share(here: np.ndarray) -> str:
-    share = 100 * float(here.mean())
-    return f"{share:.0f} %" if share >= 1 or share == 0 else "< 1 %"

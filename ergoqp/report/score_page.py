@@ -71,12 +71,13 @@ def write_score_page(
             _over_time(recording, assessment, summary),
             _worst(recording, assessment, summary),
             _fit(recording, summary),
+            Section("Assumptions", sentences=recording.assumptions or ("None.",)),
             Section(
                 "Options",
                 tables=[PageTable(("what", "value"), options)] if options else [],
                 intro="" if options else "None.",
+                folded=True,
             ),
-            Section("Assumptions", sentences=recording.assumptions or ("None.",)),
         ],
     )
     write_page(page, path)
@@ -155,16 +156,20 @@ def _over_time(recording: Recording, assessment: Assessment, summary: dict[str, 
         "Score",
         intro,
         pictures=[
-            Picture(
-                score_chart(recording.time, assessment.final, marks=marks),
+            Picture.of(
+                lambda width: score_chart(
+                    recording.time, assessment.final, marks=marks, width=width
+                ),
                 "Score on its risk levels.",
             ),
-            Picture(
-                shares_chart("Share of time per risk level", shares, range(len(shares))),
+            Picture.of(
+                lambda width: shares_chart(
+                    "Share of time per risk level", shares, range(len(shares)), width=width
+                ),
                 "Share of the scored time.",
             ),
-            Picture(
-                segments_strips(recording.time, assessment.segments),
+            Picture.of(
+                lambda width: segments_strips(recording.time, assessment.segments, width=width),
                 "Segment scores, in the colours of the body.",
             ),
         ],
@@ -230,6 +235,12 @@ def _fit(recording: Recording, summary: dict[str, Any]) -> Section:
         "Fit",
         "Distance between the joint centres of the recording and those of the fitted body (RMS over"
         " the centres). The angles are those of the recording's own bones.",
-        pictures=[Picture(lines_chart("Fit error", recording.time, error, "mm", from_zero=True))],
+        pictures=[
+            Picture.of(
+                lambda width: lines_chart(
+                    "Fit error", recording.time, error, "mm", from_zero=True, width=width
+                )
+            )
+        ],
         tables=[table for table in tables if table.rows],
     )

@@ -20,7 +20,8 @@ from ergoqp.report import palette
 from ergoqp.report.body.lineup import Standing, lineup
 from ergoqp.report.charts.score_map import Spot, score_map
 from ergoqp.report.group_page import write_group_page
-from ergoqp.report.optimum_page import change_of, place_words, write_optimum_page
+from ergoqp.report.optimum_page import write_optimum_page
+from ergoqp.report.place_words import change_of, place_words
 from ergoqp.simulation.people.alike import Alike
 
 CHROMIUM = next(

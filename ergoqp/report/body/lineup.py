@@ -43,12 +43,13 @@ class Standing:
     contact: NDArray[np.float64]
 
 
-def lineup(people: Sequence[Standing], title: str) -> str:
+def lineup(people: Sequence[Standing], title: str, *, width: float = WIDTH) -> str:
     """Draw a row of people, broken into more rows where it gets too long.
 
     Args:
         people: from the left.
         title: of the picture.
+        width: of the picture, at most [px].
     """
     drawings = [Drawing(p.body, p.posture, p.base_pose, p.segments, p.contact) for p in people]
     top = max(drawing.vertical[1] for drawing in drawings)
@@ -62,7 +63,7 @@ def lineup(people: Sequence[Standing], title: str) -> str:
         )
         for d, p in zip(drawings, people, strict=True)
     ]
-    rows = _rows(widths)
+    rows = _rows(widths, width)
     length = max(sum(widths[i] + _GAP for i in row) for row in rows)
     drawn: list[str] = []
     for number, row in enumerate(rows):
@@ -119,12 +120,12 @@ def _words(person: Standing) -> str:
     return f"REBA {person.score}"
 
 
-def _rows(widths: Sequence[float]) -> list[list[int]]:
+def _rows(widths: Sequence[float], most: float) -> list[list[int]]:
     """Return which go into each row: as few rows as fit, about equally many in each."""
     total = sum(width + _GAP for width in widths)
-    count = max(1, int(np.ceil(total / WIDTH)))
+    count = max(1, int(np.ceil(total / most)))
     while True:
         rows = [part.tolist() for part in np.array_split(np.arange(len(widths)), count)]
-        if count >= len(widths) or all(sum(widths[i] + _GAP for i in row) <= WIDTH for row in rows):
+        if count >= len(widths) or all(sum(widths[i] + _GAP for i in row) <= most for row in rows):
             return rows
         count += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -25,7 +26,7 @@ _OWN_COLOUR: Final = {"hair": (58, 52, 50), "right_foot": (58, 60, 66), "left_fo
 _OBJECT_COLOUR: Final = (70, 84, 105)
 _SEAT_HEIGHT: Final = 0.05  # of the cushion [m]
 _SEAT_COLOUR: Final = (176, 184, 193)
-_PATH_COLOUR: Final = (70, 84, 105)
+_PATH_COLOUR: Final = (110, 126, 150)
 _FORCE_COLOUR: Final = (194, 65, 12)
 _FORCE: Final = 0.004  # length of a force in the scene [m/N]
 _LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
@@ -83,7 +84,18 @@ def _record(server: viser.ViserServer, movement: Movement, timing: Timing) -> st
             actor.show(frame)
     # The last frame stays for its time before the replay starts over.
     recording.insert_sleep(timing.frame_time)
-    return recording.as_html()
+    return _for_a_page(recording.as_html())
+
+
+def _for_a_page(scene: str) -> str:
+    """Return the scene as a good part of a page.
+
+    It leaves the wheel to the page until it is clicked, has names for screen readers, and is dark
+    where the page is.
+    """
+    own = resources.files("ergoqp.report.body").joinpath("replay.html").read_text(encoding="utf-8")
+    end = scene.index("</head>")
+    return scene[:end] + own + scene[end:]
 
 
 def _floor(movement: Movement, placement: Placement) -> float:
@@ -108,10 +120,11 @@ def _set_stage(server: viser.ViserServer, movement: Movement, floor: float) -> N
         cell_size=0.25,
         section_size=1.0,
         position=(centre[0], centre[1], floor),
-        cell_color=(222, 226, 230),
-        section_color=(190, 197, 204),
-        plane_color=(247, 248, 250),
-        plane_opacity=1.0,
+        # No plane, and lines that are seen before white and before black: a page may be dark.
+        cell_color=(164, 171, 178),
+        section_color=(128, 136, 144),
+        cell_thickness=0.5,
+        plane_opacity=0.0,
     )
     if movement.seated:
         _set_seat(server, np.median(pelvis, axis=0), floor, movement.body.stature)

@@ -12,7 +12,10 @@ from ergoqp.report.charts import svg
 from ergoqp.report.charts.scales import Scale, thinned, words_of
 
 WIDTH: Final = 800.0
-"""Width of every chart [px]."""
+"""Width of a chart on a page of its own width [px]."""
+
+NARROW: Final = 390.0
+"""Width of a chart on a telephone [px], where a wide one's letters would be too small to read."""
 
 _CHARACTER: Final = 7.0  # average width of a character at 12 px, a little generous [px]
 _LEGEND_ROW: Final = 20.0
@@ -36,6 +39,7 @@ class Plot:
         right: room beside it [px].
         y_ticks: where to write numbers; None chooses round ones.
         logarithmic: the horizontal axis is logarithmic.
+        width: of the chart [px].
     """
 
     def __init__(
@@ -50,14 +54,16 @@ class Plot:
         right: float = 14.0,
         y_ticks: Sequence[float] | None = None,
         logarithmic: bool = False,
+        width: float = WIDTH,
     ) -> None:
         """Lay out the frame."""
         ticks = list(y_ticks) if y_ticks is not None else Scale(*y, 0, 1).ticks(5)
         self.left = 34.0 + max((width_of(words_of(tick)) for tick in ticks), default=0.0)
-        self._legend, rows = _legend(legend, self.left, WIDTH - right)
+        self.width = width
+        self._legend, rows = _legend(legend, self.left, width - right)
         self.top = 10.0 + _LEGEND_ROW * rows
         self.bottom = self.top + height
-        self.right = WIDTH - right
+        self.right = width - right
         self.x = Scale(*x, self.left, self.right, logarithmic)
         self.y = Scale(*y, self.bottom, self.top)
         self._axes = self._draw_axes(ticks, x_label, y_label)
@@ -94,7 +100,7 @@ class Plot:
             style: class of the line.
             steps: hold each value until the next.
         """
-        x, y = thinned(x, y)
+        x, y = thinned(x, y, int(self.right - self.left))
         self._front.append(
             svg.element(
                 "path", d=svg.path(self.x(x), self.y(y), steps=steps), class_=f"line {style}"
@@ -108,7 +114,7 @@ class Plot:
     def picture(self, title: str, description: str) -> str:
         """Return the finished chart."""
         content = [*self._back, *self._axes, *self._front, *self._legend]
-        return svg.picture(content, WIDTH, self.bottom + 42, title, description)
+        return svg.picture(content, self.width, self.bottom + 42, title, description)
 
     def _draw_axes(self, ticks: Sequence[float], x_label: str, y_label: str) -> list[str]:
         drawn = []
@@ -131,8 +137,12 @@ class Plot:
 def time_axis(scale: Scale, top: float, bottom: float, label: str) -> list[str]:
     """Return the horizontal axis below a rectangle: line, ticks, numbers, label with its unit."""
     drawn = [svg.element("line", x1=scale.start, x2=scale.end, y1=bottom, y2=bottom, class_="axis")]
-    for tick in scale.ticks(8):
-        x = scale.at(tick)
+    ends = -np.inf
+    for tick in scale.ticks(max(3, min(8, int((scale.end - scale.start) / 60)))):
+        x, half = scale.at(tick), width_of(words_of(tick)) / 2
+        if x - half < ends + 6:
+            continue  # its number would touch the one before
+        ends = x + half
         drawn.append(svg.element("line", x1=x, x2=x, y1=top, y2=bottom, class_="grid"))
         drawn.append(svg.element("line", x1=x, x2=x, y1=bottom, y2=bottom + 4, class_="axis"))
         drawn.append(svg.text(words_of(tick), x, bottom + 18, class_="tick middle"))

@@ -12,6 +12,7 @@ from ergoqp.report import palette
 from ergoqp.report.charts import svg
 from ergoqp.report.charts.frame import WIDTH, Plot, width_of
 from ergoqp.report.charts.scales import changes, padded, words_of
+from ergoqp.report.numbers import microseconds
 
 SERIES = ("s0", "s1", "s2", "s3")
 """Classes of lines that stay apart, also without colour: they differ in their dashes."""
@@ -22,6 +23,8 @@ def score_chart(
     final: NDArray[np.int64],
     cost: NDArray[np.float64] | None = None,
     marks: Sequence[tuple[float, int, str]] = (),
+    *,
+    width: float = WIDTH,
 ) -> str:
     """Draw the score over time on the bands of its action levels.
 
@@ -30,6 +33,7 @@ def score_chart(
         final: exact score, 0 where there is none; shape (n,).
         cost: smooth cost, shape (n,), or None.
         marks: time [s], score and name of what is pointed out.
+        width: of the chart [px].
     """
     highest = max(8, int(final.max(initial=1)) + 1)
     if cost is not None and np.isfinite(cost).any():
@@ -46,6 +50,7 @@ def score_chart(
         right=78,
         height=230,
         y_ticks=range(1, highest + 1),
+        width=width,
     )
     starts = [*palette.level_starts(), highest + 1]
     for level, (low, high) in enumerate(pairwise(starts)):
@@ -80,6 +85,7 @@ def lines_chart(
     y_label: str,
     *,
     from_zero: bool = False,
+    width: float = WIDTH,
 ) -> str:
     """Draw a few series over time.
 
@@ -89,37 +95,39 @@ def lines_chart(
         series: name -> values, shape (n,); at most four.
         y_label: with the unit.
         from_zero: the vertical axis starts at zero.
+        width: of the chart [px].
     """
     low, high = padded(np.concatenate(list(series.values())), least=1e-3)
     legend = list(zip(SERIES, series, strict=False)) if len(series) > 1 else []
-    plot = Plot(
-        _interval(time), (0.0 if from_zero else low, high), "time, s", y_label, legend=legend
-    )
+    ends = (0.0 if from_zero else low, high)
+    plot = Plot(_interval(time), ends, "time, s", y_label, legend=legend, width=width)
     for style, values in zip(SERIES, series.values(), strict=False):
         plot.line(time, values, style)
     spans = [f"{name} {_span(values)}" for name, values in series.items()]
     return plot.picture(title, f"{y_label}: {'; '.join(spans)}.")
 
 
-def timing_chart(step_time: NDArray[np.float64], period: float) -> str:
+def timing_chart(step_time: NDArray[np.float64], period: float, *, width: float = WIDTH) -> str:
     """Draw how long the control steps took, as a histogram over a logarithmic axis.
 
     Args:
         step_time: duration of each step [s], shape (n,).
         period: control period [s].
+        width: of the chart [px].
     """
-    microseconds = 1e6 * step_time[np.isfinite(step_time) & (step_time > 0)]
-    if not microseconds.size:
-        microseconds = np.array([1.0])
-    low, high = float(microseconds.min()), max(float(microseconds.max()), 1e6 * period)
+    lasted = 1e6 * step_time[np.isfinite(step_time) & (step_time > 0)]
+    if not lasted.size:
+        lasted = np.array([1.0])
+    low, high = float(lasted.min()), max(float(lasted.max()), 1e6 * period)
     edges = np.geomspace(low / 1.3, high * 1.3, 61)
-    share = 100 * np.histogram(microseconds, edges)[0] / microseconds.size
+    share = 100 * np.histogram(lasted, edges)[0] / lasted.size
     plot = Plot(
         (edges[0], edges[-1]),
         (0.0, 1.25 * float(share.max())),
         "duration of a step, µs",
         "share of steps, %",
         logarithmic=True,
+        width=width,
     )
     for left, right, value in zip(
         plot.x(edges[:-1]), plot.x(edges[1:]), share.tolist(), strict=True
@@ -137,56 +145,59 @@ def timing_chart(step_time: NDArray[np.float64], period: float) -> str:
                     class_="bar",
                 )
             )
-    median, p99 = float(np.median(microseconds)), float(np.percentile(microseconds, 99))
+    median, p99 = float(np.median(lasted)), float(np.percentile(lasted, 99))
     marks = [
         ("median", median),
         ("p99", p99),
-        ("max", float(microseconds.max())),
+        ("max", float(lasted.max())),
         ("period", 1e6 * period),
     ]
     plot.add(*_vertical_marks(plot, marks))
-    said = ", ".join(f"{name} {_duration(value)}" for name, value in marks)
+    said = ", ".join(f"{name} {microseconds(value)}" for name, value in marks)
     return plot.picture("Duration of the control steps", f"{said[0].upper()}{said[1:]}.")
 
 
-def shares_chart(title: str, shares: Mapping[str, float], levels: Sequence[int]) -> str:
+def shares_chart(
+    title: str, shares: Mapping[str, float], levels: Sequence[int], *, width: float = WIDTH
+) -> str:
     """Draw shares of time as one bar.
 
     Args:
         title: of the chart.
         shares: name -> share, 0 to 1.
         levels: colour level of each, -1 for what is not scored.
+        width: of the chart [px].
     """
     drawn: list[str] = []
     x, legend_x, legend_y = 0.0, 0.0, 68.0
     for (name, share), level in zip(shares.items(), levels, strict=True):
-        width, words = share * WIDTH, f"{100 * share:.0f} %"
+        length, words = share * width, f"{100 * share:.0f} %"
         style = f"level{level}" if level >= 0 else "unscored"
-        if width > 0:
+        if length > 0:
             drawn.append(
                 svg.element(
                     "rect",
                     svg.tooltip(f"{name}: {words}"),
                     x=x,
                     y=4,
-                    width=width,
+                    width=length,
                     height=36,
                     class_=f"{style} edge",
                 )
             )
-        if width > width_of(words) + 8:
+        if length > width_of(words) + 8:
             drawn.append(
                 svg.text(
                     words,
-                    x + width / 2,
+                    x + length / 2,
                     27,
                     class_="middle strong",
                     style=f"fill:{palette.ink_of_level(level)}",
                 )
             )
-        x += width
+        x += length
         label = f"{name}, {100 * share:.1f} %"
-        if legend_x + 24 + width_of(label) > WIDTH:
+        if legend_x + 24 + width_of(label) > width:
             legend_x, legend_y = 0.0, legend_y + 22
         drawn.append(
             svg.element(
@@ -196,7 +207,7 @@ def shares_chart(title: str, shares: Mapping[str, float], levels: Sequence[int])
         drawn.append(svg.text(label, legend_x + 20, legend_y, class_="small"))
         legend_x += 40 + width_of(label)
     said = "; ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
-    return svg.picture(drawn, WIDTH, legend_y + 10, title, f"{said}.")
+    return svg.picture(drawn, width, legend_y + 10, title, f"{said}.")
 
 
 def _interval(time: NDArray[np.float64]) -> tuple[float, float]:
@@ -235,7 +246,7 @@ def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]
     names: list[str] = []  # in front of all lines, with a halo
     ends: list[float] = []
     for name, value in sorted(marks, key=lambda mark: mark[1]):
-        x, words = plot.x.at(value), f"{name} {_duration(value)}"
+        x, words = plot.x.at(value), f"{name} {microseconds(value)}"
         width = width_of(words)
         start = x + 5 if x + 5 + width < plot.right else x - 5 - width
         row = next((i for i, end in enumerate(ends) if start > end + 6), len(ends))
@@ -243,7 +254,3 @@ def _vertical_marks(plot: Plot, marks: Sequence[tuple[str, float]]) -> list[str]
         lines.append(svg.element("line", x1=x, x2=x, y1=plot.top, y2=plot.bottom, class_="mark"))
         names.append(svg.text(words, start, plot.top + 12 + 16 * row, class_="small halo"))
     return lines + names
-
-
-def _duration(microseconds: float) -> str:
-    return f"{microseconds:.3g} µs" if microseconds < 1000 else f"{microseconds / 1000:.3g} ms"

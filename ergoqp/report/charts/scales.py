@@ -84,7 +84,8 @@ def padded(
 
 def words_of(value: float) -> str:
     """Write a tick's number without trailing zeros or rounding errors."""
-    return f"{value + 0.0:.6g}".replace("-", "−")
+    text = np.format_float_positional(value + 0.0, 6, unique=False, fractional=False, trim="-")
+    return text.replace("-", "−")
 
 
 def columns_of(x: NDArray[np.float64], columns: int) -> NDArray[np.int64]:

@@ -15,6 +15,7 @@ from ergoqp.report.charts.frame import WIDTH, time_axis, width_of
 from ergoqp.report.charts.scales import Scale, highest_per_column
 
 _ROW: Final = 26.0
+_WORDS: Final = 14.0  # room for words above a row [px]
 _LONGEST_LABEL: Final = 30  # characters
 _THINNEST: Final = 2.4  # of a stretch, so that a single step can be seen [px]
 
@@ -37,7 +38,12 @@ class Strip:
 
 
 def strips_chart(
-    title: str, description: str, time: NDArray[np.float64], strips: Sequence[Strip]
+    title: str,
+    description: str,
+    time: NDArray[np.float64],
+    strips: Sequence[Strip],
+    *,
+    width: float = WIDTH,
 ) -> str:
     """Draw rows of coloured stretches over time; what is shorter than a pixel is still drawn.
 
@@ -46,44 +52,57 @@ def strips_chart(
         description: what is to be seen.
         time: shape (n,) [s].
         strips: the rows, from above.
+        width: of the chart [px]; on a narrow one, the words are above their row.
     """
-    left = 14 + max((width_of(_short(strip.name)) for strip in strips), default=0)
-    right = WIDTH - 14 - max((width_of(strip.note) for strip in strips), default=0)
+    over = width < WIDTH
+    names = max((width_of(_short(strip.name)) for strip in strips), default=0)
+    notes = max((width_of(strip.note) for strip in strips), default=0)
+    left, right = (8.0, width - 8) if over else (14 + names, width - 14 - notes)
+    row, words = (_ROW + _WORDS, _WORDS) if over else (_ROW, 0.0)
     high = float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1
     scale = Scale(float(time[0]), high, left, right)
-    top, bottom = 6.0, 6.0 + _ROW * len(strips)
+    top, bottom = 6.0, 6.0 + row * len(strips)
     drawn = time_axis(scale, top, bottom, "time, s")
     for i, strip in enumerate(strips):
-        y = top + _ROW * i
-        drawn.append(
-            svg.element(
-                "rect", x=left, y=y + 4, width=right - left, height=_ROW - 8, class_="track"
+        y = top + row * i + words
+        size = {"y": y + 4, "height": _ROW - 8}
+        drawn.append(svg.element("rect", x=left, width=right - left, **size, class_="track"))
+        full = svg.tooltip(strip.name) if _short(strip.name) != strip.name else ""
+        label, note = (
+            (
+                svg.text(_short(strip.name), left, y, class_="small halo"),
+                svg.text(strip.note, right, y, class_="small end halo"),
+            )
+            if over
+            else (
+                svg.text(_short(strip.name), left - 8, y + _ROW / 2 + 4, class_="small end"),
+                svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small"),
             )
         )
-        full = svg.tooltip(strip.name) if _short(strip.name) != strip.name else ""
-        label = svg.text(_short(strip.name), left - 8, y + _ROW / 2 + 4, class_="small end")
         drawn.append(svg.element("g", [full, label]))
-        for start, end, value in highest_per_column(time, strip.values):
+        for start, end, value in highest_per_column(time, strip.values, int(right - left)):
             if value:
-                style, words = strip.styles[value]
+                style, said = strip.styles[value]
                 x = scale.at(start)
-                width = max(scale.at(end) - x, _THINNEST)
-                what = svg.tooltip(f"{strip.name}: {words}, {start:.2f} to {end:.2f} s")
-                drawn.append(
-                    svg.element(
-                        "rect", what, x=x, y=y + 4, width=width, height=_ROW - 8, class_=style
-                    )
-                )
-        drawn.append(svg.text(strip.note, right + 8, y + _ROW / 2 + 4, class_="small"))
-    return svg.picture(drawn, WIDTH, bottom + 42, title, description)
+                length = max(scale.at(end) - x, _THINNEST)
+                what = svg.tooltip(f"{strip.name}: {said}, {start:.2f} to {end:.2f} s")
+                drawn.append(svg.element("rect", what, x=x, width=length, **size, class_=style))
+        drawn.append(note)
+    return svg.picture(drawn, width, bottom + 42, title, description)
 
 
-def segments_strips(time: NDArray[np.float64], segments: Mapping[str, NDArray[np.int64]]) -> str:
+def segments_strips(
+    time: NDArray[np.float64],
+    segments: Mapping[str, NDArray[np.int64]],
+    *,
+    width: float = WIDTH,
+) -> str:
     """Draw every segment's score over time, in the colours of the body.
 
     Args:
         time: shape (n,) [s].
         segments: name -> scores, 0 where there is none; shape (n,) each.
+        width: of the chart [px].
     """
     strips = []
     for name in palette.SEGMENTS:
@@ -99,31 +118,26 @@ def segments_strips(time: NDArray[np.float64], segments: Mapping[str, NDArray[np
         )
         strips.append(Strip(name.replace("_", " "), scores, styles, mean))
     said = "; ".join(f"{strip.name} {strip.note}" for strip in strips)
-    return strips_chart("Segment scores over time", f"{said}.", time, strips)
+    return strips_chart("Segment scores over time", f"{said}.", time, strips, width=width)
 
 
-def segments_chart(before: Mapping[str, int], after: Mapping[str, int]) -> str:
+def segments_chart(
+    before: Mapping[str, int], after: Mapping[str, int], *, width: float = WIDTH
+) -> str:
     """Draw each segment's score before and after, on the range that the sheet gives it.
 
     Args:
         before: segment -> score.
         after: segment -> score.
+        width: of the chart [px].
     """
-    top, row, left = 44.0, 30.0, 130.0
+    over = width < WIDTH
+    top, row, left = 62.0 if over else 44.0, 30.0, 118.0 if over else 130.0
     highest = max(palette.segment_highest(name) for name in palette.SEGMENTS)
-    scale = Scale(1, highest, left + 16, WIDTH - 120)
+    words_at = width - (90 if over else 96)
+    scale = Scale(1, highest, left + 16, words_at - 24)
     bottom = top + row * len(palette.SEGMENTS)
-    drawn = [
-        svg.element("circle", cx=left + 16, cy=14, r=7, class_="hollow"),
-        svg.text("before", left + 30, 18, class_="small"),
-        svg.element("circle", cx=left + 106, cy=14, r=7, class_="level0 edge"),
-        svg.text(
-            "after, coloured by its points; the track is the sheet's range",
-            left + 120,
-            18,
-            class_="small",
-        ),
-    ]
+    drawn = _key(8.0 if over else left + 16, over)
     for points in range(1, highest + 1):
         x = scale.at(points)
         drawn.append(svg.element("line", x1=x, x2=x, y1=top - 6, y2=bottom, class_="grid"))
@@ -162,7 +176,7 @@ def segments_chart(before: Mapping[str, int], after: Mapping[str, int]) -> str:
         drawn.append(
             svg.text(
                 words,
-                WIDTH - 96,
+                words_at,
                 y + 4,
                 class_="small" if before[name] == after[name] else "strong",
             )
@@ -170,7 +184,23 @@ def segments_chart(before: Mapping[str, int], after: Mapping[str, int]) -> str:
     said = "; ".join(
         f"{name.replace('_', ' ')} {before[name]} to {after[name]}" for name in palette.SEGMENTS
     )
-    return svg.picture(drawn, WIDTH, bottom + 44, "Segment scores before and after", f"{said}.")
+    return svg.picture(drawn, width, bottom + 44, "Segment scores before and after", f"{said}.")
+
+
+def _key(x: float, over: bool) -> list[str]:
+    """Return what the dots mean, in one line or in two."""
+    after, y = (x + 90, 14.0)
+    words = ["after, coloured by its points", "the track is the sheet's range"]
+    lines = words if over else ["; ".join(words)]
+    return [
+        svg.element("circle", cx=x, cy=y, r=7, class_="hollow"),
+        svg.text("before", x + 14, y + 4, class_="small"),
+        svg.element("circle", cx=after, cy=y, r=7, class_="level0 edge"),
+        *(
+            svg.text(line, after + 14, y + 4 + 18 * i, class_="small")
+            for i, line in enumerate(lines)
+        ),
+    ]
 
 
 def _short(name: str) -> str:

@@ -47,23 +47,34 @@ def number(value: object) -> str:
 def path(x: NDArray[np.float64], y: NDArray[np.float64], *, steps: bool = False) -> str:
     """Return path data through points; a point that is not finite interrupts the line.
 
+    Points are written by how far they are from the one before, which is half as long.
+
     Args:
         x: shape (n,) [px].
         y: shape (n,) [px].
         steps: hold each value until the next point.
     """
+    finite = np.isfinite(x + y)
+    # Tenths of a pixel as whole numbers: differences of rounded numbers do not drift.
+    across, down = (
+        np.round(10 * np.where(finite, each, 0)).astype(int).tolist() for each in (x, y)
+    )
     words: list[str] = []
-    pen_down = False
-    for px, py, finite in zip(
-        np.round(x, 1).tolist(), np.round(y, 1).tolist(), np.isfinite(x + y).tolist(), strict=True
-    ):
-        if not finite:
-            pen_down = False
-        elif not pen_down:
-            words.append(f"M{px:g} {py:g}")
-            pen_down = True
+    last: tuple[int, int] | None = None
+    for px, py, there in zip(across, down, finite.tolist(), strict=True):
+        if not there:
+            last = None
+            continue
+        if last is None:
+            words.append(f"M{px / 10:g} {py / 10:g}")
         else:
-            words.append(f"H{px:g}V{py:g}" if steps else f"L{px:g} {py:g}")
+            right, below = (px - last[0]) / 10, (py - last[1]) / 10
+            words.append(
+                f"h{right:g}v{below:g}"
+                if steps
+                else f"l{right:g}{'' if below < 0 else ' '}{below:g}"
+            )
+        last = px, py
     return "".join(words)
 
 
