@@ -181,4 +181,8 @@ def told_of(run: Run, most: int = 3) -> list[str]:
                 kind = re.sub(r"\d[\d.e+-]*", "#", part)
                 said[kind] = (said.get(kind, (0, ""))[0] + 1, part)
     chosen = sorted(said.values(), key=lambda each: -each[0])[:most]
-    return [f"{sentence} ({count * run.dt:.1f} s)" for count, sentence in chosen]
+    return [f"{sentence} ({_seconds(count * run.dt)} s)" for count, sentence in chosen]
+
+
+def _seconds(duration: float) -> str:
+    return f"{duration:.1f}" if duration >= 0.05 else "< 0.1"

@@ -1,4 +1,4 @@
-"""What the commands share: where results go, progress, and recordings as options describe them."""
+"""What the commands share: where results go, and recordings as options describe them."""
 
 from __future__ import annotations
 
@@ -8,19 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from ergoqp.arguments import check_whole
+from ergoqp.cli.commands.screen import working
 from ergoqp.errors import InputError, MissingExtraError, ProblemError
 from ergoqp.joints import JOINTS
 from ergoqp.placing.nlp_solvers import check_names
 from ergoqp.problem.problem import Problem
 from ergoqp.problem_files.load import load_problem, problem_names
 from ergoqp.recordings import Recording, load_recording
-
-PLAIN_WIDTH = 120
-"""Columns of the tables when nobody tells how wide the output is."""
 
 
 @dataclass(frozen=True)
@@ -203,42 +200,6 @@ def _is_of_a_person(problem: Problem) -> bool:
     return tuple(problem.coordinates) == JOINTS
 
 
-def console() -> Console:
-    """Return the console for results: standard output, as wide as the terminal or a log needs."""
-    out = Console()
-    return out if out.is_terminal else Console(width=max(out.width, PLAIN_WIDTH))
-
-
-@contextmanager
-def working(words: str) -> Iterator[Callable[[float], None]]:
-    """Say on standard error what is being done: a bar on a terminal, one plain line otherwise.
-
-    Yields:
-        A function to call with the share that is done, 0 to 1.
-    """
-    error = Console(stderr=True)
-    if not error.is_terminal:
-        error.print(Text(f"{words} ..."), soft_wrap=True)
-        yield lambda share: None
-        return
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-    )
-    # Without a thread of its own: it would disturb the durations that are measured.
-    with Progress(*columns, console=error, transient=True, auto_refresh=False) as bar:
-        task = bar.add_task(words, total=None)
-        bar.refresh()
-
-        def done(share: float) -> None:
-            bar.update(task, total=1.0, completed=share)
-            bar.refresh()
-
-        yield done
-
-
 def make_folder(out: Path | None, name: str) -> Path:
     """Return the folder for results, made if it is not there.
 
@@ -289,11 +250,3 @@ def write_report(
         Console(stderr=True).print(Text(f"report.html was not written: {missing}"), soft_wrap=True)
     for name in (*files, *([page.name] if page.is_file() else [])):
         out.print(Text(f"{name:<12} {folder / name}"), soft_wrap=True)
-
-
-def print_assumptions(out: Console, sentences: Sequence[str], title: str = "assumed") -> None:
-    """Print sentences as a list below a title, each on its lines."""
-    if sentences:
-        out.print(Text(title), soft_wrap=not out.is_terminal)
-    for sentence in sentences:
-        out.print(Text(f"- {sentence}"), soft_wrap=not out.is_terminal)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.cli.commands.common import console, make_folder, working, writing
+from ergoqp.cli.commands.common import make_folder, writing
+from ergoqp.cli.commands.screen import console, working
 from ergoqp.comparison.compare import Comparison, check, compare
 from ergoqp.errors import MissingExtraError, install_command
 from ergoqp.problem_files.load import load_problem
@@ -68,10 +70,12 @@ def _sequences(found: Comparison) -> Table:
     table = Table(
         title=f"{found.problem}: the QPs of {found.steps} control steps, seed {found.seed}",
         title_justify="left",
+        box=None,
+        pad_edge=False,
     )
     table.add_column("sequence")
     for name in ("QPs", "unknowns", "rows", "has answers"):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", overflow="fold")
     for one in found.sequences:
         table.add_row(
             one.name,
@@ -85,20 +89,23 @@ def _sequences(found: Comparison) -> Table:
 
 def _exactness(found: Comparison) -> Table:
     table = Table(
-        title=f"answers, judged apart; solvers set to {tidy(found.accuracy)}", title_justify="left"
+        title=f"answers, judged apart; solvers set to {_accuracy(found.accuracy)}",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
     )
-    table.add_column("solver")
-    table.add_column("method", no_wrap=True)
+    table.add_column("solver", no_wrap=True)
+    table.add_column("method")
     columns = (
-        "within 1e-3",
-        "1e-6",
-        "1e-9",
+        "within 0.001",
+        "0.000001",
+        "0.000000001",
         "wrong: solved",
         "wrong: infeasible",
         "infeasible named",
     )
     for name in columns:
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", overflow="fold")
     for name, one in _sorted(found):
         shares = [_share(one[f"success_{tidy(level)}"]) for level in TOLERANCES]
         wrong = [
@@ -111,8 +118,13 @@ def _exactness(found: Comparison) -> Table:
 
 
 def _times(found: Comparison) -> Table:
-    table = Table(title="time of a QP, µs; best = 1 for the mean", title_justify="left")
-    table.add_column("solver")
+    table = Table(
+        title="time of a QP, µs; best = 1 for the mean",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    table.add_column("solver", no_wrap=True)
     for name in (
         "mean",
         "best = 1",
@@ -125,7 +137,7 @@ def _times(found: Comparison) -> Table:
         "warm / cold",
         "iterations",
     ):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", overflow="fold")
     for name, one in _sorted(found):
         times = [f"{one[key]:.0f}" for key in ("p50_us", "p95_us", "p99_us", "max_us")]
         warm = (
@@ -139,6 +151,10 @@ def _times(found: Comparison) -> Table:
             name, f"{one['sgm_us']:.0f}", f"{one['sgm_time']:.1f}", *times, count, *warm, ratio
         )
     return table
+
+
+def _accuracy(value: float) -> str:
+    return np.format_float_positional(value, trim="-")
 
 
 def _share(value: float) -> str:

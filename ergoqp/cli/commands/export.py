@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from rich.text import Text
 
-from ergoqp.cli.commands.common import console, working, writing
+from ergoqp.cli.commands.common import writing
 from ergoqp.cli.commands.guide import guide_named
+from ergoqp.cli.commands.screen import console, working
 from ergoqp.errors import InputError
 from ergoqp.export.folder import export_step
 from ergoqp.problem.problem import Problem

@@ -6,6 +6,7 @@ import ast
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +15,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ergoqp.arguments import LARGEST_SEED, check_whole
-from ergoqp.cli.commands.common import console, make_folder, working, writing
+from ergoqp.cli.commands.common import make_folder, writing
+from ergoqp.cli.commands.screen import console, working
 from ergoqp.coordinates import REPORT_JOINTS, SCORED_JOINTS
 from ergoqp.costs.learned import LearnedCost
 from ergoqp.costs.load import KINDS
@@ -22,7 +24,8 @@ from ergoqp.costs.quality import Quality, cross_validate, evaluation_time, quali
 from ergoqp.datasets.data import DataSet
 from ergoqp.datasets.postures import MOST_PER_SCORE, posture_data
 from ergoqp.datasets.table import read_data
-from ergoqp.errors import InputError
+from ergoqp.errors import InputError, MissingExtraError
+from ergoqp.progress import part_of
 from ergoqp.report.charts.boxes import prediction_picture
 
 FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
@@ -30,6 +33,9 @@ FITTED: Final = tuple(kind for kind in KINDS if kind != "sklearn")
 
 DATA: Final = ("sheet", "interval", "forearm")
 """Data sets that the command draws itself."""
+
+_OWN: Final = ("quadratic", "neural")
+"""Kinds whose fit is the package's own, and needs nothing else."""
 
 _GIVEN: Final = ("data", "cls", "progress", "points", "coordinates")
 
@@ -62,6 +68,8 @@ def fit(
     """
     if kind not in FITTED:
         raise InputError(f"cost: got {kind!r}, allowed {', '.join(FITTED)}")
+    own = kind in _OWN and source != "forearm"
+    check_extra(*(() if own else ("sklearn",)), "matplotlib")
     module, name = KINDS[kind].split(":")
     make = getattr(import_module(module), name).fit
     options = read_settings(make, settings)
@@ -79,7 +87,13 @@ def fit(
         return make(part, **own)
 
     with working(f"cross-validation, {folds} folds") as done:
-        values, found = cross_validate(fit_one, data, folds, seed, done)
+        number = count()
+
+        def fit_fold(part: DataSet) -> LearnedCost:
+            begun = next(number)
+            return fit_one(part, part_of(done, begun / folds, (begun + 1) / folds))
+
+        values, found = cross_validate(fit_fold, data, folds, seed, done)
     with working(f"fitting {kind} to all points") as done:
         cost = fit_one(data, done)
     unseen = quality_of(values, data.labels)
@@ -106,6 +120,22 @@ def fit(
     )
     for path in (model, picture):
         screen.print(Text(f"{path.name:<24} {path}"), soft_wrap=True)
+
+
+def check_extra(*modules: str) -> None:
+    """Raise at once, and not after minutes of work, where the extra ``learn`` is missing.
+
+    Args:
+        modules: that are needed.
+
+    Raises:
+        MissingExtraError: if one is not installed.
+    """
+    for module in modules:
+        try:
+            import_module(module)
+        except ImportError:
+            raise MissingExtraError("ergoqp fit", "learn", module) from None
 
 
 def load_data(

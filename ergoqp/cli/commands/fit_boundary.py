@@ -9,8 +9,9 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ergoqp.cli.commands.common import console, make_folder, working
-from ergoqp.cli.commands.fit import load_data, read_settings
+from ergoqp.cli.commands.common import make_folder
+from ergoqp.cli.commands.fit import check_extra, load_data, read_settings
+from ergoqp.cli.commands.screen import console, working
 from ergoqp.learning.one_class import OneClass
 
 
@@ -37,6 +38,7 @@ def fit_boundary(
     Raises:
         ErgoqpError: if what the user gave cannot be used.
     """
+    check_extra("sklearn")
     options = read_settings(OneClass.fit, settings)
     with working("data") as done:
         data = load_data(source, joints, per_score, seed, folds, done)

@@ -13,16 +13,14 @@ from rich.text import Text
 
 from ergoqp.arguments import MOST_WHOLE, check_whole
 from ergoqp.cli.commands.common import (
-    console,
     counted,
     load_person_problem,
     make_folder,
-    print_assumptions,
-    working,
     write_report,
     writing,
 )
 from ergoqp.cli.commands.population import numbers_of
+from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.placing.group.optimise import MOST_STARTS, best_for_group
 from ergoqp.placing.group.optimum import GroupOptimum

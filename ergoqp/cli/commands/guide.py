@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ergoqp.cli.commands.common import working
+from ergoqp.cli.commands.screen import working
 from ergoqp.errors import InputError
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum

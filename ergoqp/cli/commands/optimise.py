@@ -12,22 +12,21 @@ from rich.text import Text
 from ergoqp.cli.commands.common import (
     RecordingOptions,
     SearchOptions,
-    console,
     counted,
     load_person_problem,
     make_folder,
-    print_assumptions,
-    working,
     write_report,
     writing,
 )
 from ergoqp.cli.commands.run import frame_of_recording
+from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.human import Body
 from ergoqp.human.person_file import given_person
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.optimum import Optimum
 from ergoqp.problem.problem import Problem
+from ergoqp.report.numbers import plain
 from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.sheets.reba import ACTION_LEVELS
 
@@ -144,7 +143,7 @@ def optimum_table(problem: Problem, found: list[Optimum]) -> Table:
     table.add_row(
         "tool axis", *(", ".join(f"{value:.2f}" for value in pose[:3, 0]) for pose in poses)
     )
-    table.add_row("optimality residual", "", *(f"{optimum.kkt_residual:.0e}" for optimum in found))
+    table.add_row("optimality residual", "", *(plain(each.kkt_residual, 1) for each in found))
     reached = [
         sum(trial.reba == optimum.reba_after for trial in optimum.trials) for optimum in found
     ]

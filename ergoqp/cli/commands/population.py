@@ -12,17 +12,16 @@ from rich.text import Text
 
 from ergoqp.cli.commands.common import (
     SearchOptions,
-    console,
     counted,
     load_person_problem,
     make_folder,
-    print_assumptions,
-    working,
     writing,
 )
+from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.files.whole import whole
 from ergoqp.placing.population import Found, best_of_population, population
+from ergoqp.report.numbers import plain
 
 COLUMNS = (
     "person",
@@ -97,7 +96,7 @@ def population_table(title: str, found: Sequence[Found]) -> Table:
             continue
         x, y, z = (f"{value:.2f}" for value in best.pose[:3, 3])
         at_best = f"{each.starts_at_best} of {len(best.trials)}"
-        residual = f"{best.kkt_residual:.0e}"
+        residual = plain(best.kkt_residual, 1)
         table.add_row(
             Text(each.label),
             str(best.reba_before),

@@ -14,15 +14,13 @@ from rich.text import Text
 
 from ergoqp.cli.commands.common import (
     RecordingOptions,
-    console,
     load_person_problem,
     make_folder,
-    print_assumptions,
-    working,
     write_report,
     writing,
 )
 from ergoqp.cli.commands.guide import guide_named, places_to_try
+from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import InputError
 from ergoqp.human.person_file import given_person
 from ergoqp.joints import JOINTS

@@ -6,14 +6,12 @@ from pathlib import Path
 
 from ergoqp.cli.commands.common import (
     RecordingOptions,
-    console,
     make_folder,
-    print_assumptions,
-    working,
     write_report,
     writing,
 )
 from ergoqp.cli.commands.save_person import save_person
+from ergoqp.cli.commands.screen import console, print_assumptions, working
 from ergoqp.errors import RecordingError, UnknownNamesError
 from ergoqp.progress import part_of
 from ergoqp.recordings.guess import template
