@@ -1,16 +1,14 @@
 """The pages of an optimum and of a group's place in a browser, and the pictures on them."""
 
-import shutil
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from browsing import PATIENCE
 from report_samples import AWKWARD, EASY, posture
 
 from ergoqp.human import Body
-from ergoqp.placing.group.optimise import best_for_group
-from ergoqp.placing.group.people import read_people
 from ergoqp.placing.group.search import Placing
 from ergoqp.placing.optimise import optimise
 from ergoqp.placing.slices import Slice, slices_through
@@ -19,55 +17,8 @@ from ergoqp.problem_files.load import load_problem
 from ergoqp.report import palette
 from ergoqp.report.body.lineup import Standing, lineup
 from ergoqp.report.charts.score_map import Spot, score_map
-from ergoqp.report.group_page import write_group_page
-from ergoqp.report.optimum_page import write_optimum_page
 from ergoqp.report.place_words import change_of, place_words
 from ergoqp.simulation.people.alike import Alike
-
-CHROMIUM = next(
-    (
-        found
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (found := shutil.which(name))
-    ),
-    None,
-)
-PATIENCE = 120_000  # of a busy machine [ms]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no chromium executable on the PATH")
-    sync_api = pytest.importorskip("playwright.sync_api")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--headless=new", "--no-sandbox", "--no-first-run"]
-        )
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
-def desk():
-    return load_problem("desk")
-
-
-@pytest.fixture(scope="module")
-def pages(desk, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pages")
-    best = replace(optimise(desk, starts=2), title="<i>Desk</i> & more")
-    write_optimum_page(
-        best,
-        desk,
-        folder / "optimum.html",
-        cooperative=optimise(desk, starts=1, mode="cooperative"),
-    )
-    people = read_people(desk, (1.5, 1.9))
-    found = replace(best_for_group(desk, people, starts=1, cache=False), title="<i>Desk</i> & more")
-    write_group_page(found, desk, people, folder / "group.html")
-    return {"optimum": folder / "optimum.html", "group": folder / "group.html"}
-
 
 SECTIONS = {
     "optimum": [
@@ -75,6 +26,7 @@ SECTIONS = {
         "Map",
         "Segments and reasons",
         "At rest, and with the posture chosen",
+        "Assumptions",
         "Starts",
         "Options",
     ],
@@ -85,6 +37,7 @@ SECTIONS = {
         "Map of the highest score",
         "Map of the mean score",
         "Reasons",
+        "Assumptions",
         "Options",
     ],
 }
@@ -92,7 +45,7 @@ SECTIONS = {
 
 @pytest.mark.parametrize("name", ["optimum", "group"])
 @pytest.mark.parametrize("width", [390, 1000])
-def test_page_in_a_browser(browser, pages, name, width):
+def test_page_in_a_browser(browser, place_pages, name, width):
     context = browser.new_context(viewport={"width": width, "height": 900})
     page = context.new_page()
     requests, errors = [], []
@@ -101,9 +54,9 @@ def test_page_in_a_browser(browser, pages, name, width):
     page.on(
         "console", lambda message: errors.append(message.text) if message.type == "error" else None
     )
-    page.goto(pages[name].as_uri(), wait_until="load", timeout=PATIENCE)
-    assert page.locator("h2").all_inner_texts() == [*SECTIONS[name], "Assumptions"]
-    charts = page.locator("svg.chart[role=img]")
+    page.goto(place_pages[name].as_uri(), wait_until="load", timeout=PATIENCE)
+    assert page.locator("h2").all_inner_texts() == SECTIONS[name]
+    charts = page.locator("svg.chart[role=img]:visible")
     assert charts.count() >= 3
     for i in range(charts.count()):
         box = charts.nth(i).bounding_box()
@@ -112,12 +65,12 @@ def test_page_in_a_browser(browser, pages, name, width):
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     context.close()
     assert errors == []
-    assert requests == [pages[name].as_uri()]
+    assert requests == [place_pages[name].as_uri()]
 
 
 @pytest.mark.parametrize("name", ["optimum", "group"])
-def test_words_are_escaped_and_the_page_is_small(pages, name):
-    text = pages[name].read_text(encoding="utf-8")
+def test_words_are_escaped_and_the_page_is_small(place_pages, name):
+    text = place_pages[name].read_text(encoding="utf-8")
     assert "<i>Desk" not in text
     assert "&lt;i&gt;Desk&lt;/i&gt; &amp; more" in text
     assert "<iframe" not in text

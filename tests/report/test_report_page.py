@@ -1,12 +1,12 @@
 """The pages in a browser: complete, quiet and on their own."""
 
-import shutil
 import threading
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from browsing import PATIENCE
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from report_samples import make_recording, make_run
@@ -19,24 +19,6 @@ from ergoqp.report.score_page import write_score_page
 from ergoqp.report.task import is_seated
 from ergoqp.sheets import reba
 
-CHROMIUM = next(
-    (
-        found
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (found := shutil.which(name))
-    ),
-    None,
-)
-ARGUMENTS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-)
 SERIES = [
     "time",
     "postures",
@@ -50,37 +32,6 @@ SERIES = [
     "active",
     "step_time",
 ]
-PATIENCE = 120_000  # of software rendering on a busy machine [ms]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no chromium executable on the PATH")
-    sync_api = pytest.importorskip("playwright.sync_api")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
-def pages(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pages")
-    run = make_run(
-        3,
-        50,
-        title="<i>Screwing</i> & more",
-        recording="a<b>.bvh",
-        reasons=["<script>bad()</script>"] * 151,
-    )
-    write_run_page(run, folder / "run.html")
-    recording = make_recording(2, 50)
-    assessment = reba.assess(recording.postures, seated=True)
-    write_score_page(
-        recording, assessment, folder / "score.html", [("load", "0 kg")], "take<1>.bvh"
-    )
-    return {"run": folder / "run.html", "score": folder / "score.html"}
 
 
 @pytest.mark.parametrize("name", ["run", "score"])
@@ -102,13 +53,13 @@ def test_page_in_a_browser(browser, pages, name):
     seconds = float(bar.get_attribute("aria-valuemax"))
     assert seconds == pytest.approx(3 if name == "run" else 2, abs=0.1)
 
-    charts = page.locator("svg.chart[role=img]")
+    charts = page.locator("svg.chart[role=img]:visible")
     assert charts.count() >= 6
     for i in range(charts.count()):
         box = charts.nth(i).bounding_box()
         assert box["width"] > 50
         assert box["height"] > 20
-    assert page.locator("h2").all_inner_texts()[:2] == ["Replay", "Score"]
+    assert page.locator("h2").all_inner_texts()[:3] == ["Postures", "Replay", "Score"]
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     context.close()
 
