@@ -81,7 +81,7 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
                 "Mean REBA at rest: left alone, by the rule, by ergoqp's descent and by the"
                 " places that it tries, and the best that is known for these people from their"
                 " starts.",
-                pictures=[Picture(means_chart(drawn))],
+                pictures=[Picture.of(lambda width: means_chart(drawn, width))],
                 tables=[_matrix(drawn, kinds, problems)],
             ),
             _worst(drawn, folder),
@@ -96,22 +96,23 @@ def write_people_page(found: Sequence[Numbers], ways: Sequence[str], folder: Pat
 _GROUPS = ("kind", "problem")
 
 
-def means_chart(drawn: Sequence[Numbers]) -> str:
+def means_chart(drawn: Sequence[Numbers], width: float = WIDTH) -> str:
     """Return the mean ends of every kind and problem as dots on a line each."""
     rows = [
         (what, name, [unit for unit in drawn if unit[what] == name])
         for what in _GROUPS
         for name in dict.fromkeys(unit[what] for unit in drawn)
     ]
-    left, top, high = 110.0, 34.0, 26.0
+    narrow = width < WIDTH
+    left, top, high = 110.0, 52.0 if narrow else 34.0, 26.0
     bottom = top + high * len(rows)
-    scale = Scale(1.0, 8.0, left, WIDTH - 20)
+    scale = Scale(1.0, 8.0, left, width - 20)
     drawing = time_axis(scale, top - 8, bottom, "mean REBA at rest, points")
     for number, (name, style) in enumerate(_DOTS):
-        x = left + 120 * number
+        x, y = left + 120 * (number % 2 if narrow else number), 12 + 20 * (narrow and number > 1)
         drawing += [
-            svg.element("circle", cx=x, cy=12, r=5, class_=style),
-            svg.text(name.replace("still", "left alone"), x + 12, 16, class_="label"),
+            svg.element("circle", cx=x, cy=y, r=5, class_=style),
+            svg.text(name.replace("still", "left alone"), x + 12, y + 4, class_="label"),
         ]
     for number, (_, name, units) in enumerate(rows):
         y = top + high * (number + 0.5)
@@ -124,7 +125,7 @@ def means_chart(drawn: Sequence[Numbers]) -> str:
         for mean, (_, style) in zip(means, _DOTS, strict=True):
             drawing.append(svg.element("circle", cx=scale.at(mean), cy=y, r=5.5, class_=style))
     said = "Mean REBA at rest per kind of person and per problem."
-    return svg.picture(drawing, WIDTH, bottom + 42, said, said)
+    return svg.picture(drawing, width, bottom + 42, said, said)
 
 
 def _mean_of(unit: Numbers, way: str) -> float:
