@@ -13,6 +13,8 @@ from ergoqp.simulation.demo_recording import demo_recording
 def ergoqp(capsys, monkeypatch, tmp_path):
     """Run a command line in an empty folder, in this process."""
     monkeypatch.chdir(tmp_path)
+    # Whoever runs the tests in several processes says how wide their lines are.
+    monkeypatch.delenv("COLUMNS", raising=False)
 
     def call(*arguments):
         status = cli.execute([str(argument) for argument in arguments])
