@@ -67,3 +67,9 @@ def test_somebody_who_sits(work: Path, tmp_path: Path) -> None:
     sits = posture(COUNT, legs_hip_flexion=90.0, legs_knee_flexion=90.0)
     other = table(tmp_path / "other.csv", centres_of(BODY, PELVIS, sits))
     load_recording(work, up="z", neutral=other)
+
+
+def test_one_segment_may_be_measured_badly(work: Path, tmp_path: Path) -> None:
+    lengths = {"forearm": 1.3 * BODY.lengths["forearm"]}
+    other = table(tmp_path / "other.csv", standing(Body(lengths=BODY.lengths | lengths)))
+    load_recording(work, up="z", neutral=other)

@@ -8,8 +8,11 @@ import pytest
 from benchmarks.made_motions import BODY, Places, fitted, posture, walk
 from ergoqp.errors import RecordingError
 from ergoqp.joints import SIDES
+from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.fitting.centres_of import centres_of
 from ergoqp.recordings.fitting.sides import check_sides
+from ergoqp.recordings.motion import JointMotion
+from ergoqp.recordings.oriented import AHEAD
 
 TOES = tuple(f"{side}_toe" for side in SIDES)
 LEGS = (*TOES, *(f"{side}_{name}" for side in SIDES for name in ("knee", "ankle")))
@@ -99,3 +102,44 @@ def test_some_frames_are_chance() -> None:
 def test_upside_down_nothing_is_known() -> None:
     places = {name: path * [1.0, 1.0, -1.0] for name, path in work().items()}
     assert NOBODY in check_sides("a", places)
+
+
+def test_straight_knees_show_nothing() -> None:
+    # A hair behind the line from hip to ankle, as many people stand.
+    upright = without(walk()[0], *TOES, *ARMS, "nose")
+    ahead = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+    for side in SIDES:
+        hip, ankle = upright[f"{side}_hip"], upright[f"{side}_ankle"]
+        upright[f"{side}_knee"] = (hip + ankle) / 2 - 0.01 * ahead
+    assert NOBODY in check_sides("a", upright)
+
+
+def test_what_points_both_ways_decides_nothing() -> None:
+    places = without(work(), *TOES)
+    behind = np.arange(240) % 5 < 3
+    away = (places["nose"] - places["head"])[behind]
+    places["nose"][behind] -= 2 * away
+    assert check_sides("a", places) == ""  # the knees do
+
+
+def test_hands_beside_the_trunk_show_nothing() -> None:
+    places = without(walk()[0], *LEGS, "nose")
+    ahead = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+    for side in SIDES:
+        places[f"{side}_wrist"] = places[f"{side}_shoulder"] - 0.05 * ahead - [0.0, 0.0, 0.5]
+    assert NOBODY in check_sides("a", places)
+
+
+def test_a_nose_that_is_put_ahead_of_the_trunk_shows_nothing() -> None:
+    # How the axes of the head lie is not known: the nose follows left and right, right or wrong.
+    seen = without(work(), *LEGS, "nose")
+    names = tuple(seen)
+    turns = {"head": np.tile([0.0, 0.0, 0.0, 1.0], (240, 1))}
+    for places, fine in ((seen, True), (exchanged(seen), False)):
+        positions = np.stack([places[name] for name in names], axis=1)
+        motion = JointMotion(names, positions, np.arange(240) / 60, turns=turns)
+        if fine:
+            assert AHEAD in recording_of(motion, "a", Reading(unit=1.0, up="z")).assumptions
+            continue
+        with pytest.raises(RecordingError, match="the hands reach backward"):
+            recording_of(motion, "a", Reading(unit=1.0, up="z"))
