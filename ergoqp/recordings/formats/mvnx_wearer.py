@@ -160,9 +160,11 @@ class Wearer:
             except ValueError:
                 values = []
             if len(values) != width or "_" in text or not all(abs(v) <= LARGEST for v in values):
+                wrong = [word for word in words if not _is_read(word)]
+                got = f"{short(wrong[0])} among " if wrong else ""
                 raise RecordingError(
-                    f"{self.path.name}: frame {short(index)}: got {len(words)} words for {what},"
-                    f" allowed {width} numbers"
+                    f"{self.path.name}: frame {short(index)}: got {got}{len(words)} words for"
+                    f" {what}, allowed {width} numbers"
                 )
             row += values
         return row
@@ -176,6 +178,14 @@ class Wearer:
         parts = (places.reshape(len(values), -1, 3), unit, np.radians(angles))
         for each, part in zip(self.gathered, parts, strict=True):
             each.add(part.astype(np.float32), share)
+
+
+def _is_read(word: str) -> bool:
+    """Return whether a word is a number that can be of a person."""
+    try:
+        return "_" not in word and abs(float(word)) <= LARGEST
+    except ValueError:
+        return False
 
 
 def lacking(path: Path) -> RecordingError:

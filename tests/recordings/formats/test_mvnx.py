@@ -215,10 +215,16 @@ BROKEN = {
         MVNX.replace("<jointAngle>1 2 10</jointAngle>", ""),
         r"got joint angles \(jointAngle\) in some of the frames, allowed in all or none",
     ),
-    "a word": (MVNX.replace("1 2 10", "1 two 10"), "frame '1': got 3 words for jointAngle"),
-    "joined digits": (MVNX.replace("1 2 10", "1 2 1_0"), "frame '1': got 3 words for jointAngle"),
-    "NaN": (MVNX.replace("1 2 10", "1 nan 10"), "frame '1': got 3 words for jointAngle, allowed 3"),
-    "too large": (MVNX.replace("1 2 10", "1 2 1e300"), "frame '1': got 3 words for jointAngle"),
+    "a word": (
+        MVNX.replace("1 2 10", "1 two 10"),
+        "frame '1': got 'two' among 3 words for jointAngle",
+    ),
+    "joined digits": (MVNX.replace("1 2 10", "1 2 1_0"), "frame '1': got '1_0' among 3 words"),
+    "NaN": (
+        MVNX.replace("1 2 10", "1 nan 10"),
+        "frame '1': got 'nan' among 3 words for jointAngle, allowed 3",
+    ),
+    "too large": (MVNX.replace("1 2 10", "1 2 1e300"), "frame '1': got '1e300' among 3 words"),
     "no index": (
         MVNX.replace('index="1"', ""),
         "got a frame with the index 'None', allowed a whole",
