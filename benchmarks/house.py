@@ -1,17 +1,18 @@
 """The shape of the package: circles, climbs, and how far one goes to follow a problem into a step.
 
-Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for the first
-two alone, as ``make check`` does. Imports within functions and for types alone are counted like all
-others, and so is every text that names a module, in a file that imports by text
-(``import_module``); the facade ``ergoqp/__init__.py``, which names what there is and imports it
-when it is asked for, is no room.
+Run ``python -m benchmarks.house [--quick | --full] [--json FILE]``, or ``--check`` for circles,
+climbs and long lines alone, as ``make check`` does. Imports within functions and for types alone
+are counted like all others, and so is every text that names a module, in a file that imports by
+text (``import_module``); the facade ``ergoqp/__init__.py``, which names what there is and imports
+it when it is asked for, is no room.
 
 - ``circles``: groups of files that import each other.
 - ``climbs``: imports of a room from one that is not on a lower floor of ``benchmarks/floors.toml``,
   but among the files of the ground.
 - ``rooms``, ``files``, ``lines``: of the package. ``top_files``, ``longest_top_file``: at the top
   of ``ergoqp/``.
-- ``long_lines``: lines of Python of more than 100 columns, in the whole project.
+- ``long_lines``: lines of more than 100 columns in the whole project, of Python and Markdown;
+  rows of Markdown's tables, which cannot be continued, are not counted.
 - ``walk.stays``, ``walk.up``, ``walk.again``: the calls of `build_step` that are handed the
   problem, or the `StepModel` that holds it, are followed from file to file in the order of the
   text, see `benchmarks.house_walk`: stays in a file, calls into a room on a higher floor than the
@@ -159,12 +160,17 @@ def _ground(here: str, there: str, level: dict[str, int]) -> bool:
 
 
 def long_lines() -> int:
-    """Count the lines of more than `COLUMNS` columns."""
+    """Count the lines of more than `COLUMNS` columns, but rows of Markdown's tables."""
     listed = subprocess.run(
-        ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
+        ["git", "ls-files", "*.py", "*.md"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     texts = ((ROOT / name).read_text(encoding="utf-8") for name in listed.split("\n") if name)
-    return sum(len(line) > COLUMNS for text in texts for line in text.splitlines())
+    lines = (line for text in texts for line in text.splitlines())
+    return sum(len(line) > COLUMNS and not line.startswith("|") for line in lines)
 
 
 def import_seconds() -> float:
@@ -214,13 +220,14 @@ def measure(report: Report) -> None:
 
 
 def check() -> int:
-    """Return 1 where the house has a circle or a climb, having said which."""
+    """Return 1 where the house has a circle, a climb or a long line, having said which."""
     arrows = imports(modules())
     said = [
         *("circle: " + ", ".join(group) for group in circles(arrows)),
         *(f"climb: {each}" for each in climbs(arrows)),
+        *([f"{long} lines of more than {COLUMNS} columns"] if (long := long_lines()) else []),
     ]
-    print("\n".join(said) if said else "no circle, no climb")
+    print("\n".join(said) if said else "no circle, no climb, no long line")
     return int(bool(said))
 
 

@@ -86,7 +86,13 @@ def trajectory(problem: Problem, stepper: Stepper, duration: float) -> Recorder:
         )
         start = person.start_at(np.clip(posture, LOWER, UPPER))
         half = duration / 2
-        run_loop(problem, person.holding(start), duration=half, seed=seed, controller=recorder)  # type: ignore
+        run_loop(
+            problem,
+            person.holding(start),
+            duration=half,
+            seed=seed,
+            controller=recorder,  # type: ignore
+        )
     return recorder
 
 

@@ -36,7 +36,8 @@ GOOD = JointMotion(
 def test_what_is_right() -> None:
     assert lacking(GOOD) == ""
     assert lacking(JointMotion(("a",), np.full((1, 1, 3), np.nan), np.zeros(1))) == ""
-    assert lacking(replace(GOOD, names=["a", "b"], positions=np.zeros((3, 2, 3), int))) == ""  # pyright: ignore
+    listed = replace(GOOD, names=["a", "b"], positions=np.zeros((3, 2, 3), int))  # pyright: ignore
+    assert lacking(listed) == ""
 
 
 @pytest.mark.parametrize(
