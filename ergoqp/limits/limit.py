@@ -1,4 +1,4 @@
-"""What a limit gives the step: named rows over the twist, how its margins change along a stop."""
+"""What a limit gives to the step: named rows, and their least margins along a stop."""
 
 from __future__ import annotations
 
@@ -18,31 +18,34 @@ Expression = Any
 class Situation:
     """The person and the object at one step, as CasADi expressions.
 
+    The "motion under way" is what the robot was sent but has not done yet (delay and lag). The
+    "rising mean" is the effect of the moving average on a twist that still grows: the object then
+    travels farther than the twist that is sent now would suggest.
+
     Attributes:
-        posture: joint angles (32,) [rad], or what the state of the problem is.
-        observed: 1 for joints that are seen (32,).
-        pose: contact frame in the world (4, 4) [m], where the object lands when the motion under
-            way is done.
-        sensitivity: S (32, 6) with the locks of this pass.
-        swing: displacement (6,) [m, rad] of a stop at the present twist: how far curved rows must
-            look ahead.
-        change: by how much each entry of the swing can differ at the next twist (6,) [m, rad].
-        readings: what each limit's `measure` says at this posture, by the name of its first row.
-        surface: the limit that the state has to stay on exactly, or None.
-        ahead: displacement (6,) [m, rad] of the object that is under way: in `pose` already, not
-            yet in `posture`.
-        shift: change of the posture that is still to come from that displacement, S ahead (32,)
-            [rad].
-        lost: how much of the distance to the (lower, upper) ends of each hard limit's rows cannot
-            be counted on, by the name of its first row; without an entry all of it can.
-        turn: largest angle under way that a robot may have done already [rad]; None: there is none.
-        stray: largest angle by which what is under way leaves a straight line [rad]; None: it
-            matters to no row.
-        raised: angle that a rising mean adds to it at most [rad]; None: it matters to no row.
-        lead: what a rising mean adds at most to a displacement of `Limit.margins`, at any
-            acceleration (6,) [m, rad]; None: nothing.
-        most: what it adds at most at any twist (6,) [m, rad]: the displacement holds that much of
-            it, along each axis by itself; None: nothing.
+        posture: joint angles (32,) [rad], or the state of the problem if that is something else.
+        observed: 1 for each joint that is seen, else 0 (32,).
+        pose: contact frame in the world (4, 4) [m], after the motion under way.
+        sensitivity: S (32, 6) with the joints that are locked in this pass.
+        swing: displacement (6,) [m, rad] of a stop from the present twist. Curved rows must be
+            correct along all of it.
+        change: largest change of each entry of the swing at the next twist (6,) [m, rad].
+        readings: result of each limit's `measure` at this posture, by the name of its first row.
+        surface: the limit that is an equality, or None.
+        ahead: displacement (6,) [m, rad] of the motion under way. It is included in `pose`, not in
+            `posture`.
+        shift: change of the posture that this displacement will cause, S ahead (32,) [rad].
+        lost: parts of the distances to the (lower, upper) ends of each hard limit's rows that must
+            not be used, by the name of its first row. No entry: nothing is lost.
+        turn: largest angle of the motion under way that the robot may have done already [rad].
+            None: zero.
+        stray: largest angle between the motion under way and a straight line [rad]. None: no row
+            needs it.
+        raised: largest angle that a rising mean adds to `stray` [rad]. None: no row needs it.
+        lead: largest addition of a rising mean to a displacement of `Limit.margins`, at any
+            acceleration (6,) [m, rad]. None: zero.
+        most: largest addition of a rising mean at any twist (6,) [m, rad]. The displacement
+            contains up to this much of it, independently along each axis. None: zero.
 
     Example:
         >>> import casadi as ca
@@ -73,25 +76,23 @@ class Situation:
     most: Expression | None = None
 
     def straight(self, displacement: Expression) -> Expression:
-        """Return a displacement of `Limit.margins` (6,) without what a rising mean adds.
+        """Return a displacement of `Limit.margins` (6,) without the addition of a rising mean.
 
-        What is left leads along the twist.
+        The result is parallel to the twist.
         """
         if self.lead is None or self.most is None:
             return displacement
         return displacement - ca.fmax(-self.most, ca.fmin(self.most, self.lead))
 
     def counted(self, name: str, rows: Rows) -> Rows:
-        """Return rows on the object side with only the distances that can be counted on.
+        """Return rows of the object side without the distances in `lost`.
 
-        Every hard limit returns these.
-
-        Where the object is measured with an error, or what it was sent may be done already or not,
-        that much is not there.
+        Every hard limit must return its rows through this function. It subtracts the error with
+        which the object is measured, and motion of which it is unknown whether it is done.
 
         Args:
-            name: of the limit's first row.
-            rows: as they are at `pose`.
+            name: name of the limit's first row.
+            rows: rows at `pose`.
         """
         if name not in self.lost:
             return rows
@@ -100,15 +101,15 @@ class Situation:
 
 
 class Surface(Protocol):
-    """A limit that is an equality: the state stays on it by projection, whatever the twist.
+    """A limit that is an equality: projection keeps the state on it exactly.
 
     See `ergoqp.limits.ArmLength`.
     """
 
     def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """Return a twist (6,) without its part across the surface.
+        """Return a twist (6,) without its component normal to the surface.
 
-        What is wrong is mended as far as `acceleration` allows.
+        A deviation from the surface is corrected as far as `acceleration` allows.
         """
         ...
 
@@ -117,29 +118,31 @@ class Surface(Protocol):
         ...
 
     def bow(self, posture: ca.SX, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return how far a projected way strays from a straight one: (vector (n,), error bound)."""
+        """Return the deviation of the projected path from a straight one.
+
+        Returns:
+            The deviation (n,) and a bound of its error.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Some quantities that the twist moves, each between two ends.
+    """Quantities that the twist moves, each between a lower and an upper end.
 
-    Their rate is A xi, with `below` and `above` left to go.
-
-    A margin is negative outside. The step turns rows into bounds that leave room for the whole
-    stop.
+    The rate of the quantities is A xi. A distance is negative outside. The step turns rows into
+    bounds of the twist that leave room for the whole stop.
 
     Attributes:
-        matrix: A (m, 6): rate of each quantity per twist.
-        below: distance to the lower end (m,), inf without one.
-        above: distance to the upper end (m,), inf without one.
-        rate: largest rate allowed (m,), inf without one.
-        reserve: what a curved row must keep free for its own curvature along the swing (m,); 0 for
-            straight ones.
+        matrix: A (m, 6), the rate of each quantity per unit of twist.
+        below: distance to the lower end (m,), inf if there is none.
+        above: distance to the upper end (m,), inf if there is none.
+        rate: largest allowed rate (m,), inf if there is none.
+        reserve: distance that a curved row needs for its curvature along the swing (m,), 0 for
+            straight rows.
 
     Raises:
-        ProblemError: at construction, for shapes that do not fit together.
+        ProblemError: if the shapes do not fit together.
 
     Example:
         >>> import casadi as ca
@@ -158,10 +161,10 @@ class Rows:
     reserve: Expression
 
     def __post_init__(self) -> None:
-        """Check that the parts are of the same rows.
+        """Check the shapes.
 
         Raises:
-            ProblemError: if they are not.
+            ProblemError: if they do not fit together.
         """
         one = (self.matrix.shape[0], 1)
         for name, part in vars(self).items():
@@ -181,43 +184,41 @@ RECOVERY_TIMES: Final = (1e-3, 1e3)
 
 
 class Limit(Protocol):
-    """A kind of row, added by a file with this protocol and a line of registration.
+    """The members of a limit. The last eight of the list may be left out.
 
     Attributes:
         names: name of each row, unique in a problem.
-        unit: of the quantities, for people (``"rad"``, ``"m"``).
-        hard: object side (True): kept by construction, braking included; its `rows` and `margins`
-            count on no more than `Situation.counted` leaves. Through S (False): kept as far as
-            braking allows; they add `Situation.shift` to the posture.
-        returns: whether each row, once outside, asks to come back: on the object side it does; a
-            person's posture does not move the object by itself.
-        tolerance: how far outside counts as still on the limit (sensor noise), in `unit`.
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
+        unit: unit of the quantities (``"rad"``, ``"m"``), used in messages.
+        hard: True: the rows depend on the object only. They are certified, stops included; the
+            rows must be returned through `Situation.counted`. False: the rows depend on the
+            posture, through S. They are kept as far as braking allows; the posture must be taken
+            with `Situation.shift` added.
+        returns: whether each row, when it is outside, asks for a motion back. Rows of the object
+            usually do. Rows of a posture usually do not, so that a joint that is measured wrongly
+            does not move the object.
+        tolerance: distance outside that still counts as on the limit, for sensor noise, in `unit`.
+        recovery_time: time constant of the return from outside [s]. The speed back is
             distance / recovery_time.
-        yield_zone: distance to the end within which a joint of the response yields (is locked)
-            instead of stopping the object; 0 for quantities that cannot yield. A limit that has one
-            is `linear`.
-        linear: whether rows and margins may be asked for with matrices (`casadi.MX`) as well as
-            with scalars; without the attribute they are not.
-        bend: by how much the rate of its rows can change per rad that the object turns, roughly;
-            without the attribute they are straight. Coming back from outside is then not asked
-            faster than the object can stop where it is nearest.
-        tangent: whether the direction of its one row is read off the pose, as that of a half-space
-            which touches a region; without the attribute it is not. The declared noise of a
-            position then counts twice, so that the object is never measured inside.
-        equality: whether the state stays on it exactly, by projection, as on `Surface`; without the
-            attribute it does not. A problem has one at most.
-        holds: what of the world it holds, in a word: ``"workspace"``, ``"tool axis"``,
-            ``"joints"``, ``"boundary"`` or ``"length"``. Places, optimum and checker know how to
-            judge the package's own limit of that word, the first in a problem; all others, with the
-            attribute or without, they judge by `rows` alone, see `ergoqp.limits.own_rows`.
-        breach: how being beyond an end is called, before the row's name; without the attribute it
-            is ``"outside"``, as of a box.
-        state: names of the coordinates that it is about; without the attribute any serve.
-        commanded: whether the twist must be the velocity of that state itself; without the
-            attribute it need not.
-        proven: whether `margins` is a lower bound and not the margin itself. A hard limit is then
-            never asked for less than it promises, not even where braking has no better bound.
+        yield_zone: distance to the end at which a joint of the response is locked instead of the
+            object being stopped. 0: the quantity is never locked. A limit with a yield zone must
+            be `linear`.
+        proven: whether `margins` returns a lower bound instead of the margin itself. A hard limit
+            of this kind is never required to be worse than its own bound.
+        linear: whether `rows` and `margins` accept matrices (`casadi.MX`) as well as scalars. The
+            step is then faster. Default: False.
+        bend: approximate change of the rate of a row per rad that the object turns. The speed back
+            from outside is then limited to one from which the object can stop. Default: 0.
+        tangent: whether the normal of the one row depends on the measured pose, as for a half-space
+            that touches a region. The declared position noise then counts twice. Default: False.
+        equality: whether the state stays on the limit exactly, by projection; the limit is then a
+            `Surface` too. A problem can have one such limit. Default: False.
+        holds: kind of the package's own limits: ``"workspace"``, ``"tool axis"``, ``"joints"``,
+            ``"boundary"`` or ``"length"``. For the first limit of each kind, the optimum, the place
+            search and the checker have their own computation. All other limits are judged by
+            `rows`, see `ergoqp.limits.own_rows`.
+        breach: word that precedes the row's name when it is violated. Default: ``"outside"``.
+        state: names of the coordinates that the limit is about. Default: any.
+        commanded: whether the twist must be the velocity of that state itself. Default: False.
 
     Example:
         >>> import ergoqp
@@ -254,10 +255,10 @@ class Limit(Protocol):
     proven: bool
 
     def measure(self) -> ca.Function | None:
-        """Return ``posture -> readings (k,)``, evaluated once per step as it is, or None.
+        """Return a function ``posture -> readings (k,)``, or None.
 
-        For what should not be written out as scalars, such as a sum of thousands of kernels. The
-        readings come back in `Situation.readings`.
+        It is evaluated once per step and is meant for large computations, such as a sum of
+        thousands of kernels. The result is in `Situation.readings`.
         """
         ...
 
@@ -266,11 +267,11 @@ class Limit(Protocol):
         ...
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return each row's smallest margin (m,) on the straight way to a displacement.
+        """Return the smallest margin of each row (m,) on the straight path to a displacement.
 
-        The displacement (6,) [m, rad] is that of the object.
-
-        A displacement of zero gives the margins as they are.
+        Args:
+            situation: where the path begins.
+            displacement: of the object (6,) [m, rad]. Zero gives the present margins.
         """
         ...
 
@@ -278,13 +279,13 @@ class Limit(Protocol):
 def straight_margins(
     rows: Rows, displacement: Expression, mixed: Situation | None = None
 ) -> Expression:
-    """Return the smallest margins (m,) on the way to a displacement, for quantities linear in it.
+    """Return the smallest margins (m,) on the path to a displacement, for linear quantities.
 
     Args:
-        rows: as they are where the way begins.
+        rows: rows where the path begins.
         displacement: of the object (6,) [m, rad].
-        mixed: the situation, for hard rows of more than one axis. A mean adds to the displacement
-            axis by axis, and in a row that mixes axes these parts can cancel each other.
+        mixed: the situation, for hard rows that combine several axes. The addition of a rising mean
+            is independent along each axis, and in such a row the parts could cancel each other.
 
     Example:
         >>> import casadi as ca

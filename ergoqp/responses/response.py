@@ -1,4 +1,4 @@
-"""What every response model offers to a problem and to the control step."""
+"""The members of a response model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ class Response(Protocol):
     """A model of how the person's posture follows the held object: dq/dt = S(q) xi.
 
     Attributes:
-        joints: names of the joints that the model moves; the others stay as measured.
+        coordinates: names of the entries of the state (32): `ergoqp.JOINTS` for a person.
+        largest: largest plausible magnitude of an entry [rad]. A larger one is taken for a mistake.
+        joints: names of the joints that the model moves. The others stay as measured.
+        weight_vector: relative cost of moving each joint (32,).
+        comfort: posture (32,) [rad] that the step approaches where the cost is flat. May be left
+            out: zeros.
+        stance: ``"standing"`` or ``"seated"``. May be left out.
 
     Example:
         >>> import ergoqp
@@ -24,12 +30,12 @@ class Response(Protocol):
 
     @property
     def coordinates(self) -> Sequence[str]:
-        """Names of the state: `ergoqp.JOINTS`, or what the model moves instead of a person."""
+        """Names of the entries of the state."""
         ...
 
     @property
     def largest(self) -> float:
-        """Largest magnitude of a plausible entry."""
+        """Largest plausible magnitude of an entry."""
         ...
 
     @property
@@ -39,21 +45,21 @@ class Response(Protocol):
 
     @property
     def weight_vector(self) -> np.ndarray:
-        """Cost of each joint's rate (32,), relative."""
+        """Relative cost of moving each joint (32,)."""
         ...
 
     def expression(self, q: ca.MX) -> ca.MX:
-        """Return the sensitivity S (32, 6) at the posture `q` (32,) [rad].
+        """Return S (32, 6) [rad/m, 1] at the posture `q` (32,) [rad].
 
-        It is for a world-aligned twist [m/s, rad/s].
+        The twist that it multiplies is along the world's axes [m/s, rad/s].
         """
         ...
 
     def sensitivity(self) -> ca.Function:
         """Return the function ``(q (32,), locked (32,)) -> (S (32, 6), E (k, 6))``.
 
-        Joints with ``locked`` 1 do not move. ``E @ twist`` is the contact motion that the posture
-        cannot follow.
+        A joint with ``locked`` 1 does not move. ``E @ twist`` is the part of the contact's motion
+        that the posture cannot follow.
         """
         ...
 
