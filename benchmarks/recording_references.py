@@ -3,8 +3,9 @@
 Figures of `benchmarks.recordings`, by hand. ``reference.FILE.JOINT_rms_deg``: how far our angle is
 from theirs, root of the mean square, what they differ by all the time removed: the zero of an
 angle is a convention. ``_constant_deg``: the same of their mean, as a guess: their standard
-deviation. Both only where that exceeds 8 degrees. ``_off_deg``: where it does not: with what they
-differ by all the time; ``.standing``: of a person who stands still with hanging arms, as a guess.
+deviation. Both only where that exceeds 8 degrees. ``_rms_deg.in_range``: had their angle been held
+within the range that our joint has. ``_off_deg``: where it does not: with what they differ by all
+the time; ``.standing``: of a person who stands still with hanging arms, as a guess.
 ``marker_fit_mm.FILE``: how far markers are from where they sit on the fitted body, root of the
 mean square over the markers, median over the frames; ``.standing``: on a body that stands where
 the fitted one is. ``markers_per_s``: frames of 39 markers per second, from arrays to postures.
@@ -37,7 +38,7 @@ from benchmarks.made_motions import BODY, moved
 from benchmarks.recording_told import measure_told
 from benchmarks.recording_xsens import xsens
 from benchmarks.report import Report
-from ergoqp.joints import INDEX, SIDES
+from ergoqp.joints import INDEX, LOWER, SIDES, UPPER
 from ergoqp.recordings import Recording, fit_postures, load_recording
 from ergoqp.recordings.assemble import Reading, recording_of
 from ergoqp.recordings.joints import joints_of
@@ -186,6 +187,10 @@ def _compared(report: Report, file: str, pairs: Pairs) -> None:
         if spread > VARIES:
             report.figure(f"{name}_rms_deg", float(np.std(away)))
             report.figure(f"{name}_constant_deg", spread)
+            if joint in INDEX:
+                least, greatest = np.degrees([LOWER[INDEX[joint]], UPPER[INDEX[joint]]])
+                held = (ours - np.clip(theirs, least, greatest))[seen]
+                report.figure(f"{name}_rms_deg.in_range", float(np.std(held)))
         else:
             report.figure(f"{name}_off_deg", float(np.sqrt(np.mean(away**2))))
             report.figure(f"{name}_off_deg.standing", float(np.sqrt(np.mean(theirs[seen] ** 2))))
