@@ -126,6 +126,7 @@ def recording_of(
             along = {name: shift for name in markers if above_hips(landmarks[name])}
         world = straightened(world, neutral.trunk, neutral.neck)
 
+    world = _in_one_block(world)
     result = fit(body, world, time, part_of(progress, _FOUND, 1.0))
     markers |= {name: markers[name] + shift[frames] for name, shift in along.items()}
     sits = _calibrated(body, result, frames, markers, landmarks)
@@ -226,6 +227,21 @@ def _calibrated(
     rows = frames[shown]
     seen = {name: path[shown] for name, path in markers.items()}
     return markers_on(body, result.pelvis[rows], result.postures[rows], seen, landmarks)
+
+
+def _in_one_block(paths: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Make the paths parts of one array, in place, and return them.
+
+    The system gets one large array back when nobody needs it any more. Many smaller ones would
+    leave gaps in the memory of the process: 100 MB for an hour of recording.
+    """
+    first = next(iter(paths.values()))
+    kind = np.result_type(*{path.dtype for path in paths.values()})
+    block = np.empty((len(paths), *first.shape), dtype=kind)
+    for part, name in zip(block, list(paths), strict=True):
+        part[:] = paths.pop(name)
+        paths[name] = part
+    return paths
 
 
 def _poses(pelvis: np.ndarray) -> np.ndarray:
