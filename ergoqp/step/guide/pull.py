@@ -20,7 +20,7 @@ GUIDE_INPUTS: Final = ("guide", "guided", "promise")
 """Pose of the guide (4, 4), whether there is one (0 or 1), and the cost it promises [points]."""
 
 GUIDE_OUTPUTS: Final = ("drawn",)
-"""Phase of the trial in this step, 0 without a guide."""
+"""Phase in which the guide led this step: travel, wait at the place or travel back; else 0."""
 
 _APPROACH: Final = 0.3
 """Time constant of the end of the approach [s]."""
