@@ -38,8 +38,8 @@ def build_qp(
 
     Each row is relaxed by at most `cap` in the direction `side`.
 
-    min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lbA <= A xi - side s <= ubA,  0 <= s <= cap, lb <=
-    xi <= ub.
+    min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lbA <= A xi - side s <= ubA,  0 <= s <= cap,
+    lb <= xi <= ub.
 
     If no row has a cap (almost always) this is a QP in six unknowns, and it is solved as one.
 

@@ -65,7 +65,7 @@ class UnderWay:
         own: share of the new planned twist in the sent twist.
         fits: whether the history is still long enough after the period. It is not if periods are
             too short.
-        parked: whether only zero twists were planned and sent during the whole history.
+        parked: whether only zeros were planned and sent for at least W and the dead time.
     """
 
     total: ca.MX
