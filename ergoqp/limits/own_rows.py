@@ -54,7 +54,7 @@ class OwnLimits:
 
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
-        """The limits."""
+        """The limits that are judged only by their rows."""
         return tuple(limit for limit in self.every if not self._known(limit))
 
     def _known(self, limit: Limit) -> bool:

@@ -259,7 +259,7 @@ class IkResponse:
     def contact(self) -> ca.Function:
         """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``.
 
-        Both are in the world that the stance anchors.
+        Both are in the world, which is fixed to the stance.
         """
         return self._functions[2]
 

@@ -22,7 +22,7 @@ class _MomentLimit(mink.Limit):
         self.moment: Moment | None = None
 
     def _now(self) -> Moment:
-        assert self.moment is not None  # set at the begin of every step
+        assert self.moment is not None  # set at the start of every step
         return self.moment
 
     def _on_arm(self, rows: np.ndarray, bounds: np.ndarray, dt: float) -> mink.Constraint:

@@ -33,7 +33,7 @@ class _MomentTask(BaseTask):
         self.moment: Moment | None = None
 
     def _now(self) -> Moment:
-        assert self.moment is not None  # set at the begin of every step
+        assert self.moment is not None  # set at the start of every step
         return self.moment
 
     def _objective(self, columns: np.ndarray, H: np.ndarray, c: np.ndarray) -> mink.Objective:
@@ -101,7 +101,7 @@ class _Rows(mink.Task):
         self.moment: Moment | None = None
 
     def _now(self) -> Moment:
-        assert self.moment is not None  # set at the begin of every step
+        assert self.moment is not None  # set at the start of every step
         return self.moment
 
 
