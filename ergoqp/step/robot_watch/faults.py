@@ -15,7 +15,7 @@ _SAME: Final = 0.005
 class Fault(IntEnum):
     """How the robot differs from its declaration.
 
-    The amount beside it is a factor, or is in seconds, metres or radians.
+    The amount beside it is a factor, or is in seconds, metres or radians (speed jump: m/s, rad/s).
     """
 
     none = 0
