@@ -1,1 +1,1 @@
-"""Solvers against each other on QPs recorded from closed loops; see `compare`."""
+"""Comparison of QP solvers on QPs recorded from closed loops; see `compare`."""

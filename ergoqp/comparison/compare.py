@@ -1,4 +1,4 @@
-"""`compare`: record a problem's closed-loop QPs, give them to every solver, judge the answers."""
+"""`compare`: record the QPs of closed loops, solve them with every solver, check the answers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ergoqp.solvers.judge import tidy
 from ergoqp.solvers.sequence import QpSequence
 
 STEPS: Final = 300
-"""Control steps that are recorded by default."""
+"""Default number of recorded control steps."""
 
 MOST_STEPS: Final = 100_000
 
@@ -34,18 +34,18 @@ _PASSES: Final = 2
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What `compare` found.
+    """Result of `compare`.
 
     Attributes:
         problem: name of the problem.
-        steps: control steps that were recorded.
-        seed: of the loops.
-        accuracy: that the solvers were set to, in the units of the QPs.
-        sequences: the QPs, those derived included.
+        steps: number of recorded control steps.
+        seed: seed of the loops.
+        accuracy: accuracy that the solvers were set to, in the units of the QPs.
+        sequences: the QPs, including the derived ones.
         trials: every solver on every sequence.
         figures: solver -> figure -> number, each in the unit of
             `ergoqp.comparison.figures.figures_of`.
-        missing: solvers that are not installed, and that were not asked for.
+        missing: solvers that are not installed and were not asked for.
 
     Example:
         >>> import ergoqp
@@ -74,8 +74,8 @@ class Comparison:
 
         Raises:
             OSError: if the files cannot be written.
-            MissingExtraError: after all else is written, if matplotlib for the picture is not
-                installed.
+            MissingExtraError: if matplotlib is not installed for the picture; everything else is
+                written before.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -83,7 +83,7 @@ class Comparison:
         path = folder / "compare.json"
         write_whole(path, json.dumps(self.as_dict(), indent=1) + "\n")
         picture = folder / "compare.png"
-        # An older one would be taken for this comparison's.
+        # An old picture would be mistaken for that of this comparison.
         picture.unlink(missing_ok=True)
         names = sorted(self.figures, key=lambda name: self.figures[name]["sgm_us"])
         title = (
@@ -94,7 +94,7 @@ class Comparison:
         return path
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what ``compare.json`` holds."""
+        """Return the content of ``compare.json``."""
         sequences = [
             {
                 "name": one.name,
@@ -130,22 +130,22 @@ def compare(
     """Compare QP solvers on the QPs of a problem's control steps.
 
     The QPs are those that the steps of closed loops solve (`ergoqp.comparison.record.record`), and
-    near singular, nearly infeasible and infeasible ones made from them
-    (`ergoqp.comparison.derive.derived`). Every solver gets every sequence cold, and those that can
-    start warm get the recorded ones warm as well. Times are of the solver alone, new data included,
-    the lesser of two passes.
+    near singular, nearly infeasible and infeasible ones derived from them
+    (`ergoqp.comparison.derive.derived`). Every solver solves every sequence cold. Solvers with a
+    warm start also solve the recorded sequences warm. Times are those of the solver alone,
+    including the update with new data, the smaller of two passes.
 
     Args:
         problem: the task.
-        solvers: names from `ergoqp.solvers`; None: all that are installed.
-        steps: control steps to record.
-        seed: of the loops and of the derived QPs.
+        solvers: names from `ergoqp.solvers`. None: all that are installed.
+        steps: number of control steps to record.
+        seed: seed of the loops and of the derived QPs.
         accuracy: largest residuals that the solvers are set to, 1e-9 to 1, in the units of the QPs.
-        derive: how many QPs of each derived kind per recorded sequence.
-        progress: called now and then with the share that is done.
+        derive: number of QPs of each derived kind per recorded sequence.
+        progress: function that is called repeatedly with the share that is done.
 
     Raises:
-        InputError: for an argument that cannot be.
+        InputError: if an argument is out of range.
         MissingExtraError: if a solver that is asked for is not installed.
 
     Example:
@@ -182,7 +182,7 @@ def compare(
 
 
 def relatives(recording: RecordedQps, count: int, seed: int) -> list[QpSequence]:
-    """Return what is derived from a recorded sequence.
+    """Return the sequences derived from a recorded sequence.
 
     Nothing is derived from the larger QPs, which always have an answer.
     """
@@ -195,10 +195,10 @@ def relatives(recording: RecordedQps, count: int, seed: int) -> list[QpSequence]
 def check(
     solvers: Sequence[str] | None, steps: int, seed: int, accuracy: float
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the solvers to compare, and those that are not installed; before anything is computed.
+    """Return the solvers to compare and those not installed, before anything is computed.
 
     Raises:
-        InputError: for an argument of `compare` that cannot be.
+        InputError: if an argument of `compare` is out of range.
         MissingExtraError: if a solver that is asked for is not installed.
     """
     if not 1 <= steps <= MOST_STEPS:
@@ -209,7 +209,7 @@ def check(
         raise InputError(f"solvers: got none, allowed {', '.join(SOLVERS)}")
     found = tuple(dict.fromkeys(solvers)) if solvers is not None else installed_solvers()
     for name in found:
-        # Says what is wrong with a name or the accuracy, and what is missing.
+        # Raises for a wrong name or accuracy, and for a missing package.
         open_session(name, 1, 0, accuracy)
     return found, (
         () if solvers is not None else tuple(name for name in SOLVERS if name not in found)

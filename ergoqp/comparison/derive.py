@@ -1,4 +1,4 @@
-"""Harder QPs made from recorded ones, with what is known of them by construction."""
+"""Harder QPs derived from recorded ones, with properties known by construction."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ import numpy as np
 from ergoqp.solvers.sequence import Array, Qp, QpSequence
 
 CURVATURE: Final = 1e-8
-"""Near singular: the smaller half of H's eigenvalues, relative to the largest."""
+"""Near singular: the smaller half of the eigenvalues of H, relative to the largest."""
 
 TURN: Final = 1e-9
-"""Near singular: by how much the copy of a row differs from it, in each entry."""
+"""Near singular: largest difference of a row and its copy, in each entry."""
 
 SLAB: Final = 1e-8
-"""Nearly infeasible: width of what is left of the feasible set in two directions."""
+"""Nearly infeasible: width of the remaining feasible set in two directions."""
 
 CONTRADICTIONS: Final = (1e-1, 1e-2, 1e-3)
-"""Infeasible: by how much three rows contradict each other; taken in turn."""
+"""Infeasible: by how much three rows contradict each other; used in turn."""
 
 
 def derived(
     sequence: QpSequence, answers: list[Array], count: int, seed: int = 0
 ) -> list[QpSequence]:
-    """Return the near singular, nearly infeasible and infeasible relatives of a sequence.
+    """Return near singular, nearly infeasible and infeasible sequences derived from a sequence.
 
     - ``near_singular``: the smaller half of the eigenvalues of H is set to `CURVATURE` times the
-      largest, and every row gets a copy whose entries are turned by `TURN`. The copy's bounds are
-      wide enough for every point within the row's own: the set of feasible points stays, the
-      multipliers are as good as not unique.
-    - ``nearly_infeasible``: two rows that differ by a thousandth, along a random direction, leave a
-      slab of width `SLAB` around a feasible point: that point stays feasible.
-    - ``infeasible``: rows a and b at most 0 at a feasible point x0, and a + b at least one of
-      `CONTRADICTIONS` there. No x can keep all three, whatever the other rows are.
+      largest. Every row gets a copy whose entries differ by up to `TURN`. The bounds of the copy
+      are wide enough for every point within the bounds of the row. So the feasible set stays the
+      same, and the multipliers are almost not unique.
+    - ``nearly_infeasible``: two rows along a random direction, which differ by a thousandth, leave
+      a slab of width `SLAB` around a feasible point. That point stays feasible.
+    - ``infeasible``: rows a and b must be at most their values at a feasible point x0, and a + b
+      must be at least one of `CONTRADICTIONS` above its value there. No x satisfies all three,
+      whatever the other rows are.
 
     Args:
         sequence: recorded QPs.
         answers: a feasible point (n,) of each.
-        count: of each kind, at most; taken evenly from the sequence.
-        seed: of the directions.
+        count: largest number of QPs of each kind; taken evenly from the sequence.
+        seed: seed of the directions.
     """
     rng = np.random.default_rng([seed, len(sequence)])
     chosen = np.unique(np.linspace(0, len(sequence) - 1, min(count, len(sequence))).astype(int))

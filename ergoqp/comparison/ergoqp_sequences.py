@@ -1,13 +1,13 @@
-"""QPs of ergonomic control steps as a qpbenchmark test set; needs it and NumPy, nothing of ergoqp.
+"""QPs of ergonomic control steps as a test set of qpbenchmark; needs qpbenchmark and NumPy only.
 
-``ergoqp compare`` puts this file beside the folder ``sequences``; there
+``ergoqp compare`` puts this file beside the folder ``sequences``. There, run
 
     qpbenchmark ergoqp_sequences.py --results-path results.csv run --author you
 
-runs it. Each file in the folder is one sequence of QPs along a trajectory, or what was derived from
-one, under the names of ``qpsolvers.Problem`` with one more axis in front: P (k, n, n), q (k, n), G
-(k, 2m, n), h (k, 2m), lb (k, n), ub (k, n). The second half of G is the negative of the first; an
-infinite entry of h is a row that is not there, and two opposite rows that meet are an equality.
+Each file in the folder is one sequence of QPs along a trajectory, or one derived from it. The names
+are those of ``qpsolvers.Problem`` with one more axis in front: P (k, n, n), q (k, n), G (k, 2m, n),
+h (k, 2m), lb (k, n), ub (k, n). The second half of G is the negative of the first. An infinite
+entry of h means that there is no such row. Two opposite rows with equal bounds are an equality.
 ``feasible`` says whether the QPs have answers, ``follows`` whether each is close to the one before.
 """
 
@@ -21,10 +21,10 @@ from qpbenchmark import Problem, TestSet
 
 
 class ErgoqpSequences(TestSet):
-    """All QPs that have an answer, of all sequences.
+    """All QPs that have an answer, from all sequences.
 
     Args:
-        folder: of the sequences; None: ``sequences`` beside this file.
+        folder: folder of the sequences. None: ``sequences`` beside this file.
     """
 
     def __init__(self, folder: str | Path | None = None) -> None:
@@ -46,7 +46,7 @@ class ErgoqpSequences(TestSet):
 
     @property
     def description(self) -> str:
-        """What the problems are."""
+        """Description of the problems."""
         return (
             "QPs of control steps that move an object so that a person's posture gets better,"
             " recorded from closed loops."
@@ -59,7 +59,7 @@ class ErgoqpSequences(TestSet):
 
     @property
     def sparse_only(self) -> bool:
-        """Dense solvers are welcome: the QPs are small."""
+        """Whether only sparse solvers fit. False: the QPs are small."""
         return False
 
 

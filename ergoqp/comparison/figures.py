@@ -1,4 +1,4 @@
-"""What the trials of one solver come down to, in numbers."""
+"""Figures that summarise the trials of one solver."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ from ergoqp.solvers.judge import TOLERANCES, shifted_geometric_mean, tidy
 Mask = NDArray[np.bool_]
 
 DEADLINE: Final = 0.01
-"""What an unsolved QP counts in the mean time, at least [s]: the control period that it cost."""
+"""Least time of an unsolved QP in the mean [s]: the control period that is lost."""
 
 
 def figures_of(trials: Sequence[SolverTrial], accuracy: float) -> dict[str, float]:
     """Return the figures of one solver.
 
-    ``success_1e-3``, ``success_1e-6``, ``success_1e-9``: share of the feasible QPs, cold and warm,
-    that it solved and said so, with primal residual, dual residual, gap and wrong-signed
-    multipliers within that. ``wrong_flags``: how often what it said was not so, at the accuracy;
-    ``wrong_solved`` of them on feasible QPs that it said to have solved, ``wrong_infeasible`` on
-    feasible QPs that it called infeasible, ``solved_infeasible`` on infeasible QPs that it said to
-    have solved. ``infeasible_named``: share of the infeasible QPs that it called so. ``sgm_us``:
-    shifted geometric mean of the times of cold, feasible QPs, where one that was not solved to the
-    accuracy counts as `DEADLINE` at least; ``p50_us`` to ``max_us``: the times as they were.
-    ``warm_us``, ``warm_ratio``: shifted geometric mean of the warm times along trajectories, and
-    that over the same QPs' cold one; ``warm_iterations_ratio``: the same of the mean iterations.
-    ``iterations``: mean, cold.
+    - ``success_1e-3``, ``success_1e-6``, ``success_1e-9``: share of the feasible QPs, cold and
+      warm, that it reported as solved, with primal residual, dual residual, gap and wrong-signed
+      multipliers within that tolerance.
+    - ``wrong_flags``: number of wrong reports at the accuracy. It is the sum of ``wrong_solved``
+      (feasible QPs reported as solved that are not), ``wrong_infeasible`` (feasible QPs reported as
+      infeasible) and ``solved_infeasible`` (infeasible QPs reported as solved).
+    - ``infeasible_named``: share of the infeasible QPs that it reported as such.
+    - ``sgm_us``: shifted geometric mean of the times of cold, feasible QPs. A QP that was not
+      solved to the accuracy counts with at least `DEADLINE`. ``p50_us`` to ``max_us``: the times as
+      measured.
+    - ``warm_us``, ``warm_ratio``: shifted geometric mean of the warm times along trajectories, and
+      its ratio to the cold one of the same QPs. ``warm_iterations_ratio``: the ratio of the mean
+      iterations. ``iterations``: mean, cold.
 
     Args:
-        trials: of one solver, cold ones among them.
-        accuracy: that the solver was set to [1e-9 to 1].
+        trials: trials of one solver, with cold ones among them.
+        accuracy: accuracy that the solver was set to [1e-9 to 1].
     """
     good = [trial for trial in trials if trial.sequence.feasible]
     bad = [trial for trial in trials if not trial.sequence.feasible]

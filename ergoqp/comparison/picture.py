@@ -1,4 +1,4 @@
-"""The comparison at a glance: each solver's time, cold and warm, and how exact its answers are."""
+"""Picture of a comparison: the times of each solver and the accuracy of its answers."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def comparison_picture(
 ) -> None:
     """Draw the picture of a comparison, and write it (PNG or SVG).
 
-    Left the times of the recorded QPs that were solved to the accuracy: a dot each, the median as a
-    line, cold above warm. Right the share of all QPs with an answer whose largest residual is at
-    most that of the axis.
+    Left: the times of the recorded QPs, a dot each, cold above warm, with the median as a line; QPs
+    not solved to the accuracy are crosses. Right: the share of all QPs with an answer whose largest
+    residual is at most the value on the axis.
 
     Args:
-        title: of the picture.
-        names: of the solvers, from top to bottom.
+        title: title of the picture.
+        names: names of the solvers, from top to bottom.
         trials: every solver on every sequence.
-        accuracy: that the solvers were set to.
-        path: of the file.
+        accuracy: accuracy that the solvers were set to.
+        path: path of the file.
 
     Raises:
         MissingExtraError: if matplotlib is not installed.

@@ -1,6 +1,6 @@
 """The QPs of real closed loops.
 
-A run is logged, and its steps are computed again with a solver that keeps what it is given.
+A run is logged, and its steps are computed again with a solver that records its QPs.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ from ergoqp.step.program.qp import TOLERANCE
 from ergoqp.step.stepper import Stepper
 
 STILL: Final = 1.0
-"""A loop is over when the object rested for so long [s]: all QPs after that are the same."""
+"""A loop ends when the object has rested for this long [s], because all later QPs are the same."""
 
 TWIST: Final = 6
-"""Unknowns of a QP without slack."""
+"""Number of unknowns of a QP without slack."""
 
 _PLACES: Final = 20
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedQps:
-    """What the control steps of some closed loops solved, and what they made of the answers.
+    """QPs that the control steps of some closed loops solved, and how the steps used the answers.
 
     Attributes:
         sequence: the QPs, in order.
-        answers: what the step's solver said, for each.
-        accepted: whether the step went on with that answer: the QP was its last one, and passed its
+        answers: the answer of the step's solver for each.
+        accepted: whether the step used that answer: the QP was its last one, and passed its
             residual test.
     """
 
@@ -60,7 +60,7 @@ class RecordedQps:
 
 
 class RecordingSolver(Daqp):
-    """The step's own solver, that keeps every QP it is given.
+    """The solver of the step, which records every QP.
 
     Attributes:
         heard: the QPs and the answers, in order.
@@ -73,7 +73,7 @@ class RecordingSolver(Daqp):
         self._kept: list[NumericFunction] = []
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return DAQP with an ear; see `ergoqp.solvers.solver`."""
+        """Return DAQP with recording; see `ergoqp.solvers.solver`."""
         inner = super().function(n, m)
 
         def hear(parts: Sequence[ca.DM]) -> Sequence[ca.DM]:
@@ -94,20 +94,20 @@ def record(
 ) -> list[RecordedQps]:
     """Return the QPs that the first `steps` control steps of closed loops solve.
 
-    Loops with one simulated person after the other, each from an awkward place, until there are
-    enough steps. Every QP of a step is kept: those of its further passes, where joints yield, too.
-    A step whose rows must give way solves a larger QP, with a slack variable per row; these are
-    sequences of their own, ``PROBLEM.LOOP.relaxed``.
+    The loops use one simulated person after the other, each from an awkward place, until there are
+    enough steps. Every QP of a step is recorded, including those of further passes in which joints
+    yield. A step whose rows must give way solves a larger QP, with a slack variable per row. These
+    form their own sequences, ``PROBLEM.LOOP.relaxed``.
 
     Args:
         problem: the task.
-        steps: of all loops together.
-        seed: of the first loop; the others count on from it.
-        progress: called now and then with the share that is done.
+        steps: number of steps of all loops together.
+        seed: seed of the first loop; the others count on from it.
+        progress: function that is called repeatedly with the share that is done.
 
     Raises:
-        InputError: for fewer than one step, or a problem whose state is neither a posture nor a
-            forearm.
+        InputError: if there is fewer than one step, or the state of the problem is neither a
+            posture nor a forearm.
     """
     if steps < 1:
         raise InputError(f"steps: got {steps}, allowed 1 or more")
@@ -122,7 +122,7 @@ def record(
         every: list[tuple[Qp, QpAnswer, bool]] = []
         for entry in log:
             solver.heard.clear()
-            # Logged as the buffers have them, column by column.
+            # The log has the layout of the buffers, column by column.
             outputs = function(
                 *(np.reshape(entry[name], size, order="F") for name, size in sizes.items())
             )
@@ -141,7 +141,7 @@ def record(
 
 
 def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[RecordedQps]:
-    """The QPs of one loop by size, small ones first."""
+    """Return the QPs of one loop by size, small ones first."""
     found = []
     for unknowns in sorted({qp.size[0] for qp, _, _ in every}):
         qps, answers, accepted = zip(
@@ -153,7 +153,7 @@ def _sorted(every: list[tuple[Qp, QpAnswer, bool]], name: str) -> list[RecordedQ
 
 
 def _points_start(problem: Problem, seed: int) -> np.ndarray:
-    """The worst-valued of some points inside what must hold, elbow and wrist of random postures."""
+    """Return the point with the highest cost among some random points that keep the limits."""
     if problem.coordinates != FOREARM:
         raise InputError(
             f"problem {problem.name}: got the state {', '.join(problem.coordinates)}, allowed"
@@ -169,7 +169,7 @@ def _points_start(problem: Problem, seed: int) -> np.ndarray:
 
 
 def _run(problem: Problem, stepper: Any, seed: int, duration: float) -> None:
-    """Close the loop once; what matters is in the stepper's log."""
+    """Run the loop once; the result is in the stepper's log."""
     if tuple(problem.coordinates) != JOINTS:
         run_points(
             problem, _points_start(problem, seed), duration, stepper=stepper, stop_when_still=STILL

@@ -1,6 +1,6 @@
-"""Sequences of QPs as files that qpbenchmark can use.
+"""Sequences of QPs as files for qpbenchmark.
 
-`ergoqp.comparison.ergoqp_sequences` says what is in them.
+`ergoqp.comparison.ergoqp_sequences` describes their content.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ def save_sequences(sequences: Iterable[QpSequence], folder: str | Path) -> list[
     """Write one ``.npz`` file per sequence, and beside the folder the test set for qpbenchmark.
 
     Args:
-        sequences: any of them.
-        folder: made if it is not there; files of other sequences in it stay.
+        sequences: any sequences.
+        folder: target folder; it is made if it does not exist. Files of other sequences in it stay.
 
     Returns:
         The paths of the sequences.

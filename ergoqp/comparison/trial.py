@@ -1,4 +1,4 @@
-"""One solver on one sequence: every answer judged, every time taken."""
+"""One solver on one sequence: every answer is checked, every time is measured."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ergoqp.solvers.judge import NOTHING, judge
 from ergoqp.solvers.sequence import Array, QpSequence
 
 _SLOW: Final = 2.0
-"""A first pass that took this long [s] is the only one.
+"""A first pass that took this long is the only one [s].
 
-Then the milliseconds of other programs do not count.
+Interruptions by other programs do not matter then.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class SolverTrial:
-    """What one solver made of one sequence.
+    """Result of one solver on one sequence.
 
     Attributes:
-        solver: its name.
+        solver: name of the solver.
         sequence: the QPs.
         warm: whether each QP but the first started from the answer before.
-        residuals: primal, dual, gap and sign of every answer (k, 4); infinite where there is none.
-        flags: what the solver said (k,).
-        seconds: time of each (k,) [s].
-        iterations: the solver's own count (k,); NaN where it does not tell.
+        residuals: primal, dual, gap and sign of every answer (k, 4); infinite if there is none.
+        flags: result reported by the solver (k,).
+        seconds: time of each QP (k,) [s].
+        iterations: number of iterations of the solver (k,); NaN if it does not report it.
         points: the answers (k, n).
-        fault: what was wrong when the solver first raised or gave no answer of the size; empty:
-            nothing.
+        fault: what was wrong when the solver first raised or returned an answer of the wrong size.
+            Empty: nothing.
     """
 
     solver: str
@@ -53,15 +53,15 @@ class SolverTrial:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Where the solver said that it had solved the QP (k,)."""
+        """Whether the solver reported each QP as solved (k,)."""
         return self.flags == "solved"
 
     def success(self, tolerance: float) -> NDArray[np.bool_]:
-        """Where it said so and all four residuals are within a tolerance (k,)."""
+        """Return whether it did so and all four residuals are within a tolerance (k,)."""
         return self.found & (self.worst <= tolerance)
 
     def wrong(self, tolerance: float) -> NDArray[np.bool_]:
-        """Where what it said is not so (k,): solved and it is not, or infeasible and it is not."""
+        """Return whether the report is wrong (k,): solved but not so, or infeasible but not so."""
         if not self.sequence.feasible:
             return self.found
         return (self.found & ~(self.worst <= tolerance)) | (self.flags == "infeasible")
@@ -70,16 +70,16 @@ class SolverTrial:
 def try_solver(
     solver: str, sequence: QpSequence, warm: bool, accuracy: float, passes: int = 1
 ) -> SolverTrial:
-    """Solve a sequence in order by one solver that stays in memory, and judge every answer.
+    """Solve a sequence in order by one solver that stays in memory, and check every answer.
 
-    With more than one pass each QP's time is its least: a solver takes the same way every time,
-    other programs do not.
+    With more than one pass, the time of each QP is its smallest, because a solver takes the same
+    steps every time and other programs do not interrupt every pass.
 
     Args:
-        solver: see `ergoqp.solvers`.
+        solver: name of the solver, see `ergoqp.solvers`.
         sequence: the QPs.
-        warm: start each from the answer before; else as if it were the first.
-        accuracy: what the solver is set to.
+        warm: whether each QP starts from the answer before. False: as if it were the first.
+        accuracy: accuracy that the solver is set to.
         passes: how often the whole sequence is solved, each time by a new session.
 
     Raises:

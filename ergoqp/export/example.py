@@ -1,4 +1,4 @@
-"""Where the loop of the exported example begins: at a state with a high cost."""
+"""Start of the loop in the exported example: a state with a high cost."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.model import stand_in
 
 _RAISED: Final = {"shoulder_flexion": 95.0, "elbow_flexion": 30.0}
-"""Of the working arms [deg]."""
+"""Angles of the working arms [deg]."""
 
 
 def example_start(problem: Problem, given: ArrayLike | None = None) -> np.ndarray:
-    """Return the state (n,) at which the example begins.
+    """Return the state (n,) at which the example starts.
 
     Args:
         problem: the task.
-        given: the user's own; None: comfort with the working arms raised, or, where the state is
-            points within a learned boundary, those of its centres with the highest cost.
+        given: the user's state. None: comfort with the working arms raised, or, where the state is
+            points within a learned boundary, the centre with the highest cost.
 
     Raises:
-        InputError: if the user's own is not one.
+        InputError: if the user's state is not valid.
     """
     n = len(problem.coordinates)
     if given is not None:

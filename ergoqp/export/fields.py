@@ -1,4 +1,4 @@
-"""The members of the structs that the exported step takes and gives, with their meaning."""
+"""The members of the input and output structs of the exported step, with their meaning."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Field:
     """One member of a C struct: doubles or one int.
 
     Attributes:
-        name: of the member.
+        name: name of the member.
         count: number of doubles; 0 for an int.
-        meaning: what it is, with its unit.
+        meaning: description with unit.
         array: whether it is an array even with one entry.
     """
 
@@ -26,9 +26,9 @@ class Field:
 
     @property
     def length(self) -> int:
-        """Length of the array in C, 0 where it is none.
+        """Length of the array in C, 0 if it is not an array.
 
-        C has no empty arrays: one without entries has room for one.
+        C has no empty arrays, so an array without entries has room for one.
         """
         return max(self.count, 1) if self.array else self.count if self.count > 1 else 0
 
@@ -39,7 +39,7 @@ class Field:
 
 
 def input_fields(problem: Problem) -> list[Field]:
-    """Return what the caller gives at every step."""
+    """Return the members of the input, which the caller gives at every step."""
     n, unit = len(problem.coordinates), _unit(problem)
     return [
         Field("posture", n, f"the state, in the order of ergoqp_coordinate_names {unit}"),
@@ -70,7 +70,7 @@ def input_fields(problem: Problem) -> list[Field]:
 
 
 def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
-    """Return what a step gives."""
+    """Return the members of the output of a step."""
     n, rows, unit = (
         len(problem.coordinates),
         len(problem.row_names),
@@ -112,7 +112,7 @@ def output_fields(problem: Problem, guided: bool = False) -> list[Field]:
 
 
 def python_fields(fields: list[Field]) -> str:
-    """Return the members of a struct as ``ctypes`` names them, one per line."""
+    """Return the members of a struct for ``ctypes``, one per line."""
     return "\n".join(f'        ("{field.name}", {_python_type(field)}),' for field in fields)
 
 
@@ -123,7 +123,7 @@ def _python_type(field: Field) -> str:
 
 
 def members(fields: list[Field]) -> str:
-    """Return the members of a struct as C names them, one per line, with their meaning."""
+    """Return the members of a struct in C, one per line, with their meaning."""
     lines = []
     for field in fields:
         name = f"{field.name}[{field.length}]" if field.length else field.name

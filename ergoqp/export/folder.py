@@ -56,11 +56,11 @@ def export_step(
 
     Args:
         problem: the task; its control period becomes the default one.
-        folder: where to; it must not exist or be empty, or hold an earlier export.
-        guide: a place to be drawn to, as for `ergoqp.Stepper`; the caller in C can change it. None:
-            the exported step knows descent alone, and is smaller.
-        start: state at which the example begins, such as a posture (32,) [rad]; None: the working
-            arms raised, or where the state is points a place with a high cost.
+        folder: target folder. It must be missing or empty, or hold an earlier export.
+        guide: a place that the object is drawn to, as for `ergoqp.Stepper`; the caller in C can
+            change it. None: the exported step has descent only, and is smaller.
+        start: state at which the example starts, such as a posture (32,) [rad]. None: the working
+            arms raised, or a place with a high cost where the state is points.
 
     Returns:
         The files.
@@ -125,7 +125,7 @@ def export_step(
 
 
 def _daqp_files(folder: Path) -> list[str]:
-    """Copy what DAQP is built into and called by; return the files' names in the folder."""
+    """Copy the library and the headers of DAQP; return the names of the files in the folder."""
     sources = {f"daqp/lib/{daqp_archive().name}": daqp_archive()}
     for source in sorted((daqp_include() / "daqp").glob("*.h")):
         sources[f"daqp/include/daqp/{source.name}"] = source
@@ -136,7 +136,7 @@ def _daqp_files(folder: Path) -> list[str]:
 
 
 def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
-    """Return a text that comes with the package, its @WORDS@ replaced."""
+    """Return a text of the package with its @WORDS@ replaced."""
     size = stepper_bytes(problem, memory)
     words = {
         "PROBLEM": problem.name,
@@ -159,7 +159,7 @@ def _filled(name: str, problem: Problem, memory: str, guided: bool) -> str:
 
 
 def stepper_bytes(problem: Problem, memory: str) -> int:
-    """Return at least the size of an ``ergoqp_stepper`` [bytes], from its memory header's text."""
+    """Return an upper bound of the size of an ``ergoqp_stepper`` [bytes] from its memory header."""
     found = {
         words[1]: int(words[2])
         for words in map(str.split, memory.splitlines())

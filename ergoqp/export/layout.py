@@ -1,4 +1,4 @@
-"""The headers and tables of the exported step, written for a problem."""
+"""The headers and tables of the exported step of a problem."""
 
 from __future__ import annotations
 
@@ -134,13 +134,15 @@ extern const char* const ergoqp_cause_names[ERGOQP_CAUSES];
 
 
 def memory_header(problem: Problem, core: str, guide: Guide | None = None) -> str:
-    """Return ``ergoqp_memory.h``: sizes and places of what the generated function takes and gives.
+    """Return ``ergoqp_memory.h``: sizes and positions of inputs and outputs.
+
+    They are those of the generated function.
 
     Args:
         problem: the task.
-        guide: place that the step begins to be drawn to; None: it cannot be drawn anywhere.
-        core: the header that CasADi wrote for the generated function, which says how much memory it
-            works in.
+        guide: first place that the step is drawn to. None: the step has no guide.
+        core: the header that CasADi wrote for the generated function, which gives the size of its
+            memory.
     """
     model = StepModel(problem, guided := guide is not None)
     inputs = (*INPUTS, *(GUIDE_INPUTS if guided else ()))
@@ -214,7 +216,7 @@ def names_source(problem: Problem) -> str:
 
 
 def c_string(text: str) -> str:
-    """Return a text as a literal of C, whatever is in it: UTF-8 bytes, unusual ones in octal."""
+    """Return any text as a literal of C: UTF-8 bytes, unusual ones in octal."""
     plain = {byte: chr(byte) for byte in range(32, 127) if chr(byte) not in '"\\?'}
     return '"' + "".join(plain.get(byte, f"\\{byte:03o}") for byte in text.encode()) + '"'
 

@@ -1,4 +1,4 @@
-"""Who stands there: what a person's rests say of their habits and of their lengths."""
+"""Identification of a person from their postures at rest: habits and lengths."""
 
 from ergoqp.identification.identify import Identified as Identified
 from ergoqp.identification.identify import identify as identify

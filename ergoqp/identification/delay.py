@@ -1,4 +1,4 @@
-"""How late a person follows the object."""
+"""The delay with which a person follows the object."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from ergoqp.identification.watched import Watched
 from ergoqp.problem.way import pose_error
 
 _PERIOD: Final = 0.01
-"""Of the samples that are compared, and between the delays that are tried [s]."""
+"""Period of the compared samples, and step between the tried delays [s]."""
 _LONGEST: Final = 0.6
 """Longest delay that is tried [s]."""
 _OVER: Final = 0.3
-"""Motions are compared over so long [s]: noise counts less than over a period."""
+"""Duration of the compared motions [s]. Over a longer time, noise counts less."""
 _SMOOTH: Final = 0.1
-"""And are means over this [s]."""
+"""Length of the moving average over them [s]."""
 _PIECE: Final = 2.0
-"""A person follows in the same way for this long [s]."""
+"""Time for which a person follows in the same way [s]."""
 _TURN: Final = 0.3
-"""A turn of a radian counts as a way of so much [m]."""
+"""A turn of one radian counts as a motion of this length [m]."""
 _MOVES: Final = 0.01
-"""An object that goes less far in `_OVER` says nothing [m]."""
+"""Motions of the object below this in `_OVER` give no information [m]."""
 _RIDGE: Final = 1e-6
-"""Directions in which an object hardly goes say nothing [m^2]."""
+"""Directions in which the object hardly moves give no information [m^2]."""
 _EXACT: Final = 1e-9
-"""No measured joint is explained better than this [rad^2 per piece]."""
+"""Smallest unexplained motion of a joint [rad^2 per piece]."""
 _TELLS: Final = 8.0
-"""No delay is known that is not so much likelier, by its logarithm, than delays are on average."""
+"""A delay counts only if its log likelihood exceeds the mean over all delays by this much."""
 _LEFT: Final = 0.7
-"""Nor where more than this share of the joints' motion is left unexplained."""
+"""It counts only if at most this share of the joints' motion is unexplained."""
 
 
 def delay_of(loop: Watched) -> float | None:
-    """Return how late a person follows the object [s], None where it does not show.
+    """Return the delay with which a person follows the object [s], None if it does not show.
 
-    The delay is the one by which the object's motion, shifted, explains the joints' motion best.
-    How the joints go with the object is not known and changes with the posture: it is found anew
-    for every piece of two seconds, by least squares; how noisy each joint is, from what is left.
-    What is found is the delay and the lag of the hand together.
+    It is the delay for which the shifted motion of the object explains the motion of the joints
+    best. How the joints follow the object is unknown and changes with the posture. So it is fitted
+    by least squares for every piece of two seconds. The noise of each joint follows from the
+    residuals. The result is the sum of the person's delay and the lag of the hand.
     """
     grid = np.arange(loop.time[0], loop.time[-1], _PERIOD)
     back, over = round(_LONGEST / _PERIOD), round(_OVER / _PERIOD)
@@ -76,7 +76,7 @@ def delay_of(loop: Watched) -> float | None:
 
 
 def _ways(poses: np.ndarray) -> np.ndarray:
-    """Return where the object is (n, 6) [m], from where it is in the middle of the time."""
+    """Return the displacement of the object (n, 6) [m] from its pose in the middle of the time."""
     ways = np.array([pose_error(poses[len(poses) // 2], pose) for pose in poses])
     ways[:, 3:] *= _TURN
     return ways

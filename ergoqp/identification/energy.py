@@ -1,12 +1,12 @@
-"""What a person at rest has made least: discomfort, imbalance, a strained gaze, missed contact.
+"""The quantity that a person at rest minimises: discomfort, imbalance, strained gaze, lost contact.
 
 At rest the person minimises 1/2 |r|^2 over joints and pelvis, with the residuals
 
     sqrt(w_j) (q_j - c_j),   sqrt(B) (pelvis - middle of the feet),   sqrt(a) gaze,
     sqrt(2) e / d  (hands),  slip / s  (soles),  sqrt(k) max(0, q - u), sqrt(k) max(0, l - q)
 
-which is the rest of `ergoqp.responses.ik.IkResponse` with soles and ranges a little soft, so that
-it is one least-squares problem and differentiable in whatever is unknown of the person.
+This is the rest of `ergoqp.responses.ik.IkResponse`, but soles and ranges are slightly soft. So it
+is one least-squares problem, and differentiable in all unknown traits of the person.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _SOLE: Final = 0.004
 _RANGE: Final = 400.0
 """Stiffness of the ends of ranges, in units of joint weights."""
 _ROUND: Final = 0.01
-"""How smoothly an end begins [rad]."""
+"""Width of the smooth start of an end [rad]."""
 
 
 class RestEnergy:
     """Residuals of a person who holds an object, as functions of posture, place and person.
 
     Args:
-        response: the problem's person.
+        response: the person of the problem.
 
     Attributes:
-        joints: numbers of the joints that move (n,); `z` is these, then x, y, z and yaw of the
-            pelvis of who stands.
+        joints: numbers of the joints that move (n,). `z` holds these joints, and for a standing
+            person then x, y, z and yaw of the pelvis.
     """
 
     def __init__(self, response: IkResponse) -> None:
@@ -121,7 +121,7 @@ class RestEnergy:
 
     @cached_property
     def whole(self) -> Evaluator:
-        """``(z, ...) -> whole (32,), gap``: the joints that do not follow by themselves, too."""
+        """``(z, ...) -> whole (32,), gap``, with the joints that do not follow by themselves."""
         _, posture, gap = self._residuals
         return self._evaluator("whole", {"whole": posture, "gap": gap})
 

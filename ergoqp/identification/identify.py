@@ -1,11 +1,11 @@
-"""Who stands there, from how they rest: the most likely person given their measured rests.
+"""Identification of a person from their postures at rest: the most likely traits.
 
-Each measured rest is predicted as the rest of a person with unknown traits, and the traits are
-those that predict all of them best, next to what is likely of anyone (`traits`). Levenberg and
-Marquardt's steps on the prediction error; a rest that fits nobody counts less (Student's t).
+Each measured rest is predicted as the rest of a person with unknown traits. The most likely traits
+minimise the prediction error of all rests plus the deviation from people in general (`traits`). The
+search uses Levenberg-Marquardt steps. A rest that does not fit counts less (Student's t).
 
-That the error is one of prediction matters: the conditions of rest are linear in weights and
-comfort, but noise of a tenth of a degree upsets them, and joints at their ends break them.
+The error must be one of prediction. The conditions of rest are linear in weights and comfort, but
+noise of a tenth of a degree upsets them, and joints at their ends violate them.
 """
 
 from __future__ import annotations
@@ -32,35 +32,35 @@ from ergoqp.problem.way import between
 from ergoqp.responses.ik import IkResponse
 
 NOISE: Final = float(np.radians(1.5))
-"""How far the angles of a rest are from what the best of models says of them [rad]."""
+"""Deviation of the angles of a rest from the prediction of the best model [rad]."""
 
 _FREEDOM: Final = 4.0
-"""Of Student's t: rests that are far off count less."""
+"""Degrees of freedom of Student's t distribution, in which outliers count less."""
 
 HABIT: Final = 0.5
-"""Share of what is read too much everywhere that is taken for a habit: rests do not tell."""
+"""Share of an identified bias that counts as a habit, because rests cannot separate the two."""
 
 _PART: Final = 0.2
-"""Of a way, in metres and 0.3 of a turn [m]."""
+"""Length of a part of a path, in metres plus 0.3 times the turn [m]."""
 
 _STEPS: Final = 20
 _GAIN: Final = 1e-2
-"""A step that improves the fit by a smaller share is the last one."""
+"""The search ends when a step improves the fit by a smaller share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """A person as their rests say.
+    """An identified person.
 
     Attributes:
         problem: the task.
-        traits: the most likely ones (p,), each in the unit of `ergoqp.identification.traits`.
-        covariance: of the traits (p, p), in their units.
+        traits: the most likely traits (p,), each in the unit of `ergoqp.identification.traits`.
+        covariance: covariance of the traits (p, p), in their units.
         situation: how the object is held, and where the soles are.
-        residual_deg: RMS between measured and predicted joints over all rests [deg].
-        rests: how many there were.
-        beyond: what of the rests no traits explain, as expected elsewhere.
-        delay: how late the person follows the object [s]; None where nothing says so.
+        residual_deg: RMS difference of measured and predicted joints over all rests [deg].
+        rests: number of rests.
+        beyond: the part of the rests that no traits explain, with its prediction elsewhere.
+        delay: delay with which the person follows the object [s]. None: it does not show.
 
     Example:
         >>> import ergoqp
@@ -87,12 +87,12 @@ class Identified:
     def predict(self, pose: Any, slopes: bool = True) -> ModelRest:
         """Return how this person would rest with the object at `pose` (4, 4) [m].
 
-        It is looked for from the nearest of the rests that are known. `posture` has what no traits
-        explain added; `z`, `gap` and the slopes are those of the traits alone.
+        The search starts from the nearest known rest. `posture` includes the part that no traits
+        explain; `z`, `gap` and the slopes are those of the traits alone.
         """
         near, begin = min(self._known, key=lambda each: _apart(each[0], pose))
         goal = np.asarray(pose, dtype=float)
-        # Far away there are other rests, with the elbow turned over: one gets there step by step.
+        # Far away there are other rests, with the elbow turned over. So the search goes in parts.
         parts = int(_apart(near, goal) / _PART)
         for part in range(1, parts + 1):
             way = between(near, goal, part / (parts + 1))
@@ -103,7 +103,7 @@ class Identified:
         return replace(rest, posture=posture)
 
     def unsure(self, pose: np.ndarray) -> np.ndarray:
-        """Return how far the joints (n,) at `pose` may be from what any traits say [rad]."""
+        """Return the deviation of the joints (n,) at `pose` that no traits explain [rad]."""
         return self.beyond.at(pose)[1]
 
     @property
@@ -113,7 +113,7 @@ class Identified:
 
     @property
     def habits(self) -> int:
-        """How many of the traits, the first ones, decide where the person rests."""
+        """Number of the traits, from the first on, that decide where the person rests."""
         return self._model.layout.parts["bias"].start
 
     def posture_at(self, pose: Any) -> np.ndarray:
@@ -122,10 +122,10 @@ class Identified:
 
     @property
     def comfort_deg(self) -> dict[str, tuple[float, float]]:
-        """Favourite angle of each joint and its posterior deviation [deg].
+        """Favourite angle of each joint and its posterior standard deviation [deg].
 
-        Rests say in which direction people would rather be, and hardly how far. The deviation says
-        how unsure the angle is.
+        Rests show the direction in which people would rather be, but hardly how far. The standard
+        deviation shows how uncertain the angle is.
         """
         layout = self._model.layout
         part = layout.parts["comfort"]
@@ -138,14 +138,14 @@ class Identified:
 
     @property
     def bias_deg(self) -> dict[str, float]:
-        """What the sensors read too much of each joint, as far as rests say [deg]."""
+        """Bias of the sensors (reading minus angle) per joint, as far as rests show it [deg]."""
         layout = self._model.layout
         bias = np.degrees(self.traits[layout.parts["bias"]])
         return dict(zip([JOINTS[joint] for joint in layout.joints], bias.tolist(), strict=True))
 
     @property
     def body(self) -> Body:
-        """The person's body, as far as rests say."""
+        """The body of the person, as far as rests show it."""
         layout, body = self._model.layout, self._model.response.body
         growth = dict(
             zip(GROWTH, layout.growth @ self.traits[layout.parts["lengths"]], strict=True)
@@ -158,7 +158,7 @@ class Identified:
     def response(self) -> IkResponse:
         """The person as a response, for `Problem.replace`: steps and optima are then theirs.
 
-        As far as traits go: `beyond` is no part of it.
+        It contains the traits, but not `beyond`.
         """
         layout, given = self._model.layout, self._model.response
         weights, comfort = given.weight_vector.copy(), given.comfort.copy()
@@ -174,21 +174,21 @@ class Identified:
 
 
 def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identified:
-    """Return the most likely person, given how they rest.
+    """Return the most likely person, given their postures at rest.
 
     Args:
-        problem: the task; its response is what is thought of a person of whom nothing is known.
+        problem: the task; its response is the assumption about an unknown person.
         rests: `Resting`s, or pairs of a posture (32,) [rad] and a pose (4, 4) [m]; NaN stands for a
-            joint that was not seen. Or a loop, in which rests are looked for, and how late the
-            person follows: an `ergoqp.Run`, the folder of one, or what a stepper's log got.
+            joint that was not seen. Or a loop, in which rests and the delay of the person are
+            found: an `ergoqp.Run`, the folder of one, or the log of a stepper.
         longest: time after which no further step is taken [s].
 
     Raises:
         InputError: if the problem has no `ergoqp.responses.ik.IkResponse`, or there is no rest.
 
     Source:
-        The steps are those of Levenberg and Marquardt; a rest that fits nobody counts less, as
-        under Student's t distribution.
+        The steps are those of Levenberg and Marquardt. A rest that does not fit counts less, under
+        Student's t distribution.
 
     Example:
         >>> import ergoqp
@@ -207,13 +207,13 @@ def identify(problem: Problem, rests: Any, *, longest: float = np.inf) -> Identi
 
 
 class Identifier:
-    """What identifies people of one problem, time and again.
+    """Identifies people of one problem repeatedly.
 
     Args:
         problem: the task.
 
     Raises:
-        InputError: if its response does not say where people rest.
+        InputError: if its response has no model of rest.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -232,12 +232,12 @@ class Identifier:
         return fit.solved(time.perf_counter() + longest)
 
     def nobody(self, rests: Any) -> Identified:
-        """Return the problem's own person, who holds the object as in the rests: the control."""
+        """Return the problem's own person who holds the object as in the rests, as a control."""
         return _Fit(self.problem, self._model, rests_of(rests)).solved(np.inf, steps=0)
 
 
 class _Fit:
-    """Levenberg and Marquardt's steps on the traits."""
+    """Levenberg-Marquardt steps on the traits."""
 
     def __init__(self, problem: Problem, model: RestModel, rests: Sequence[Resting]) -> None:
         self.problem, self.model, self.rests = problem, model, rests
@@ -250,7 +250,7 @@ class _Fit:
         self.mask = np.isfinite(self.measured)
 
     def solved(self, until: float, steps: int = _STEPS) -> Identified:
-        """Return the person; without steps the one of whom nothing is known."""
+        """Return the identified person; with zero steps the problem's own person."""
         sd = self.layout.sd
         n = len(self.layout.joints)
         traits, damping = np.zeros(len(sd)), 1e-2
@@ -307,7 +307,7 @@ class _Fit:
     def _value(
         self, traits: np.ndarray, predicted: Sequence[ModelRest]
     ) -> tuple[float, np.ndarray]:
-        """Return how unlikely it all is, and what is measured beyond what is predicted (k, n)."""
+        """Return the negative log posterior, and measured minus predicted angles (k, n)."""
         n, parts, sd = len(self.layout.joints), self.layout.parts, self.layout.sd
         model = np.array([rest.z[:n] for rest in predicted]) + traits[parts["bias"]]
         off = np.where(self.mask, self.measured - model, 0.0)

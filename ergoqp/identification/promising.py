@@ -1,8 +1,8 @@
-"""Places that an identified person would be better at: what is to be gained, and how likely.
+"""Places that are better for an identified person: the expected gain.
 
-What a place promises is the mean, over people who are as likely as the identified one, of what it
-would gain beyond the best that was measured: 0 where it is worse. So a place counts that is
-probably a little better, and one that may be much better.
+The expected gain of a place is the mean gain over the best measured score, over people who are as
+likely as the identified one. A place that is worse for a person counts as 0. So both a place that
+is probably a little better and one that may be much better count.
 """
 
 from __future__ import annotations
@@ -21,28 +21,29 @@ from ergoqp.problem.problem import Problem
 from ergoqp.problem.workspace import Workspace
 
 LIKELY: Final = 48
-"""People who are as likely as the identified one."""
+"""Number of people who are as likely as the identified one."""
 
 MODEL_SD: Final = float(np.radians(2.0))
-"""How far a rest at an unseen place is from what is predicted, `Identified.unsure` apart [rad]."""
+"""Deviation of a rest at a new place from its prediction, `Identified.unsure` apart [rad]."""
 
 _SPREAD: Final = 40
-"""Places looked at first."""
+"""Number of places that are evaluated first."""
 _ROUNDS: Final = ((0.3, 6), (0.12, 6))
-"""Then around the best three: how far, as shares of the workspace, and how many each."""
+"""Further rounds around the best three: distance as a share of the workspace, and number each."""
 _REACHED: Final = 0.01
-"""A hand that is further off is not where the object is [m]."""
+"""A hand that is farther from the object does not reach it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """What is expected of a place.
+    """The expected result of a place.
 
     Attributes:
-        pose: of the object (4, 4) [m].
-        gain: expected beyond the best that was measured [points].
-        score: of the identified person's rest there [points].
-        likely: of people who are as likely, in the same order at every place (`LIKELY`,) [points].
+        pose: pose of the object (4, 4) [m].
+        gain: expected gain over the best measured score [points].
+        score: score of the identified person's rest there [points].
+        likely: scores of people who are as likely, in the same order at every place (`LIKELY`,)
+            [points].
     """
 
     pose: np.ndarray
@@ -52,10 +53,10 @@ class Promise:
 
 
 class Promising:
-    """Looks for places that an identified person would be better at.
+    """Search for places that are better for an identified person.
 
     Args:
-        problem: whose workspace and sheet hold.
+        problem: problem with the workspace and the sheet.
         noise_deg: scale at which postures are scored [deg].
     """
 
@@ -73,14 +74,14 @@ class Promising:
         seed: int = 0,
         longest: float = np.inf,
     ) -> list[Promise]:
-        """Return places (4, 4), the most promising first; only those that would be reached.
+        """Return places (4, 4), the most promising first; only those that the person reaches.
 
         Args:
-            person: as identified.
-            best: score to be improved on [points].
-            known: further places to look at and around (4, 4).
-            seed: of what is drawn.
-            longest: after how long no further place is looked at [s].
+            person: the identified person.
+            best: score to improve on [points].
+            known: further places to evaluate (4, 4).
+            seed: seed of the random draws.
+            longest: time after which no further place is evaluated [s].
         """
         until = time.perf_counter() + longest
         rng = np.random.default_rng(seed)
@@ -121,10 +122,11 @@ class Promising:
 
 
 def chosen(places: Sequence[Promise], count: int) -> list[Promise]:
-    """Return places to be tried together: one after the other, what it adds to those before it.
+    """Return places to try together, each chosen by what it adds to those before it.
 
-    What a place adds is the mean gain over people who are as likely, each of whom keeps the best of
-    the places so far: not twice what promises the same for the same reason.
+    What a place adds is the mean gain over people who are as likely, when each person keeps the
+    best of the places so far. So two places that promise the same for the same reason do not count
+    twice.
     """
     left, found = list(places), []
     lowest = np.full(LIKELY, np.inf)

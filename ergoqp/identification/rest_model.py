@@ -1,4 +1,4 @@
-"""Where a person comes to rest, and how that changes with who the person is."""
+"""Where a person comes to rest, and how this depends on their traits."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ergoqp.responses.holding import soles_of
 from ergoqp.responses.ik import IkResponse
 
 _LONGEST: Final = 0.3
-"""Longest step of a joint [rad], of the pelvis [m]."""
+"""Longest step of a joint [rad] and of the pelvis [m]."""
 _DONE: Final = 5e-4
-"""A step this short is the last one [rad]."""
+"""The search ends after a step this short [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """What does not change between the rests of a person.
+    """What is the same in all rests of a person.
 
     Attributes:
-        posture: joints that do not follow by themselves (32,) [rad].
+        posture: posture (32,) [rad]; it gives the joints that do not follow by themselves.
         grasp: grips in the contact frame side by side (4, 4 k).
         soles: right and left sole in the world (4, 8).
     """
@@ -42,8 +42,8 @@ class ModelRest:
     Attributes:
         z: joints, then the pelvis.
         posture: all joints (32,) [rad].
-        by_traits: how the joints change with the traits (n, p), the bias apart.
-        gap: largest distance of a hand from where it holds the object [m].
+        by_traits: derivative of the joints with respect to the traits (n, p), without the bias.
+        gap: largest distance of a hand from its place on the object [m].
     """
 
     z: np.ndarray
@@ -53,10 +53,10 @@ class ModelRest:
 
 
 class RestModel:
-    """Rests of people who are like a problem's person but for their traits.
+    """Rests of people who differ from a problem's person only in their traits.
 
     Args:
-        response: the problem's person.
+        response: the person of the problem.
     """
 
     def __init__(self, response: IkResponse) -> None:
@@ -67,7 +67,7 @@ class RestModel:
         self._comfort = response.comfort[self.layout.joints]
 
     def begin(self, posture: np.ndarray) -> np.ndarray:
-        """Return where to look first for a rest: joints and pelvis of a posture (32,) [rad]."""
+        """Return the start of the search for a rest: joints and pelvis of a posture (32,) [rad]."""
         z = posture[self.layout.joints]
         if self.response.stance == "seated":
             return z
@@ -83,10 +83,10 @@ class RestModel:
         steps: int = 30,
         slopes: bool = True,
     ) -> ModelRest:
-        """Return the rest with the object at `pose` (4, 4), looked for from `begin`.
+        """Return the rest with the object at `pose` (4, 4), with a search from `begin`.
 
-        Levenberg and Marquardt's steps; the derivative is that of the implicit function theorem
-        with the Hessian of Gauss and Newton.
+        The search uses Levenberg-Marquardt steps. The derivative follows from the implicit function
+        theorem with the Gauss-Newton Hessian.
         """
         person = self._person(traits)
         slope = self._energy.slope
@@ -170,7 +170,7 @@ class RestModel:
 
 
 def situation_of(response: IkResponse, postures: Sequence[np.ndarray]) -> Situation:
-    """Return how the object is held, and where the soles are, on average over postures (32,)."""
+    """Return how the object is held, and where the soles are, as means over postures (32,)."""
     stood, grasps, soles = soles_of(response), [], []
     for posture in postures:
         contact = np.array(response.contact()(posture)[0])
@@ -183,7 +183,7 @@ def situation_of(response: IkResponse, postures: Sequence[np.ndarray]) -> Situat
 
 
 def _rigid(mean: np.ndarray) -> np.ndarray:
-    """Return the rigid motion (4, 4) nearest to a mean of some."""
+    """Return the rigid motion (4, 4) nearest to a mean of rigid motions."""
     pose = mean.copy()
     left, _, right = np.linalg.svd(mean[:3, :3])
     pose[:3, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right

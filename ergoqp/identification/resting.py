@@ -1,4 +1,4 @@
-"""When the person is at rest, and in which posture: angles are noisy and people follow late."""
+"""When the person is at rest, and in which posture; angles are noisy and people follow late."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ergoqp.expressions.rigid import read_pose
 from ergoqp.joints import JOINTS
 
 WINDOW: Final = 1.0
-"""Seconds over which postures are averaged."""
+"""Time over which postures are averaged [s]."""
 
 LONGEST: Final = 5.0
-"""An object at rest for so long is judged, whether the person is steady or not [s]."""
+"""An object at rest for this long is judged, even if the person is not steady [s]."""
 
 STEADY: Final = float(np.radians(1.0))
-"""Averages of two windows in a row that differ by less, RMS over the joints, are at rest [rad]."""
+"""Largest RMS difference of the means of two consecutive windows at rest [rad]."""
 
 
 @dataclass(frozen=True)
 class Resting:
-    """A rest as it was measured.
+    """A measured rest.
 
     Attributes:
-        time: of the loop, at its end [s].
-        pose: of the object (4, 4) [m].
-        posture: mean of the last second, over the frames in which a joint was seen (32,) [rad];
-            NaN where it never was.
+        time: time of the loop at the end of the rest [s].
+        pose: pose of the object (4, 4) [m].
+        posture: mean posture of the last second, over the frames in which a joint was seen (32,)
+            [rad]; NaN if it was never seen.
 
     Example:
         >>> import numpy as np
@@ -46,28 +46,28 @@ class Resting:
 
 
 class RestWatch:
-    """Collects postures while the object is at rest, and says when the person is too."""
+    """Collects postures while the object is at rest, and detects when the person rests too."""
 
     def __init__(self) -> None:
-        """Begin with an object that moves."""
+        """Start with an object that moves."""
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was collected: the object moves."""
+        """Delete what was collected, because the object moves."""
         self._still, self._windows = 0.0, []
         self._sum, self._count, self._in_window = np.zeros(1), np.zeros(1), 0.0
 
     def add(
         self, now: float, dt: float, still: bool, posture: np.ndarray, pose: np.ndarray
     ) -> Resting | None:
-        """Add a period; return the rest as soon as it is one.
+        """Add a period; return the rest as soon as it is detected.
 
         Args:
             now: time of the loop [s].
             dt: period [s].
-            still: whether the object is at rest in it.
-            posture: as measured (32,) [rad], NaN for what is not seen or not new.
-            pose: of the object (4, 4) [m].
+            still: whether the object is at rest in this period.
+            posture: measured posture (32,) [rad], NaN for joints that are not seen or not new.
+            pose: pose of the object (4, 4) [m].
         """
         if not still:
             if self._still:
@@ -124,7 +124,7 @@ def rests_of(given: Any) -> list[Resting]:
 
 
 def _angles(what: str, value: Any) -> np.ndarray:
-    """Return angles (32,) [rad], NaN for what was not seen."""
+    """Return angles (32,) [rad], NaN for joints that were not seen."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):

@@ -1,9 +1,9 @@
-"""What is unknown of a person: habits, lengths and a bias of the sensors, each with what is likely.
+"""The unknown traits of a person: habits, lengths and a bias of the sensors, with their priors.
 
-The scales are those of people, not of a data set: a joint may be dear to one person and cheap to
-another by a factor e, a favourite angle 15 deg off the problem's, a stature 6 % and a segment
-beside it 4 % off the model's (within-sex spread of stature is 4 %, Drillis and Contini's fractions
-vary by 3 to 5 %), a joint angle read 2 deg off.
+The priors are those of people in general, not of a data set. Standard deviations: a factor e for
+the weight of a joint, 15 deg for a favourite angle, 6 % for stature, 4 % for a segment in addition,
+2 deg for the bias of a joint angle. (The within-sex spread of stature is 4 %; the fractions of
+Drillis and Contini vary by 3 to 5 %.)
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from ergoqp.joints import INDEX
 from ergoqp.responses.ik import IkResponse
 
 WEIGHT_SD: Final = 1.0
-"""Of the logarithm of a joint's weight."""
+"""Standard deviation of the logarithm of a joint's weight."""
 COMFORT_SD: Final = float(np.radians(15.0))
-"""Of a favourite angle [rad]."""
+"""Standard deviation of a favourite angle [rad]."""
 BIAS_SD: Final = float(np.radians(2.0))
-"""Of what a sensor reads too much [rad]."""
+"""Standard deviation of the bias of a sensor [rad]."""
 SEAT_SD: Final = 0.03
-"""Of the height of the hip centres of who sits [m]."""
+"""Standard deviation of the height of the hip centres when seated [m]."""
 
 LENGTHS: Final[dict[str, tuple[tuple[str, ...], float]]] = {
     "stature": (("stature",), 0.06),
@@ -35,15 +35,15 @@ LENGTHS: Final[dict[str, tuple[tuple[str, ...], float]]] = {
     "forearm": (("forearm", "hand"), 0.04),
     "legs": (("thigh", "shank"), 0.04),
 }
-"""Lengths that are unknown: what grows together, and by which share of it people differ."""
+"""Unknown lengths: the segments that grow together, and the standard deviation of their share."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the traits of a person are in one vector; all are zero for the problem's own person.
+    """Positions of the traits in one vector; all are zero for the problem's own person.
 
     Attributes:
-        response: the problem's person.
+        response: the person of the problem.
     """
 
     response: IkResponse
@@ -66,7 +66,7 @@ class Layout:
 
     @cached_property
     def sd(self) -> np.ndarray:
-        """How far a trait is likely to be from zero."""
+        """Standard deviation of each trait."""
         n = len(self.joints)
         seat = [SEAT_SD] * (self.response.stance == "seated")
         lengths = [sd for _, sd in LENGTHS.values()]
@@ -74,7 +74,7 @@ class Layout:
 
     @cached_property
     def growth(self) -> np.ndarray:
-        """How the lengths' shares make the growth of a body (14, k)."""
+        """Map (14, k) from the shares of the lengths to the growth of a body."""
         grown = np.zeros((len(GROWTH), len(LENGTHS)))
         for number, (together, _) in enumerate(LENGTHS.values()):
             for name in together:

@@ -1,12 +1,12 @@
-"""What no traits explain of a person's rests, and how much of it is to be expected elsewhere.
+"""The part of a person's rests that no traits explain, and its prediction at other places.
 
-People are not the model with other numbers: where they rest differs from what the likeliest traits
-say by some degrees, and alike at places that are near to each other. So what was measured beyond
-the model is a Gaussian process over places, with one width and one noise for all joints, the
-likeliest of `WIDTHS` and `NOISES`. Where nothing but noise is the likeliest it is zero.
+People are not the model with other parameters. Their rests differ from those of the most likely
+traits by some degrees, and similarly at places close to each other. So what was measured beyond the
+model is a Gaussian process over places. All joints share one width and one noise, the most likely
+ones of `WIDTHS` and `NOISES`. If noise alone is most likely, the process is zero.
 
 C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, section 2.2
-(prediction) and 5.4 (marginal likelihood). The model is fitted before, and not together with it.
+(prediction) and 5.4 (marginal likelihood). The model is fitted before, not together with it.
 """
 
 from __future__ import annotations
@@ -17,38 +17,38 @@ from typing import Any, Final
 import numpy as np
 
 WIDTHS: Final = tuple(np.radians([0.0, 1.5, 3.0, 5.0]))
-"""How far people may be from the model, standard deviation [rad]."""
+"""Possible standard deviations of people from the model [rad]."""
 
 NOISES: Final = tuple(np.radians([1.0, 2.0]))
-"""Of a rest's angles, standard deviation: what is not there again the next time [rad]."""
+"""Possible standard deviations of a rest's angles that differ the next time [rad]."""
 
 REACH: Final = 0.3
-"""Places so far apart have little to do with each other [m]."""
+"""Places this far apart have little in common [m]."""
 
 _TURN: Final = 0.3
-"""A tool's axis that is turned by a radian is so far apart [m]."""
+"""A turn of the tool's axis by one radian counts as this distance [m]."""
 
 _FLUKE: Final = 3 * WIDTHS[-1]
-"""Who is further off than that did something else [rad]: it counts as not seen."""
+"""A larger difference means that the person did something else; it counts as not seen [rad]."""
 
 _UNSEEN: Final = 1e3
 """Variance of a joint that was not seen [rad^2].
 
-Of no noise: it would decide which noise is the likeliest.
+It is the same for every noise, so it does not affect which noise is most likely.
 """
 
 
 class Unexplained:
-    """What is expected beyond the model.
+    """Prediction of the part beyond the model.
 
     Args:
-        poses: where the rests were (k, 4, 4).
-        beyond: what was measured beyond the model (k, n) [rad]; NaN where a joint was not seen.
-        widths: that are compared, `WIDTHS` but for controls [rad].
-        noises: that are compared [rad].
+        poses: poses of the rests (k, 4, 4).
+        beyond: measured angles beyond the model (k, n) [rad]; NaN if a joint was not seen.
+        widths: compared widths, `WIDTHS` except in controls [rad].
+        noises: compared noises [rad].
 
     Attributes:
-        width: the likeliest [rad].
+        width: the most likely width [rad].
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Unexplained:
         widths: Sequence[float] = WIDTHS,
         noises: Sequence[float] = NOISES,
     ) -> None:
-        """Find width and noise."""
+        """Find the most likely width and noise."""
         self._places = np.array([_place(pose) for pose in poses])
         seen = (np.abs(beyond) <= _FLUKE).T
         self._beyond = np.where(seen, beyond.T, 0.0)
@@ -72,10 +72,11 @@ class Unexplained:
         _, self._inverse, self.width = max(found, key=lambda each: each[0])
 
     def at(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is expected of every joint at a place (4, 4): mean and deviation (n,) [rad].
+        """Return the prediction for every joint at a place (4, 4): mean and deviation (n,) [rad].
 
-        The deviation is that of the process with this width, noise apart: nothing of how well the
-        width or the traits are known. Few rests, which the traits explain, leave a width of zero.
+        The deviation is that of the process with this width, without noise. It does not include the
+        uncertainty of the width or of the traits. Few rests that the traits explain give a width of
+        zero.
         """
         alike = self.width**2 * self._alike(pose)
         weights = alike @ self._inverse
@@ -87,7 +88,7 @@ class Unexplained:
         return np.exp(-0.5 * (away / REACH) ** 2)
 
     def _fitted(self, covariance: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the log likelihood of what was measured, and the inverses (n, k, k)."""
+        """Return the log likelihood of the measurements, and the inverses (n, k, k)."""
         inverse = np.linalg.inv(covariance)
         fits = np.einsum("jk,jkl,jl->", self._beyond, inverse, self._beyond)
         volume = np.linalg.slogdet(inverse)[1].sum()
@@ -95,6 +96,6 @@ class Unexplained:
 
 
 def _place(pose: Any) -> np.ndarray:
-    """Return position and tool axis of a pose (4, 4), the latter as a way (6,) [m]."""
+    """Return position and tool axis of a pose (4, 4) as one vector (6,) [m]."""
     given = np.asarray(pose, dtype=float)
     return np.concatenate([given[:3, 3], _TURN * given[:3, 0]])

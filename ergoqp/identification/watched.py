@@ -1,4 +1,4 @@
-"""A loop as it was watched: postures and poses over time, from a run, its folder or a log."""
+"""A recorded loop: postures and poses over time, from a run, its folder or a log."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ergoqp.joints import JOINTS
 from ergoqp.problem.way import pose_error
 
 _BACK: Final = 0.5
-"""An object is at rest that is where it was so long ago [s],"""
+"""Time after which an object at rest is still at the same place [s]."""
 _STAYS: Final = (2e-3, float(np.radians(0.5)))
-"""to this [m], [rad]: more than a pose's noise, less than any motion that somebody follows."""
+"""Limits of the same place [m], [rad]: above the noise of a pose, below a motion to follow."""
 _LONGEST: Final = 10.0
-"""No period is longer [s]."""
+"""Longest period [s]."""
 _DAY: Final = 86400.0
-"""Nor a loop [s]."""
+"""Longest loop [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Watched:
     """Postures and poses over time.
 
     Attributes:
-        time: of each sample (n,) [s], increasing.
-        postures: (n, 32) [rad], NaN where a joint was not seen.
-        poses: of the object (n, 4, 4) [m].
+        time: time of each sample (n,) [s], increasing.
+        postures: postures (n, 32) [rad], NaN where a joint was not seen.
+        poses: poses of the object (n, 4, 4) [m].
     """
 
     time: np.ndarray
@@ -42,10 +42,10 @@ class Watched:
 
 
 def watched(given: Any) -> Watched | None:
-    """Return the loop in what a user gives, None if it is none.
+    """Return the loop in what a user gives, None if it is not a loop.
 
     Args:
-        given: an `ergoqp.Run`, the folder of one, or the entries that a stepper's log got.
+        given: an `ergoqp.Run`, the folder of one, or the entries of a stepper's log.
 
     Raises:
         InputError: if it is one of these, and cannot be read.
@@ -78,7 +78,7 @@ def rests_in(loop: Watched) -> list[Resting]:
         )
         rest = watch.add(float(time), float(periods[now]), still, loop.postures[now], pose)
         if rest is not None:
-            # One stay is one rest, however long: the last, to which the person has come.
+            # A stay counts as one rest: the last one, at which the person has arrived.
             found = [*(found[:-1] if stays else found), rest]
             stays = True
         stays = stays and still
@@ -94,7 +94,7 @@ def _of_folder(folder: Path) -> Watched:
     try:
         with (folder / "run.npz").open("rb") as file, np.load(file, allow_pickle=False) as held:
             arrays = [held[name] for name in ("time", "postures", "poses")]
-    # A file that was cut off or forged raises whatever it likes.
+    # A truncated or forged file can raise any error.
     except Exception as error:
         raise InputError(
             f"rests: got the folder {folder}, allowed one that a run was saved in"
@@ -123,7 +123,7 @@ def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:
         if posture.shape != (len(JOINTS),):
             raise InputError(f"rests: {where} has no {len(JOINTS)} angles, allowed a person's log")
         if not 0.0 < period <= _LONGEST:
-            # The step refused it, too: nobody knows how long it was.
+            # The step rejected it too: its length is unknown.
             continue
         if not asked:
             if not told:
@@ -139,7 +139,7 @@ def _of_log(log: Sequence[Mapping[str, Any]]) -> Watched:
 
 
 def _checked(what: str, time: Any, postures: Any, poses: Any) -> Watched:
-    """Return a loop whose arrays are what they should be."""
+    """Return a loop whose arrays are valid."""
     found = []
     shapes = ("time", time, ()), ("postures", postures, (len(JOINTS),)), ("poses", poses, (4, 4))
     for name, value, shape in shapes:
@@ -167,7 +167,7 @@ def _checked(what: str, time: Any, postures: Any, poses: Any) -> Watched:
 
 
 def _is_rigid(pose: np.ndarray) -> bool:
-    """Return whether a pose is one at the first glance: to read every one would take long."""
+    """Return whether a pose is rigid, by a quick test: reading every pose would take long."""
     turn = pose[:3, :3]
     return bool(
         np.abs(turn.T @ turn - np.eye(3)).max() < 1e-6

@@ -1,4 +1,4 @@
-"""What must hold, as rows with names: one file per kind of row."""
+"""Limits as rows with names: one file per kind of row."""
 
 from ergoqp.limits.arm_length import ArmLength as ArmLength
 from ergoqp.limits.joints import JointLimit as JointLimit

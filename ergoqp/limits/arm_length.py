@@ -1,6 +1,6 @@
 """The forearm keeps its length: elbow and wrist move as one rigid segment.
 
-This is exact at every step, by projection.
+Projection keeps the length exactly at every step.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from ergoqp.limits.limit import RECOVERY_TIMES, Expression, Rows, Situation
 from ergoqp.limits.twist import TwistLimit
 
 RETURN: Final = 0.05
-"""Share of the acceleration with which a wrong length is mended."""
+"""Share of the acceleration that corrects a wrong length."""
 
 _SHORTEST: Final = 1e-3
 _LONGEST: Final = 100.0
-"""Ends of lengths that keep the arithmetic of a step exact [m]."""
+"""Range of lengths for which the arithmetic of a step is exact [m]."""
 
 
 @dataclass(frozen=True)
 class ArmLength:
     """Elbow and wrist keep their distance, where they are the state and the twist moves them.
 
-    The row is the tangent of this surface, an equality. A straight way leaves the surface by the
-    square of its length, so whatever twist is considered is first projected: the two points are
-    moved along their line, each by half of what is missing, and what is judged and sent is the
-    twist that leads there. Turning costs acceleration, v^2 / length of the relative motion; `aside`
-    is kept free for that.
+    The row is an equality, the tangent of this surface. The deviation of a straight path from the
+    surface grows with the square of its length. So every twist is projected first: both points are
+    moved along their connecting line, each by half of the error. The step judges and sends the
+    twist that leads there. Turning needs an acceleration of v^2 / length, for the relative velocity
+    v; `aside` keeps it free.
 
-    A measured length that is off is mended slowly, at `RETURN` of what the acceleration gives in
-    one period.
+    A measured length that is wrong is corrected slowly, at `RETURN` times what the acceleration
+    allows in one period.
 
     Attributes:
         length: distance of elbow and wrist [m].
-        name: of the row.
-        tolerance: so far outside still counts as at the edge [m].
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
-            distance / recovery_time.
+        name: name of the row.
+        tolerance: error that still counts as on the limit, for noise [m].
+        recovery_time: time constant of the return from outside [s]. The speed back is distance /
+            recovery_time.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import numpy as np
@@ -81,16 +81,16 @@ class ArmLength:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The one row."""
+        """Name of the one row."""
         return (self.name,)
 
     def measure(self) -> None:
-        """Need nothing measured beforehand."""
+        """Return None: nothing is computed beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the tangent: the rate at which the two points part.
+        """Return the tangent: the rate at which the distance of the two points grows.
 
-        It has no ends to stop before; the step keeps it.
+        It has no ends to stop before; the step keeps it as an equality.
         """
         along = _direction(situation.posture)
         matrix = ca.horzcat(-along.T, along.T)
@@ -98,16 +98,16 @@ class ArmLength:
         return Rows(matrix, free, free, free, ca.SX(1, 1))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return minus the error of the length as it is: projection keeps it on the whole way."""
+        """Return minus the present error of the length; projection keeps it on the whole path."""
         return -ca.fabs(_distance(situation.posture) - self.length)
 
     def aside(self, limit: TwistLimit) -> float:
-        """Return the acceleration that keeping and mending the length can take [m/s^2].
+        """Return the acceleration that keeping and correcting the length can need [m/s^2].
 
-        It is that of any entry of the twist.
+        It is needed on every axis of the twist.
 
         Raises:
-            InputError: if that leaves too little for anything else.
+            InputError: if too little acceleration remains for everything else.
         """
         apart = float(np.linalg.norm(limit.speed[:3] + limit.speed[3:]))
         least = float(limit.acceleration.min())
@@ -121,9 +121,9 @@ class ArmLength:
         return needed
 
     def tangent(self, posture: ca.SX, twist: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """Return the twist (6,) without its part across the surface.
+        """Return the twist (6,) without its component normal to the surface.
 
-        Only the pace at which a wrong length is mended is left of it.
+        Only the speed that corrects a wrong length remains in that direction.
         """
         along = _direction(posture)
         normal = ca.vertcat(-along, along)
@@ -140,26 +140,26 @@ class ArmLength:
         return twist + ca.vertcat(-along, along) * (wanted - _distance(target)) / (2 * dt)
 
     def bow(self, posture: ca.SX, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return how far a projected way strays from a straight one [m].
+        """Return the deviation of a projected path from a straight one [m].
 
-        Meanwhile the points move by `apart` to each other.
+        `apart` is the relative displacement of the two points along the path [m].
 
         Returns:
-            The inward pull (6,), largest at the end of the way; and what it can differ from the
-            truth, as a length: an arc of angle f = apart / length bends by length (1 - cos f) and
-            is short by length (f - sin f), shared by two points.
+            The inward deviation (6,), largest at the end of the path, and a bound of its error, as
+            a length: an arc of angle f = apart / length bends by length (1 - cos f) and is shorter
+            by length (f - sin f), shared by the two points.
         """
         along = _direction(posture)
         pull = ca.vertcat(along, -along) * apart**2 / (4 * self.length)
         return pull, np.sqrt(2) / 12 * apart**3 / self.length**2
 
     def _mended(self, posture: ca.SX, dt: ca.SX, acceleration: Expression) -> ca.SX:
-        """By how much the length changes in this period [m]."""
+        """Return the correction of the length in this period [m]."""
         most = RETURN * ca.mmin(acceleration) * dt**2
         return ca.fmax(-most, ca.fmin(most, self.length - _distance(posture)))
 
     def project(self, points: ArrayLike) -> np.ndarray:
-        """Return states (n, 6) moved to the length: each point by half the gap along their line."""
+        """Return states (n, 6) with the right length: each point is moved by half the error."""
         points = np.array(points, dtype=float, ndmin=2)
         apart = points[:, 3:] - points[:, :3]
         distance = np.linalg.norm(apart, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The person's joints keep to their ranges and need not move too fast: soft rows, through S."""
+"""Range and rate of the person's joints: soft rows, through S."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from ergoqp.joints import INDEX, JOINTS, LOWER, UPPER
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
 
 _SLOWEST: Final = 1e-3
-"""Least rate of a joint that is one [deg/s]."""
+"""Smallest rate limit of a joint [deg/s]."""
 
 
 @dataclass(frozen=True)
 class JointLimit:
     """Range and rate of every joint of the person.
 
-    A joint within `yield_zone_deg` of its end yields: the response holds it there and the others
-    follow, so that one joint at its end does not stop the object. A joint that the sensors
-    do not see has no row, as its angle is not known.
+    A joint within `yield_zone_deg` of its end yields: the response holds it there and the other
+    joints follow. So one joint at its end does not stop the object. A joint that the sensors do not
+    see has no row, because its angle is unknown.
 
     Attributes:
-        ranges_deg: narrower ranges, by joint name: (least, greatest) [deg]; the rest as in
+        ranges_deg: narrower ranges, by joint name: (least, greatest) [deg]. The others are those of
             `ergoqp.joints`.
         rate_deg: largest rate that the object may ask of a joint [deg/s].
         yield_zone_deg: distance to the end within which a joint yields [deg].
-        tolerance_deg: a joint that is measured so far outside still counts as at its end [deg].
+        tolerance_deg: measured angle outside that still counts as at the end [deg].
         recover: whether a joint outside a range that was narrowed here moves the object until the
-            joint is back, for twice the time that this should take. Otherwise, and always at the
-            end of what a body can do, the joint is only kept from going further: an angle measured
-            out there says that the range or the sensor is off.
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
-            distance / recovery_time.
+            joint is back, for at most twice the time that this should take. Otherwise, and always
+            at the end of what a body can do, the joint is only kept from going further: an angle
+            measured out there shows that the range or the sensor is wrong.
+        recovery_time: time constant of the return from outside [s]. The speed back is distance /
+            recovery_time.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import numpy as np
@@ -97,12 +97,12 @@ class JointLimit:
 
     @cached_property
     def tolerance(self) -> float:
-        """See `tolerance_deg` [rad]."""
+        """`tolerance_deg` in [rad]."""
         return float(np.radians(self.tolerance_deg))
 
     @cached_property
     def yield_zone(self) -> float:
-        """See `yield_zone_deg` [rad]."""
+        """`yield_zone_deg` in [rad]."""
         return float(np.radians(self.yield_zone_deg))
 
     @cached_property
@@ -115,14 +115,14 @@ class JointLimit:
 
     @property
     def returns(self) -> tuple[bool, ...]:
-        """Which joints ask to come back from outside, see `recover`."""
+        """Which joints ask to come back when they are outside, see `recover`."""
         return tuple(self.recover and name in self.ranges_deg for name in JOINTS)
 
     def measure(self) -> None:
-        """Need nothing measured beforehand."""
+        """Return None: nothing is computed beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return one row per joint; rows that the object cannot move are zero."""
+        """Return one row per joint. The row of a joint that the object cannot move is zero."""
         lower, upper = self.range
         q, seen = situation.posture, situation.observed
         landed = q + situation.shift
@@ -132,5 +132,5 @@ class JointLimit:
         return Rows(situation.sensitivity, below, above, rate, ca.DM.zeros(len(JOINTS)))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margins on the way, by the linear model of the person."""
+        """Return the smallest margins on the path, by the linear model of the person."""
         return straight_margins(self.rows(situation), displacement)

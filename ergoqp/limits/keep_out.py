@@ -1,4 +1,4 @@
-"""Where the contact point may not be: beyond a plane, in a box, in a ball."""
+"""Where the contact point must not be: below a plane, in a box, in a ball."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
 
 _TINY: Final = 1e-30
-"""Keeps a root from having no slope [m^2]."""
+"""Keeps the slope of a square root finite [m^2]."""
 
 _SAME: Final = 1e-9
-"""Points that are nearer to each other are the same [m]."""
+"""Points closer to each other than this count as one [m]."""
 
 _LARGEST: Final = 1e3
-"""Beyond this a length is a slip [m]."""
+"""Lengths above this are mistakes [m]."""
 
 _SAMPLES: Final = ((0.31, -0.42, 1.13), (-1.7, 2.3, 0.2), (0.04, 0.07, -0.9))
-"""Where a region of the user's own is looked at [m]."""
+"""Points at which a user's region is checked [m]."""
 
 _UNIT: Final = 1e-6
-"""By so much the length of a unit vector may be off."""
+"""Tolerance of the length of a unit vector."""
 
 
 class Region(Protocol):
@@ -45,9 +45,8 @@ class Region(Protocol):
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the distance of a point (3,) [m] and the direction (3,) in which it grows.
 
-        The distance is that to the nearest point of the region, negative inside. The direction is a
-        unit vector; where several serve, it is one of them. `KeepOut` looks at a few points whether
-        it is.
+        The distance is to the nearest point of the region, negative inside. The direction is a unit
+        vector; if several are possible, any of them. `KeepOut` checks this at a few points.
         """
         ...
 
@@ -57,11 +56,11 @@ class HalfSpace:
     """All points p with normal . p <= offset.
 
     Attributes:
-        normal: direction that leads out of the region, of any length but zero (dimensionless).
-        offset: where the plane is, along the unit normal [m].
+        normal: direction out of the region, of any length but zero (dimensionless).
+        offset: position of the plane along the unit normal [m].
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import casadi as ca
@@ -86,7 +85,7 @@ class HalfSpace:
         check_number("keep_out offset", self.offset, -_LARGEST, _LARGEST, "m")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return distance and direction: the normal everywhere."""
+        """Return distance and direction. The direction is the normal everywhere."""
         normal = ca.SX(ca.DM(self.normal))
         return ca.dot(normal, point) - self.offset, normal
 
@@ -97,10 +96,10 @@ class Ball:
 
     Attributes:
         centre: x, y, z [m].
-        radius: [m].
+        radius: radius of the ball [m].
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import casadi as ca
@@ -121,7 +120,7 @@ class Ball:
         check_number("keep_out radius", self.radius, 0.0, _LARGEST, "m")
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return distance and direction: straight from the centre, and up in the centre itself."""
+        """Return distance and direction: away from the centre, and up at the centre itself."""
         away = point - ca.DM(self.centre)
         length = ca.sqrt(ca.sumsqr(away) + _TINY)
         return length - self.radius, ca.if_else(length < _SAME, ca.DM([0, 0, 1]), away / length)
@@ -136,7 +135,7 @@ class Box:
         upper: greatest x, y, z [m].
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import casadi as ca
@@ -151,7 +150,7 @@ class Box:
     upper: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        """Check that the box has an inside."""
+        """Check the numbers, and that the box is not empty."""
         lower, upper = (_three(f"keep_out {end}", getattr(self, end)) for end in ("lower", "upper"))
         if not np.all(lower < upper):
             raise InputError(
@@ -162,7 +161,7 @@ class Box:
         object.__setattr__(self, "upper", tuple(upper.tolist()))
 
     def nearest(self, point: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return distance and direction: from the nearest point, and inside to the nearest face."""
+        """Return distance and direction, from the nearest point; inside, from the nearest face."""
         beyond = ca.fmax(point - ca.DM(self.upper), 0) - ca.fmax(ca.DM(self.lower) - point, 0)
         length = ca.sqrt(ca.sumsqr(beyond) + _TINY)
         outside = length > _SAME
@@ -179,25 +178,25 @@ class KeepOut:
     """The contact point stays out of a region.
 
     The outside of a convex region is not convex. So the limit is one row: the half-space that
-    touches the region in its point nearest to the object, fixed over the motion under way and over
-    the whole stop. That half-space is a part of what is allowed, so a stop that stays in
-    it stays out of the region. And the distance from a convex region is a convex function: on a
-    straight way its tangents at later points lie above those at earlier ones from there on, so a
-    stop that was certified in one half-space is, further along, certified in the next.
+    touches the region at the point nearest to the object. It stays fixed during the motion under
+    way and the whole stop. This half-space is part of the allowed set, so a stop inside it stays
+    out of the region. The distance from a convex region is a convex function: on a straight path,
+    its tangent at a later point lies above its tangents at earlier points from there on. So a stop
+    that was certified in one half-space is also certified in the next.
 
-    Of a robot with a declared noise of the position (d per axis) the object stays d along the row
-    and sqrt(3) d further away: it is then never measured inside, where the nearest point may be on
-    the other side.
+    With a declared position noise (d per axis) the object keeps the distance d along the row and
+    sqrt(3) d in addition. So it is never measured inside, where the nearest point may be on the
+    other side.
 
     Attributes:
         region: `HalfSpace`, `Box`, `Ball`, or anything else with a `Region.nearest`.
-        tolerance: this far inside still counts as at the edge [m].
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
-            distance / recovery_time.
-        name: of the row.
+        tolerance: distance inside that still counts as on the limit, for noise [m].
+        recovery_time: time constant of the return from outside [s]. The speed back is distance /
+            recovery_time.
+        name: name of the row.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import ergoqp
@@ -236,19 +235,19 @@ class KeepOut:
 
     @property
     def tangent(self) -> bool:
-        """Whether the row's direction depends on where the object is measured."""
+        """Whether the direction of the row depends on the measured pose."""
         return not getattr(self.region, "flat", False)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The one row."""
+        """Name of the one row."""
         return (self.name,)
 
     def measure(self) -> None:
-        """Need nothing measured beforehand."""
+        """Return None: nothing is computed beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row, of the half-space nearest to where the object is now."""
+        """Return the one row, of the half-space that touches the region nearest to the object."""
         ahead = situation.ahead[:3]
         distance, direction = self.region.nearest(situation.pose[:3, 3] - ahead)
         distance += ca.dot(direction, ahead)
@@ -258,19 +257,19 @@ class KeepOut:
         return situation.counted(self.name, Rows(matrix, distance, free, free, straight))
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest distance to that half-space's edge on the way to a displacement."""
+        """Return the smallest distance to the edge of that half-space on a straight path."""
         return straight_margins(self.rows(situation), displacement, situation)
 
 
 def _check_nearest(region: Region) -> None:
-    """Check at a few points that a region of the user's own gives a distance and a unit vector."""
+    """Check at a few points that a user's region returns a distance and a unit vector."""
     point = ca.SX.sym("point", 3)
     try:
         distance, direction = region.nearest(point)
         nearest = ca.Function("nearest", [point], [distance, ca.norm_2(direction)])
         lengths = [float(nearest(at)[1]) for at in _SAMPLES]
         shapes = distance.shape, direction.shape
-    except Exception as error:  # whatever the code of a user's own region does
+    except Exception as error:  # any error in the code of a user's region
         words = (str(error).strip().splitlines() or [""])[-1][:100]
         raise InputError(
             f"keep_out region: got {type(error).__name__} ({words}) from nearest of"

@@ -21,27 +21,28 @@ class OneClassBoundary:
 
     Here g = log sum a_i k(q, s_i) - log rho.
 
-    The logarithm keeps the boundary and gives a slope that does not vanish far away. Its curvature
-    is never below -2 gamma (it is the logarithm of a sum of exponentials of concave quadratics), so
-    with the scaled displacement D::
+    The logarithm does not change the boundary, and its slope does not vanish far away. g is the
+    logarithm of a sum of exponentials of concave quadratics, so its curvature is never below -2
+    gamma. With the scaled displacement D::
 
         g(q + D) >= g(q) + grad g . D - gamma |D|^2
 
-    everywhere. The row asks that this bound, at the end of the longest stop that this period can
-    bring about, is not negative; along a straight way it is concave, so its two ends say
-    everything, and braking down a way that was accepted never makes it worse.
+    everywhere. The row requires that this bound is not negative at the end of the longest stop that
+    this period can cause. Along a straight path the bound is concave, so its two ends decide.
+    Braking along an accepted path never makes it worse.
 
     Attributes:
         model: the one-class SVM.
-        hard: True where the state itself is commanded (`LinearResponse`): kept by construction.
-            False for a person's posture: kept as far as braking allows.
-        tolerance: so far outside still counts as on the boundary, in units of g (dimensionless).
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
-            distance / recovery_time.
-        name: of the row.
+        hard: True where the state itself is commanded (`LinearResponse`): the boundary is kept by
+            construction. False for a person's posture: it is kept as far as braking allows.
+        tolerance: value outside that still counts as on the boundary, in units of g
+            (dimensionless).
+        recovery_time: time constant of the return from outside [s]. The speed back is distance /
+            recovery_time.
+        name: name of the row.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import numpy as np
@@ -77,18 +78,18 @@ class OneClassBoundary:
 
     @property
     def returns(self) -> tuple[bool, ...]:
-        """A commanded state comes back; a person's posture does not move the object by itself."""
+        """Whether the row asks to come back. A posture does not move the object by itself."""
         return (self.hard,)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The one row."""
+        """Name of the one row."""
         return (self.name,)
 
     def measure(self) -> ca.Function:
         """Return ``posture -> (g, grad g)`` stacked (1 + d,).
 
-        The gradient is by the model's own coordinates.
+        The gradient is in the coordinates of the model.
         """
         coordinates = self.model.coordinates
         q = ca.MX.sym("q", len(coordinates.state))
@@ -96,13 +97,13 @@ class OneClassBoundary:
         return ca.Function("boundary", [q], [ca.vertcat(value, slope)])
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row and what it reserves.
+        """Return the one row and its reserve.
 
-        It reserves gamma times the square of the longest displacement, both scaled.
+        The reserve is gamma times the square of the longest scaled displacement.
         """
         moves = self._moves(situation)
         scaled = self._scaled(moves)
-        # Every twist of this period moves by the swing plus at most the change, entry by entry.
+        # Any twist of this period causes the swing plus at most the change, entry by entry.
         lengths = ca.sqrt(ca.sum1(scaled**2))
         longest = (
             ca.norm_2(scaled @ (situation.swing + situation.ahead)) + lengths @ situation.change
@@ -119,7 +120,7 @@ class OneClassBoundary:
         )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the least value of the bound on the way to a displacement: at one of its ends."""
+        """Return the smallest value of the bound on a straight path, at one of its ends."""
         value, slope = self._reading(situation)
         moved = self._moves(situation) @ (situation.ahead + displacement)
         drop, stray = self._bow(situation, ca.norm_2(displacement[3:] - displacement[:3]))
@@ -127,7 +128,10 @@ class OneClassBoundary:
         return value + ca.fmin(0, ca.dot(slope, moved) - drop - self.model.gamma * length**2)
 
     def _bow(self, situation: Situation, apart: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Cost of a surface that bends the way: (drop of the linear bound, extra scaled length)."""
+        """Return the loss by a surface that bends the path: (drop of the bound, extra length).
+
+        The extra length is scaled.
+        """
         if situation.surface is None:
             return ca.SX(0), ca.SX(0)
         _, slope = self._reading(situation)
@@ -141,7 +145,7 @@ class OneClassBoundary:
         return reading[0], reading[1:]
 
     def _moves(self, situation: Situation) -> ca.SX:
-        """How the model's inputs follow the object (d, 6)."""
+        """Return how the inputs of the model follow the object (d, 6)."""
         return situation.sensitivity[self.model.coordinates.indices, :]
 
     def _scaled(self, rows: ca.SX) -> ca.SX:

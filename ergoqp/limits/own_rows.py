@@ -1,6 +1,6 @@
-"""Limits of the user's own, for those who look at places and not at twists.
+"""Limits that are judged by their rows only, such as the limits of users.
 
-This is what each of them says of a place and a posture.
+The optimum, the place search and the checker judge places and postures, not twists.
 """
 
 from __future__ import annotations
@@ -25,20 +25,23 @@ _ROUNDING = 1e-6
 KINDS: Final[Mapping[str, type]] = {
     kind.holds: kind for kind in (WorkspaceBox, AxisCone, JointLimit, OneClassBoundary, ArmLength)
 }
-"""What places, optimum and checker know how to judge, by what it holds; see `Limit.holds`."""
+"""Kinds of limits that optimum, place search and checker compute by themselves.
+
+The keys are the values of `Limit.holds`.
+"""
 
 
 @dataclass(frozen=True)
 class OwnLimits:
-    """The limits of a problem that nobody judges but by their `rows`.
+    """The limits of a problem that are judged only by their `rows`, as distances to both ends.
 
-    These are distances to both ends where things are. All are but the first of each of `KINDS`, and
-    that one too if a class of the user's has changed what it does.
+    These are all limits except the first of each of `KINDS`. A first one belongs to them too if a
+    user's subclass changed its behaviour.
 
     Attributes:
-        every: all limits of the problem that are rows.
-        size: number of entries of its state.
-        surface: the limit that the state stays on, if there is one.
+        every: all limits of the problem that have rows.
+        size: number of entries of the state.
+        surface: the limit that is an equality, or None.
     """
 
     every: tuple[Limit, ...]
@@ -46,16 +49,16 @@ class OwnLimits:
     surface: Surface | None = None
 
     def __reduce__(self) -> tuple:
-        """Go to another process as what they are made of: functions are built again there."""
+        """Return what another process needs to make this object; it builds the functions again."""
         return OwnLimits, (self.every, self.size, self.surface)
 
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
-        """The limits."""
+        """The limits that are judged only by their rows."""
         return tuple(limit for limit in self.every if not self._known(limit))
 
     def _known(self, limit: Limit) -> bool:
-        """Say whether a limit is what those who know its kind judge."""
+        """Return whether a limit is judged as one of `KINDS`."""
         kind = KINDS.get(getattr(limit, "holds", None) or "")
         if kind is None or limit is not next((e for e in self.every if isinstance(e, kind)), None):
             return False
@@ -69,16 +72,16 @@ class OwnLimits:
 
     @cached_property
     def hard(self) -> tuple[Limit, ...]:
-        """Those on the object side, which do not depend on the posture."""
+        """The limits of the object side, which do not depend on the posture."""
         return tuple(limit for limit in self.limits if limit.hard)
 
     def margins(self, limit: Limit, posture: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Return the distance of each row (m,) to its nearer end, negative outside.
 
         Args:
-            limit: one of them.
-            posture: of the person (n,) [rad].
-            pose: of the object (4, 4) [m].
+            limit: one of `limits`.
+            posture: posture of the person (n,) [rad].
+            pose: pose of the object (4, 4) [m].
         """
         below, above = (
             np.array(part).ravel() for part in self._functions[limit.names[0]](posture, pose)
@@ -86,14 +89,14 @@ class OwnLimits:
         return np.minimum(below, above)
 
     def broken(self, pose: np.ndarray, posture: np.ndarray | None = None) -> str:
-        """Return the first row that a place does not keep, as ``"outside NAME"``, or an empty text.
+        """Return the first row that is violated, as ``"outside NAME"``, or an empty text.
 
-        A limit may say another word than outside, see `Limit.breach`.
+        A limit may use another word than outside, see `Limit.breach`.
 
         Args:
-            pose: of the object (4, 4) [m].
-            posture: of the person there (n,) [rad]; None: only limits on the object side are looked
-                at.
+            pose: pose of the object (4, 4) [m].
+            posture: posture of the person there (n,) [rad]. None: only limits of the object side
+                are judged.
         """
         stands_in = np.zeros(self.size) if posture is None else posture
         for limit in self.limits if posture is not None else self.hard:
@@ -103,10 +106,10 @@ class OwnLimits:
         return ""
 
     def judge(self) -> None:
-        """Check that every limit gives its rows, one for each name.
+        """Check that every limit returns one row and one margin for each name.
 
         Raises:
-            ProblemError: if one does not, with what it raised.
+            ProblemError: if one does not, with the error that it raised.
         """
         for limit in self.limits:
             first = limit.names[0]
@@ -115,7 +118,7 @@ class OwnLimits:
                 found = [self._functions[first].numel_out(0), self._margins_of(limit)]
             except ErgoqpError:
                 raise
-            except Exception as error:  # whatever the code of a user's own limit does
+            except Exception as error:  # any error in the code of a user's limit
                 raise ProblemError(
                     f"limits: rows of {first}: got {in_words(error)}, allowed {allowed}"
                 ) from None
@@ -135,9 +138,9 @@ class OwnLimits:
 
     @cached_property
     def ends(self) -> ca.Function | None:
-        """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite; or None.
+        """``(posture (n,), pose (4, 4)) -> (k,)``: all distances that are not infinite, or None.
 
-        They are at least 0 where all holds.
+        All are at least 0 where all limits hold.
         """
         if not self.limits:
             return None
@@ -148,7 +151,7 @@ class OwnLimits:
             part for limit in self.limits for part in self._functions[limit.names[0]](posture, pose)
         ]
         ends = ca.vertcat(*found)
-        # Where there is no end, a row is infinite wherever things are.
+        # A row without an end is infinite at every place.
         rng = np.random.default_rng(0)
         values = ca.Function("ends", [posture, pose], [ends])
         sample = np.array(values(rng.uniform(-0.1, 0.1, posture.numel()), np.eye(4))).ravel()
@@ -161,7 +164,7 @@ class OwnLimits:
         return {limit.names[0]: self._ends_of(limit) for limit in self.limits}
 
     def _place(self) -> Situation:
-        """Somewhere, with nothing under way."""
+        """Return a symbolic situation with nothing under way."""
         n, still = self.size, ca.SX(6, 1)
         posture, pose = ca.SX.sym("posture", n), ca.SX.sym("pose", 4, 4)
         place = Situation(
@@ -170,7 +173,7 @@ class OwnLimits:
         return replace(place, shift=ca.SX(n, 1))
 
     def _ends_of(self, limit: Limit) -> ca.Function:
-        """``(posture, pose) -> (below, above)`` of one limit."""
+        """Return the function ``(posture, pose) -> (below, above)`` of one limit."""
         n, measure, place = self.size, limit.measure(), self._place()
         posture, pose = place.posture, place.pose
         if measure is None:

@@ -1,4 +1,4 @@
-"""How the object stops: straight, as fast as its slowest axis allows; and how far at most."""
+"""How the object stops, and how far it moves at most until it stands still."""
 
 from __future__ import annotations
 
@@ -13,28 +13,30 @@ from ergoqp.limits.twist import TwistLimit
 
 @dataclass(frozen=True)
 class Stop:
-    """The law by which a problem's object stops, see `ergoqp.Problem.stop`.
+    """The law by which the object of a problem stops, see `ergoqp.Problem.stop`.
 
     Braking scales the planned twist u down along a straight line, in ``t_b = max_i |u_i| / a_i``
-    seconds, whatever the periods of the steps to come. Where every twist is sent as planned, the
-    object moves by at most u (dt + t_b / 2) in the period of u and the stop after it.
+    seconds, whatever the later periods are. If every twist is sent as planned, the object moves by
+    at most u (dt + t_b / 2) in the period of u and the stop after it.
 
-    Where the mean of the plan over the last W seconds is sent instead, the plan is a line from the
-    last twist to this one, and the object moves by the half of this period that belongs to u and by
-    the stop, u (dt / 2 + t_b / 2); what was planned before is under way already
-    (`ergoqp.step.under_way.motion`). But a period is held at the mean of its end, which is more
-    than it was on the way there while the mean still rises: by h times the rise at most, for
-    periods up to h. By how much it rises without u is under way too; with u it is at most u, and at
-    most a dt, more. And the last period of a stop is a line down to rest that ends later than the
-    stop would have, by at most min(u h / 2, a h^2 / 8).
+    If the mean of the plan over the last W seconds is sent instead, the plan is linear between the
+    last twist and this one. The object then moves by u (dt / 2 + t_b / 2): half of this period
+    belongs to u, and the stop follows. What was planned before is already under way
+    (`ergoqp.step.under_way.motion`). Two parts are added:
+
+    - The robot holds the mean of the end of a period during the whole period. While the mean rises,
+      this is too much, by at most h times the rise, for periods up to h. The rise without u is
+      under way too. The rise with u is larger by at most u, and by at most a dt.
+    - The last period of a stop is a line down to rest. It ends later than the stop, which adds at
+      most min(u h / 2, a h^2 / 8).
 
     Attributes:
         limit: speeds and accelerations.
-        average: W [s].
-        longest: h, longest period that a step may be called with without braking [s].
+        average: W, length of the moving average [s].
+        longest: h, longest period of a step that does not brake [s].
         stretch: the robot moves by at most this many times what was sent.
-        hold: for how long it may go on with a twist, once in a stop [s].
-        memory: how old that twist may be [s].
+        hold: how long the robot may go on with a twist, once in a stop [s].
+        memory: largest age of that twist [s].
     """
 
     limit: TwistLimit
@@ -51,7 +53,7 @@ class Stop:
 
     @property
     def held(self) -> float:
-        """Seconds at the new twist that cover one hold with any twist under way [s].
+        """Time at the new twist that covers one hold with any twist under way [s].
 
         The twist under way may have been faster.
         """
@@ -59,23 +61,23 @@ class Stop:
 
     @property
     def duration(self) -> float:
-        """Seconds after which nothing is sent any more, whatever was sent before."""
+        """Time after which nothing is sent any more, whatever was sent before [s]."""
         moves = self.limit.speed > 0
         slowest = np.max(self.limit.speed[moves] / self.limit.acceleration[moves], initial=0.0)
         return float(slowest) + self.average + self.longest
 
     def rise(self, dt: Expression) -> Expression:
-        """Return the most a mean rising with the new twist adds, per unit of acceleration [s^2]."""
+        """Return the largest addition of a rising mean per unit of acceleration [s^2]."""
         return self.longest * dt + self.longest**2 / 8
 
     def time(self, twist: ca.SX) -> ca.SX:
-        """Return how long it takes to stop from a planned twist (6,) [s]."""
+        """Return the duration of the stop from a planned twist (6,) [s]."""
         return ca.mmax(ca.fabs(twist) / ca.DM(self.limit.acceleration))
 
     def displacement(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
-        """Return the largest displacement (6,) [m, rad] that a planned twist adds.
+        """Return the largest displacement (6,) [m, rad] by a planned twist.
 
-        It adds this in its period and the stop after it.
+        It covers the period of the twist and the stop after it.
         """
         way = self.stretch * twist * (self.share * dt + self.time(twist) / 2)
         if self.average:
@@ -84,21 +86,21 @@ class Stop:
         return way
 
     def lead(self, twist: ca.SX) -> ca.SX:
-        """Return the largest displacement (6,) that a mean rising to a planned twist can add.
+        """Return the largest addition (6,) of a mean that rises to a planned twist [m, rad].
 
-        It holds at any acceleration.
+        It holds for any acceleration.
         """
         return self.stretch * 1.5 * self.longest * twist
 
     def most(self, dt: Expression) -> Expression:
-        """Return what it can add at most along each axis (6,) at any twist."""
+        """Return the largest addition of a rising mean per axis (6,), at any twist [m, rad]."""
         return self.stretch * self.rise(dt) * ca.DM(self.limit.acceleration)
 
     def ways(self, twist: ca.SX, dt: ca.SX) -> ca.SX:
-        """Return the displacements (6, k) by which margins are judged.
+        """Return the displacements (6, k) from which margins are computed.
 
-        They are the `displacement` of a planned twist, the one with a hold if that is declared, and
-        of a mean its `lead` and the `most` of it.
+        These are the `displacement` of a planned twist, the same with a hold if one is declared,
+        and, with a moving average, `lead` and `most`.
         """
         ways = [self.displacement(twist, dt)]
         if self.hold:
@@ -106,9 +108,11 @@ class Stop:
         return ca.horzcat(*ways, *([self.lead(twist), self.most(dt)] if self.average else []))
 
     def braking(self, previous: ca.SX, dt: ca.SX) -> Braking:
-        """Return braking twist and twist bounds after the planned twist `previous` (6,).
+        """Return the braking twist and the twist bounds of a period.
 
-        They are for a period `dt` [s].
+        Args:
+            previous: planned twist of the last period (6,) [m/s, rad/s].
+            dt: period [s].
         """
         limit = self.limit
         speed, acceleration = ca.DM(limit.speed), ca.DM(limit.acceleration)
@@ -116,8 +120,8 @@ class Stop:
             speed = ca.fmax(0, speed - limit.aside * dt)
         stop = self.time(previous)
         twist = previous * ca.fmax(0, 1 - dt / ca.fmax(stop, 1e-12))
-        # A twist beyond its speed can only come back as fast as the acceleration allows, so the
-        # braking twist is never excluded.
+        # A twist beyond its largest speed comes back only as fast as the acceleration allows. So
+        # the bounds always include the braking twist.
         low = ca.fmin(ca.fmax(-speed, previous - acceleration * dt), twist)
         high = ca.fmax(ca.fmin(speed, previous + acceleration * dt), twist)
         return Braking(
@@ -127,15 +131,15 @@ class Stop:
 
 @dataclass(frozen=True)
 class Braking:
-    """What braking does from the planned twist of the last period.
+    """The braking twist and the twist bounds after the planned twist of the last period.
 
     Attributes:
         twist: the braking twist (6,).
-        low: least twist of this period (6,).
-        high: greatest twist of this period (6,); both allow the braking twist.
-        reach: seconds of motion at the new twist that a stop from it takes at most [s].
+        low: lower bound of the twist of this period (6,).
+        high: upper bound of the twist of this period (6,). Both bounds allow the braking twist.
+        reach: longest time of motion at the new twist, with the stop after it [s].
         dt: period [s].
-        stop: the law.
+        stop: the law of the stop.
     """
 
     twist: Expression
@@ -152,14 +156,14 @@ class Braking:
 
     @property
     def swing(self) -> Expression:
-        """Seconds of motion at the new twist for which a curved row looks ahead [s]."""
+        """Time of motion at the new twist over which a curved row must be correct [s]."""
         return self.reach + self.stop.held
 
     @property
     def slowest(self) -> Expression:
-        """Seconds of motion at the new twist in the stop from a small one [s].
+        """Longest time of motion at a small new twist, with the stop after it [s].
 
-        A mean that rises counts for more in the stop from a small twist.
+        A rising mean counts for more in the stop from a small twist.
         """
         return self.swing + (
             self.stop.stretch * 1.5 * self.stop.longest if self.stop.average else 0.0
@@ -167,26 +171,23 @@ class Braking:
 
     @property
     def change(self) -> Expression:
-        """By how much each entry of a stop's displacement can differ (6,) [m, rad].
-
-        The difference is from that of the present twist.
-        """
+        """Largest change of each entry of a stop's displacement at the next twist (6,) [m, rad]."""
         return self.acceleration * self.dt * self.swing
 
     def fastest(self, left: Expression, slowing: Expression, hard: Expression) -> Expression:
-        """Return the rates (m,) from which rows are stopped in time by an end that is so far away.
+        """Return the largest rates (m,) from which the rows can stop before an end.
 
         Args:
             left: distance to the end (m,) [m, rad].
-            slowing: by how much each row can be slowed per second (m,).
-            hard: 1 for rows on the object side (m,): what a robot may hold on to is kept free of
-                them.
+            slowing: largest deceleration of each row (m,).
+            hard: 1 for rows on the object side (m,). A declared hold of the robot counts for these
+                only.
         """
         law = self.stop
         if law.average:
             left = ca.fmax(left - slowing * (law.stretch * law.rise(self.dt)), ca.fmin(left, 0))
-        # v = d / (h + H) up to the knee, and from there on its tangent parabola (v + a H)^2 = (a
-        # H)^2 + 2 a d - (a h)^2.
+        # v = d / (h + H) up to the knee. Beyond it: the parabola that is tangent there,
+        # (v + a H)^2 = (a H)^2 + 2 a d - (a h)^2.
         if not law.held:
             knee = slowing * self.reach**2
             return (
@@ -201,15 +202,15 @@ class Braking:
 
 
 def on_surface(brake: Braking, situation: Situation, known: Expression = 1) -> Braking:
-    """Return the same braking along the surface that the state has to stay on.
+    """Return the same braking along the surface that the state stays on.
 
-    Without a surface it is returned as it is.
+    Without a surface, return it unchanged.
 
     Args:
-        brake: along a straight line.
-        situation: where things are.
-        known: 0 if the state was not measured: its distance from the surface is not mended then, or
-            it would never rest.
+        brake: braking along a straight line.
+        situation: person and object.
+        known: 0 if the state was not measured. A deviation from the surface is then not corrected,
+            because the object would never come to rest.
     """
     if situation.surface is None:
         return brake

@@ -1,6 +1,6 @@
-"""Bounds on the twist itself, per axis: how fast it may be and how quickly it may change.
+"""Bounds on the twist, per axis: largest speed and largest acceleration.
 
-What they leave of a twist in one period is in `ergoqp.limits.stop`.
+The bounds that follow for one period are in `ergoqp.limits.stop`.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ Example:
 
 _LEAST: Final = 1e-9
 _GREATEST: Final = 1e6
-"""What is beyond is no speed or acceleration of an object."""
+"""Range of plausible speeds and accelerations of an object."""
 
 
 @dataclass(frozen=True)
 class TwistLimit:
-    """Speed, acceleration and allowed axes of the object, each axis by itself.
+    """Largest speed, largest acceleration and allowed axes of the object, each axis by itself.
 
-    Braking scales the whole twist down along a straight line, as fast as its slowest axis allows.
-    A stop from twist xi then takes ``max_i |xi_i| / a_i`` seconds and moves the object along xi
-    alone. So a convex limit that holds at both ends of the stop holds on the whole way.
+    Braking scales the whole twist down along a straight line, as fast as the slowest axis allows. A
+    stop from twist xi then takes ``max_i |xi_i| / a_i`` seconds and moves the object along xi only.
+    So a convex limit that holds at both ends of the stop holds during the whole stop.
 
     Attributes:
-        linear_speed: along each axis [m/s].
-        angular_speed: about each axis [rad/s].
-        linear_acceleration: along each axis [m/s^2].
-        angular_acceleration: about each axis [rad/s^2].
-        axes: the axes that the object can move, of `AXES`.
-        aside: acceleration that the step keeps free on every axis, for a surface that it has to
-            follow [m/s^2].
+        linear_speed: largest speed along each axis [m/s].
+        angular_speed: largest speed about each axis [rad/s].
+        linear_acceleration: largest acceleration along each axis [m/s^2].
+        angular_acceleration: largest acceleration about each axis [rad/s^2].
+        axes: axes that the object can move, of `AXES`.
+        aside: acceleration that the step does not use on any axis, because a surface needs it
+            [m/s^2].
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> from ergoqp.limits import TwistLimit
@@ -86,6 +86,6 @@ class TwistLimit:
     def acceleration(self) -> np.ndarray:
         """Acceleration per axis that the step may use (6,) [m/s^2, rad/s^2].
 
-        It is the largest, less what is kept aside.
+        It is the largest acceleration minus `aside`.
         """
         return np.repeat([self.linear_acceleration, self.angular_acceleration], 3) - self.aside

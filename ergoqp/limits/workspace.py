@@ -1,6 +1,6 @@
 """Where the object may be: a box for the contact point, a cone for the tool's axis.
 
-They are hard rows, on the object side.
+Both are hard rows on the object side.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ergoqp.joints import JOINTS
 from ergoqp.limits.limit import RECOVERY_TIMES, Rows, Situation, straight_margins
 
 _NARROWEST: Final = 1e-6
-"""Least half opening of a cone that is one [deg]."""
+"""Smallest half angle of a cone [deg]."""
 
 _AXIS_NAMES: Final = ("x", "y", "z")
 
@@ -30,12 +30,12 @@ class WorkspaceBox:
     Attributes:
         lower: least x, y, z [m].
         upper: greatest x, y, z [m].
-        tolerance: so far outside still counts as at the edge [m].
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
-            distance / recovery_time.
+        tolerance: distance outside that still counts as on the limit, for noise [m].
+        recovery_time: time constant of the return from outside [s]. The speed back is distance /
+            recovery_time.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import ergoqp
@@ -62,7 +62,7 @@ class WorkspaceBox:
     returns = (True, True, True)
 
     def __post_init__(self) -> None:
-        """Check that the box has an inside."""
+        """Check the numbers, and that the box is not empty."""
         for what, value in (("lower", self.lower), ("upper", self.upper)):
             object.__setattr__(self, what, _three(f"workspace {what}", value))
         if not np.all(np.asarray(self.lower) <= np.asarray(self.upper)):
@@ -74,7 +74,7 @@ class WorkspaceBox:
         check_number("workspace recovery_time", self.recovery_time, *RECOVERY_TIMES)
 
     def measure(self) -> None:
-        """Need nothing measured beforehand."""
+        """Return None: nothing is computed beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
         """Return one row per axis."""
@@ -88,10 +88,10 @@ class WorkspaceBox:
         )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margins on the way; exact, a box is convex.
+        """Return the smallest margins on the path; they are exact, because a box is convex.
 
-        What is outside and comes back is not to leave by the other end: beyond that it counts as
-        that much further out.
+        A point outside that comes back must not leave the box at the other end. There the distance
+        outside counts in addition.
         """
         rows = self.rows(situation)
         through = replace(
@@ -107,14 +107,14 @@ class AxisCone:
     """The tool's axis (x of the contact frame) stays within an angle of a direction of the world.
 
     Attributes:
-        direction: middle of the cone, of any length but zero (dimensionless).
-        half_angle_deg: half the opening [deg].
-        tolerance: so far outside still counts as at the edge [rad].
-        recovery_time: time constant of the return from outside [s]: the speed that is asked for is
-            distance / recovery_time.
+        direction: axis of the cone, of any length but zero (dimensionless).
+        half_angle_deg: half the opening angle [deg].
+        tolerance: angle outside that still counts as on the limit, for noise [rad].
+        recovery_time: time constant of the return from outside [s]. The speed back is distance /
+            recovery_time.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> from ergoqp.limits import AxisCone
@@ -152,16 +152,16 @@ class AxisCone:
         check_number("tool axis recovery_time", self.recovery_time, *RECOVERY_TIMES)
 
     def measure(self) -> None:
-        """Need nothing measured beforehand."""
+        """Return None: nothing is computed beforehand."""
 
     def rows(self, situation: Situation) -> Rows:
-        """Return the one row, of the angle between the axis and the direction.
+        """Return the one row, of the angle between the tool's axis and the direction.
 
-        The angle grows with turning about their normal.
+        The angle grows with a turn about the normal of the two.
 
-        A cone is curved: with the slope in the middle of the swing, the angle's change along it is
-        exact to second order. Turns that differ from the swing reserve some, or the certificate
-        would have to brake a turn that runs along the cone.
+        A cone is curved. With the slope at the middle of the swing, the change of the angle along
+        the swing is exact to second order. The reserve covers turns that differ from the swing.
+        Without it, the certification would brake a turn along the edge of the cone.
         """
         axis, turn, change = (
             situation.pose[:3, 0],
@@ -186,12 +186,12 @@ class AxisCone:
         )
 
     def margins(self, situation: Situation, displacement: ca.SX) -> ca.SX:
-        """Return the smallest margin while turning about a fixed axis.
+        """Return the smallest margin during a turn about a fixed axis.
 
-        It is exact but for what is under way, see `_uncertain`.
+        It is exact except for the motion under way, see `_uncertain`.
 
-        With the axis a turning by phi about u, d . a(phi) = c + m cos(phi - phi0): the least value
-        on [0, end] is at an end or where phi - phi0 = pi.
+        While the tool's axis a turns by phi about u, d . a(phi) = c + m cos(phi - phi0). The
+        smallest value on [0, end] is at an end or where phi - phi0 = pi.
         """
         middle, axis = ca.DM(self.direction), situation.pose[:3, 0]
         turn = situation.straight(displacement)[3:]
@@ -208,7 +208,7 @@ class AxisCone:
         along += _mixed(situation, turn)
         lead, most, raised = situation.lead, situation.most, situation.raised
         if lead is not None and most is not None and raised is not None:
-            # The rows and how fast the angle grows, at the start of the turn and at its end.
+            # The rows and the rates of the angle at the start and at the end of the turn.
             turned_axis = (
                 axis * ca.cos(end)
                 + ca.cross(u, axis) * ca.sin(end)
@@ -227,9 +227,9 @@ class AxisCone:
         return ca.fmin(self._within(constant + cosine), self._within(least) - along) - start - lost
 
     def _slope(self, axis: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Rate (1, 6) at which the angle from the middle to an axis (3,) grows per twist.
+        """Return the rate (1, 6) per twist of the angle between the direction and an axis (3,).
 
-        The sine and the cosine of that angle follow.
+        The sine and the cosine of that angle are returned too.
         """
         middle = ca.DM(self.direction)
         normal = ca.cross(middle, axis)
@@ -243,28 +243,27 @@ class AxisCone:
 
 
 def _uncertain(situation: Situation, sine: ca.SX, end: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """What an uncertain turn of L rad under way can cost a cone.
+    """Return the largest error of the angle by an uncertain turn of L rad under way.
 
-    The first value is at the start of a further turn, the second along one of `end` rad.
+    The first value is at the start of a further turn, the second along a further turn of `end` rad.
 
     The direction in which the angle grows turns by at most L / sin(angle) while the axis turns by
-    L; so the angle differs from its first-order change by at most L^2 / (2 sin), and a further turn
-    by W adds W L / sin more or less than it would have.
+    L. So the angle differs from its first-order change by at most L^2 / (2 sin). A further turn by
+    W then changes the angle by at most W L / sin more or less.
     """
     if situation.turn is None:
         return ca.SX(0), ca.SX(0)
     turn = situation.turn
-    # sin(angle - L) >= sin(angle) - L: the nearest that the axis comes to the middle on the way.
+    # sin(angle - L) >= sin(angle) - L: the smallest sine during the turn.
     near, nearer = (ca.fmax(sine - part, 1e-6) for part in (turn, turn + end))
     return ca.fmin(turn, turn**2 / (2 * near)), ca.fmin(turn, end * turn / nearer)
 
 
 def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca.SX:
-    """What it can cost to turn by about `turn` (3,) with what is under way, not after it [rad].
+    """Return the largest error of a turn (3,) that happens during the motion under way [rad].
 
-    Turns do not commute: those that are done together differ by the area between their ways from
-    the same done one after the other, and by terms of the third order in the turns, which are not
-    counted.
+    Turns do not commute. Turns at the same time differ from the same turns one after the other by
+    the area between their paths, and by third-order terms, which are not counted.
     """
     if situation.stray is None:
         return ca.SX(0)
@@ -279,24 +278,24 @@ def _mixed(situation: Situation, turn: ca.SX, change: ca.SX | float = 0.0) -> ca
 def _risen(
     led: ca.SX, rate: ca.SX, reach: ca.SX, most: ca.SX, raised: ca.SX, sines: tuple[ca.SX, ...]
 ) -> tuple[ca.SX, ca.SX]:
-    """What a mean that rises can cost a cone at most: (at the start of a turn, along it) [rad].
+    """Return the largest effect of a rising mean on a cone: (at the start, along a turn) [rad].
 
-    It leads along the slope, where that is known, and bends by its own square.
+    The effect is first order along the slope, where that is known, plus a second-order part.
 
     Args:
-        led: what it adds with this twist, at any acceleration [rad].
-        rate: by how much of that the angle grows at most.
-        reach: by how much it grows at most at any twist [rad].
-        most: what the mean adds at any twist [rad].
-        raised: and what it adds without this one [rad].
-        sines: of the angle at the start and at the end of the turn.
+        led: addition of the mean with this twist, at any acceleration [rad].
+        rate: largest growth of the angle per rad of `led`.
+        reach: largest growth of the angle at any twist [rad].
+        most: largest addition of the mean at any twist [rad].
+        raised: addition of the mean without this twist [rad].
+        sines: sines of the angle at the start and at the end of the turn.
     """
     along = ca.fmin(rate * led, reach) + _beyond(raised + ca.fmin(led, most), ca.fmin(*sines))
     return _beyond(raised, sines[0]), along
 
 
 def _beyond(turn: ca.SX, sine: ca.SX) -> ca.SX:
-    """Most that an angle of known sine changes past its slope as the axis turns by `turn` [rad]."""
+    """Return the largest change of an angle beyond its slope by a turn of `turn` [rad]."""
     return ca.fmin(turn, turn**2 / (2 * ca.fmax(sine - turn, 1e-6)))
 
 

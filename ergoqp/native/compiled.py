@@ -17,11 +17,12 @@ def compiled(build: Callable[[NativeDaqp], ca.Function]) -> ca.Function:
 
     It gives the same answers in a fraction of the time.
 
-    The first time this takes some ten seconds of the compiler for a control step; afterwards the
-    library is found again by the content of its sources, the compiler and its flags.
+    For a control step, the first compilation takes some ten seconds. Later the library is found in
+    the cache by the content of its sources, the compiler and its flags.
 
     Args:
-        build: makes the function, given the solver, every operation on its own.
+        build: function that takes the solver and returns the function, with every operation written
+            on its own.
 
     Raises:
         CompilerError: if there is no C compiler, or it fails.
@@ -59,7 +60,7 @@ def generated(function: ca.Function, name: str) -> dict[str, str]:
             file: (Path(folder) / file).read_text(encoding="utf-8")
             for file in (f"{name}.c", f"{name}.h")
         }
-        # The generator does not say when it cannot write.
+        # The generator does not report that it cannot write.
         if not all(text.endswith("#endif\n") for text in texts.values()):
             raise CompilerError(
                 f"C code: got a file that is cut off in {str(Path(folder).parent)!r}, allowed a"

@@ -1,4 +1,4 @@
-"""This machine's C compiler: found, named when missing, asked for shared libraries only."""
+"""The C compiler of this machine, used for shared libraries."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ FLAGS: Final = (
     "-fPIC",
     "-shared",
     "-w",
-    # No errno and no signals from arithmetic, and small functions inlined although they could be
-    # replaced at load time: a third of the time. No contraction to fused operations: the arithmetic
-    # stays that of the interpreted step.
+    # Arithmetic without errno and signals, and inlining of small functions that could be replaced
+    # at load time: this saves a third of the time. No contraction to fused operations, so that the
+    # arithmetic is that of the interpreted step.
     "-fno-math-errno",
     "-fno-trapping-math",
     "-fno-semantic-interposition",
@@ -33,7 +33,7 @@ FLAGS: Final = (
 
 
 class CompilerError(ErgoqpError):
-    """There is no C compiler, or it did not like what it was given.
+    """There is no C compiler, or the compilation failed.
 
     Example:
         >>> from ergoqp.errors import ErgoqpError
@@ -47,16 +47,16 @@ class CompilerError(ErgoqpError):
 def compiler() -> tuple[str, ...]:
     """Return the command of the C compiler.
 
-    It is the environment variable CC, else the first of cc, gcc and clang.
+    It is the environment variable CC, or the first of cc, gcc and clang.
 
     Raises:
-        CompilerError: if there is none.
+        CompilerError: if there is no C compiler.
     """
     chosen = os.environ.get("CC")
     for command in [chosen] if chosen else ["cc", "gcc", "clang"]:
         try:
             words = shlex.split(command)
-        except ValueError:  # a quotation that does not end
+        except ValueError:  # an unclosed quotation
             words = []
         if words and shutil.which(words[0]):
             return tuple(words)
@@ -69,13 +69,13 @@ def compiler() -> tuple[str, ...]:
 def shared_library(
     name: str, sources: dict[str, str], archives: Sequence[Path], includes: Sequence[Path]
 ) -> Path:
-    """Return the shared library of some C sources, compiled once and kept in the user's cache.
+    """Return the shared library of C sources, compiled once and kept in the user's cache.
 
-    It is keyed by all that goes in.
+    The key in the cache covers everything that goes in.
 
     Args:
-        name: of the library, a word.
-        sources: text by file name; those that end in ``.c`` are compiled, the others can be
+        name: name of the library, a word.
+        sources: text by file name; files that end in ``.c`` are compiled, the others can be
             included.
         archives: static libraries to link.
         includes: folders of headers.
@@ -123,9 +123,9 @@ def shared_library(
 
 
 def _whole(folder: Path, name: str) -> Path | None:
-    """Return the library in a folder whose content is still what was written.
+    """Return the library in a folder if its content is unchanged since it was written.
 
-    Loading one that was cut off ends the process.
+    Loading a truncated library would end the process.
     """
     for path in sorted(folder.glob(f"{name}-*.so")):
         if path.stem == f"{name}-{_digest(path)}":

@@ -1,4 +1,4 @@
-"""DAQP as C: its library and headers from CasADi, and the functions the compiled step calls."""
+"""DAQP as C: its library and headers from CasADi, and the functions of the compiled step."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _HERE = Path(__file__).resolve().parent / "c"
 
 
 class NativeDaqp(Daqp):
-    """DAQP for code in C: the algorithm of `ergoqp.solvers.daqp`, in memory that the step gives it.
+    """DAQP for C code: the algorithm of `ergoqp.solvers.daqp`, in memory that the step provides.
 
-    Its settings, the same too, are in ``c/qp_daqp.h``.
+    Its settings are the same; they are in ``c/qp_daqp.h``.
 
     Attributes:
         sizes: the sizes (unknowns, rows) that were asked for.
@@ -57,7 +57,7 @@ def daqp_archive() -> Path:
     """Return DAQP's static library.
 
     Raises:
-        CompilerError: if this installation of CasADi has none.
+        CompilerError: if this installation of CasADi does not have it.
     """
     path = _casadi() / "libdaqpstat.a"
     if not path.is_file():
@@ -77,7 +77,7 @@ def daqp_licence() -> str:
     """Return the text of DAQP's licence.
 
     Raises:
-        CompilerError: if the package daqp is not installed with it.
+        CompilerError: if the installed package daqp does not contain it.
     """
     try:
         found = [file for file in files("daqp") or [] if file.name == "LICENSE"]
@@ -96,8 +96,8 @@ def sizes_source(sizes: list[tuple[int, int]], described: bool = False) -> str:
 
     Args:
         sizes: (unknowns, rows) of each.
-        described: also what CasADi asks a function that it loads: numbers and shapes of arguments,
-            size of the memory.
+        described: whether to add what CasADi needs of a function that it loads: numbers and shapes
+            of arguments, size of the memory.
     """
     parts = ['#include "qp_daqp.h"\n']
     for n, m in sizes:

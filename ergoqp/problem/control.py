@@ -1,4 +1,4 @@
-"""How boldly the object moves: the numbers of the control step that are the user's to choose."""
+"""Settings of the control step: how fast and how far the object moves."""
 
 from __future__ import annotations
 
@@ -14,46 +14,48 @@ _LARGEST: Final = 1e9
 
 @dataclass(frozen=True)
 class Control:
-    """How boldly the object moves; the defaults serve all problems that come with the package.
+    """Settings of the control step: how fast and how far the object moves.
+
+    The defaults are suitable for all problems that come with the package.
 
     Attributes:
-        look_ahead: T, how far ahead an improvement counts [s]; at least twice the person's delay.
+        look_ahead: T, time over which an improvement counts [s]; at least twice the person's delay.
         smoothing: t_s, time constant of changes of the twist [s].
         effort_linear: R of the linear axes [points / (m/s)^2].
         effort_angular: R of the angular axes [points / (rad/s)^2].
-        caution: beta, curvature from moving the person's joints [points s^2/rad^2 per unit of joint
+        caution: beta, curvature for moving the person's joints [points s^2/rad^2 per unit of joint
             weight].
         contact: weight of contact motion that the posture cannot follow [points / (m/s)^2, points /
             (rad/s)^2].
-        comfort: weight of the person's own comfort beside V [points/rad^2 per unit of joint
-            weight]. It leads the way where the sheet is flat.
+        comfort: weight of the person's comfort, which is added to V [points/rad^2 per unit of joint
+            weight]. It sets the direction where the sheet is flat.
         rest_below: predicted gain of one second at full speed below which the object comes to rest
             [points].
-        rest_after: how long the gain must be that low [s].
-        move_above: predicted gain above which it moves again [points].
-        move_after: how long the gain must be that high [s].
-        stall_gain: improvement of the cost that counts as one [points].
-        stall_after: the object comes to rest after so long without an improvement [s]; it slows
+        rest_after: how long the gain must be below [s].
+        move_above: predicted gain above which the object moves again [points].
+        move_after: how long the gain must be above [s].
+        stall_gain: smallest decrease of the cost that counts as an improvement [points].
+        stall_after: time without an improvement after which the object comes to rest [s]; it slows
             down from a quarter of that time on.
-        rest_filter: time constant over which the predicted gain and the cost are averaged, as both
-            see the noise of every angle [s].
-        max_age: oldest posture that still counts [s].
-        average: W, the length of the mean [s]: what is sent is the mean of the planned twist over
-            the last W seconds, so its jerk is at most 2 acceleration / W, and a stop takes up to W
-            longer. The step keeps a record of those seconds. Many periods in a row that are much
-            shorter than that of the loop use the record up: the step says so and brakes within its
-            acceleration, but not within that jerk. None: 0.05 for an object that is held, and 0
-            where the twist is that of points, which nothing else moves. Above 0.1 the step often
+        rest_filter: time constant of the low-pass filter of predicted gain and cost, because both
+            contain the noise of every angle [s].
+        max_age: oldest posture that the step uses [s].
+        average: W, length of the moving average [s]. The step sends the mean of the planned twist
+            over the last W seconds. So its jerk is at most 2 acceleration / W, and a stop takes up
+            to W longer. The step keeps a history of those seconds. Many periods in a row that are
+            much shorter than the period of the loop fill the history: the step then reports it and
+            brakes within its acceleration, but not within that jerk. None: 0.05 for an object that
+            is held, and 0 where the twist is the velocity of points. Above 0.1 the step often
             brakes close to the edge of a cone.
-        guide_weight: how strongly a journey to the given place is kept to, in multiples of the
-            effort (dimensionless).
-        guide_gain: how much less than at the rest of descent the given place must promise to cost,
-            and how much more than promised it may cost and be kept [points].
-        guide_price: how much more than at its begin a journey to a place may cost the person for a
-            while, before the object goes back [points].
+        guide_weight: weight of the path to the guide, in multiples of the effort (dimensionless).
+        guide_gain: the object travels to the guide if the guide promises a cost that is lower by
+            more than this, and stays there if the cost exceeds the promise by at most this
+            [points].
+        guide_price: largest temporary increase of the cost on the way to the guide, before the
+            object goes back [points].
 
     Raises:
-        ProblemError: at construction, for a value out of its range.
+        ProblemError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import ergoqp

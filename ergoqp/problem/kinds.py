@@ -1,6 +1,6 @@
-"""Whether the terms of a problem are what they are to be, each by itself.
+"""Checks of the terms of a problem, each by itself.
 
-It is said when the problem is made, and not in the loop.
+They run when the problem is made, not in the loop.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _MEMBERS: Final = {
         "margins",
     ),
 }
-"""What each kind of term must have.
+"""Required members of each kind of term.
 
 See `ergoqp.costs.cost`, `ergoqp.responses.response` and `ergoqp.limits.limit`.
 """
@@ -70,18 +70,18 @@ FIGURES: Final = (
     "boundary",
     "arm length",
 )
-"""Names of what `ergoqp.simulation.check` counts besides rows."""
+"""Names of the figures of `ergoqp.simulation.check` that are not rows."""
 
 _JOINTS: Final = 32
 _LARGEST: Final = 1e6
-"""Beyond this points, distances and tolerances are a slip."""
+"""Costs, distances and tolerances above this are mistakes."""
 
 
 def check_kinds(problem: Any) -> None:
     """Check every term of a problem by itself.
 
     Raises:
-        ProblemError: for the first that is not what it is to be.
+        ProblemError: for the first term that is not valid.
     """
     _check_members("cost", problem.cost, "cost")
     check_text("cost.name", problem.cost.name, ProblemError)
@@ -113,7 +113,7 @@ def check_kinds(problem: Any) -> None:
 
 
 def _check_members(what: str, term: Any, kind: str) -> None:
-    """Check that a term has what its protocol asks for."""
+    """Check that a term has the members of its protocol."""
     lacking = [
         name for name in _MEMBERS[kind] if not (hasattr(type(term), name) or hasattr(term, name))
     ]
@@ -131,29 +131,29 @@ def _check_members(what: str, term: Any, kind: str) -> None:
 
 
 def check_expression(cost: Any, size: int) -> None:
-    """Check that the expression of an own cost is a number of the state, and of nothing else.
+    """Check that the expression of a user's cost is a scalar that depends only on the state.
 
-    What the package's costs, and the kinds of `LearnedCost`, need for theirs they keep once they
-    are asked for it, and not all of that can be sent to another process: they are not asked here.
+    `SmoothReba` and every `LearnedCost` are skipped. They cache objects when their expression is
+    made, and not all of these can be sent to another process.
 
     Args:
-        cost: with the members of one.
+        cost: a term with the members of a cost.
         size: number of entries of the state.
 
     Raises:
-        ProblemError: if it is not, with what it raised.
+        ProblemError: if it does not, with the error that the expression raised.
     """
     if isinstance(cost, (SmoothReba, LearnedCost)):
         return
     state = ca.MX.sym("q", size)
     try:
-        # A copy: an own cost may keep something too.
+        # A copy: a user's cost may cache something too.
         found = copy(cost).expression(state)
         if scalar := getattr(found, "shape", None) == (1, 1):
             function = ca.Function("cost", [state], [found])
             if not getattr(cost, "dense", False):
                 function.expand()  # as the step does
-    except Exception as error:  # whatever the code of a user's own cost does
+    except Exception as error:  # any error in the code of a user's cost
         words = (str(error).strip().splitlines() or [""])[-1][:120]
         raise ProblemError(
             f"cost: got {type(error).__name__} ({words}) from the expression of {cost.name},"
@@ -166,24 +166,21 @@ def check_expression(cost: Any, size: int) -> None:
 
 
 def check_response(what: str, response: Any) -> None:
-    """Check that a response is one, and names its state.
+    """Check that a term has the members of a response and names the entries of its state.
 
     Args:
-        what: it is, for the message.
-        response: anything.
+        what: name of the term in the message.
+        response: any object.
 
     Raises:
-        ProblemError: if it is none.
+        ProblemError: if it is not a response.
     """
     _check_members(what, response, "response")
     names_of(f"{what} coordinates", response.coordinates, "names of the state", ProblemError)
 
 
 def _check_limit(limit: Any) -> None:
-    """Check that a limit has what `ergoqp.limits.limit.Limit` asks for.
-
-    Its numbers must be such as a step can go by.
-    """
+    """Check that a limit has the members of `ergoqp.limits.limit.Limit`, with usable values."""
     _check_members("limits", limit, "limit")
     names = names_of("limits: names", limit.names, "a name for each row", ProblemError)
     first = names[0]
@@ -215,7 +212,7 @@ def _check_limit(limit: Any) -> None:
 
 
 def _check_task(task: Any, method: Method) -> None:
-    """Check that the sheet can be read with the options of a task."""
+    """Check that the options of a task are valid for the sheet."""
     check_kind("task", task, Mapping, "a table of options", ProblemError)
     if unknown := [name for name in task if name not in TaskOptions.__annotations__]:
         raise ProblemError(

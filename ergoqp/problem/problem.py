@@ -1,7 +1,4 @@
-"""The terms of one task: whose posture, which cost, how the person follows, what must hold.
-
-They also say how boldly to move.
-"""
+"""The terms of one task: the person, the cost, the response, the limits and the settings."""
 
 from __future__ import annotations
 
@@ -33,29 +30,29 @@ from ergoqp.sheets.task import TaskOptions
 _AVERAGE: Final = 0.05
 
 _NARROWEST: Final = 1e-5
-"""No object is measured or held better than that [m]."""
+"""Smallest width of a workspace: no object is measured or held more exactly [m]."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One task, from Python; `ergoqp.load_problem` makes the same from a file.
+    """One task, made in Python; `ergoqp.load_problem` makes the same from a file.
 
     Attributes:
-        cost: V(q), see `ergoqp.costs`.
-        response: S(q), see `ergoqp.responses`.
-        limits: what must hold, exactly one `TwistLimit` among them.
+        cost: cost of the state, V(q), see `ergoqp.costs`.
+        response: how the state follows the object, S(q), see `ergoqp.responses`.
+        limits: the limits, with exactly one `TwistLimit` among them.
         dt: control period [s].
-        control: how boldly to move.
-        robot: how late and how exactly the robot does what it is sent, as far as that is declared.
+        control: settings of the step: how fast and how far the object moves.
+        robot: declared delays and errors of the robot.
         task: what joint angles cannot tell (load, coupling ...), as keywords of
-            `ergoqp.reba.assess`; whether the person sits is what the response's stance says.
-        method: how the exact sheet is read.
+            `ergoqp.reba.assess`. The stance of the response says whether the person sits.
+        method: options of the exact sheet, where implementations disagree.
         name: short name, a word.
         title: the task in a few words.
 
     Raises:
-        ProblemError: at construction, if terms are missing, unknown or contradict each other; the
-            message lists every mistake.
+        ProblemError: if terms are missing, unknown or contradict each other; the message names the
+            first mistake.
 
     Example:
         >>> import ergoqp
@@ -80,7 +77,7 @@ class Problem:
     title: str = ""
 
     def __post_init__(self) -> None:
-        """Check that the terms are what they are to be, and fit together."""
+        """Check that the terms are valid and fit together."""
         try:
             object.__setattr__(self, "limits", as_tuple("limits", self.limits))
         except InputError as error:
@@ -109,28 +106,28 @@ class Problem:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that the object may move; the others stay as measured."""
+        """Names of the joints that the object can move; the others stay as measured."""
         return self.response.joints
 
     @cached_property
     def twist_limit(self) -> TwistLimit:
-        """The bounds on the twist itself, and what a surface keeps aside of them."""
+        """The bounds on the twist, less the acceleration that a surface needs."""
         limit = next(limit for limit in self.limits if isinstance(limit, TwistLimit))
         return limit if self.surface is None else replace(limit, aside=self.surface.aside(limit))
 
     @cached_property
     def surface(self) -> Any:
-        """The limit that the state stays on exactly, see `ergoqp.limits.limit.Surface`, or None."""
+        """The limit that is an equality, see `ergoqp.limits.limit.Surface`, or None."""
         return next((each for each in self.limits if getattr(each, "equality", False)), None)
 
     @cached_property
     def row_limits(self) -> tuple[Limit, ...]:
-        """The limits that are rows."""
+        """The limits that have rows: all but the `TwistLimit`."""
         return tuple(limit for limit in self.limits if not isinstance(limit, TwistLimit))
 
     @cached_property
     def own_limits(self) -> OwnLimits:
-        """The limits unknown to the package, looked at as rows: see `ergoqp.limits.own_rows`."""
+        """The limits that are judged by their rows only, see `ergoqp.limits.own_rows`."""
         return OwnLimits(self.row_limits, len(self.coordinates), self.surface)
 
     @cached_property
@@ -146,27 +143,27 @@ class Problem:
         return tuple(name for limit in self.row_limits for name in limit.names)
 
     def assess(self, postures: ArrayLike) -> Assessment:
-        """Return this task's exact assessment of postures (n, 32) [rad]: every cost's yardstick."""
+        """Return the exact assessment of postures (n, 32) [rad] for this task."""
         return assess(postures, self.method, **self.task)
 
     @property
     def moves_pose(self) -> bool:
-        """Whether the twist moves an object that a person holds, and not the state itself."""
+        """Whether the twist moves an object that a person holds; False: it moves the state."""
         return tuple(self.response.coordinates) == JOINTS
 
     @cached_property
     def average(self) -> float:
-        """Seconds over which what is sent is averaged, see `Control.average`."""
+        """Time over which the planned twist is averaged [s], see `Control.average`."""
         given = self.control.average
         return (_AVERAGE if self.moves_pose else 0.0) if given is None else given
 
     @property
     def longest_period(self) -> float:
-        """Longest period that a twist may be meant for [s]: what is longer brakes."""
+        """Longest period of a step [s]: a step with a longer one brakes."""
         return max(3 * self.dt, self.robot.longest_hold)
 
     def _check_state(self) -> None:
-        """Check that limits and cost read the state that the response moves."""
+        """Check that limits and cost depend on the state that the response moves."""
         state = tuple(self.response.coordinates)
         if not self.moves_pose:
             for what, given in (
@@ -204,9 +201,9 @@ class Problem:
                 )
 
     def _check_seat(self) -> None:
-        """Check that who sits is scored as one who sits.
+        """Check that task and cost agree with the stance whether the person sits.
 
-        Where only the stance says so, the task says it too.
+        A task that does not say it gets it from the stance.
         """
         stance = getattr(self.response, "stance", None)
         if stance is None:
@@ -244,10 +241,10 @@ class Problem:
         return next((limit for limit in self.limits if isinstance(limit, kind)), None)
 
     def replace(self, **terms: Any) -> Problem:
-        """Return this problem with other terms, for example ``problem.replace(cost=...)``.
+        """Return a new problem with other terms, for example ``problem.replace(cost=...)``.
 
         Raises:
-            ProblemError: if a name is not that of a term.
+            ProblemError: if a name is not the name of a term.
         """
         if unknown := set(terms) - set(self.__dataclass_fields__):
             raise ProblemError(

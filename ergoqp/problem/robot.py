@@ -1,7 +1,4 @@
-"""The robot that holds the object, as far as a problem declares it.
-
-It says how late and how exactly the robot does what it is sent.
-"""
+"""Declared delays and errors of the robot that holds the object."""
 
 from __future__ import annotations
 
@@ -26,28 +23,29 @@ _LARGEST: Final = {
 
 @dataclass(frozen=True)
 class DeclaredRobot:
-    """What is known of the robot between the twist that is sent and the pose that is measured.
+    """Delays and errors between the twist that is sent and the pose that is measured.
 
-    All values are upper ends.
+    Every value is an upper bound.
 
-    The twist w of the robot follows the twist s that is sent, as w' = ((1 + g) s(t - delay) - w) /
-    lag, with g between -`gain_error` and `gain_error`. Delay, lag and g may be less than declared,
-    but they do not change while the robot moves. Workspace and tool axis hold for every such robot.
-    A measurement that no such robot explains is a fault: the step names it, and the object stops.
+    The twist w of the robot follows the sent twist s: w' = ((1 + g) s(t - delay) - w) / lag, with
+    g between -`gain_error` and `gain_error`. Delay, lag and g may be smaller than declared, but
+    must not change while the robot moves. Workspace and tool axis hold for every such robot. A
+    measurement that no such robot can explain is a fault: the step names it, and the object stops.
 
     Attributes:
-        delay: from sending a twist until the robot begins to follow it [s].
-        lag: time constant with which it follows then [s].
-        gain_error: share by which it may be faster or slower than sent; needs a measured pose.
-        pose_delay: age of the measured pose, and of the reported twist [s].
-        pose_noise: how far off a measured position is at most, per axis [m].
-        pose_noise_deg: how far off a measured orientation is at most, about each axis [deg].
-        longest_hold: for how long the robot may go on with a twist because the next call is late
-            [s]. This may happen once between two moments at which nothing is under way. It needs a
+        delay: time from sending a twist until the robot begins to follow it [s].
+        lag: time constant with which the robot then follows [s].
+        gain_error: largest share by which the robot is faster or slower than sent. It needs a
+            measured pose.
+        pose_delay: age of the measured pose and of the reported twist [s].
+        pose_noise: largest error of a measured position, per axis [m].
+        pose_noise_deg: largest error of a measured orientation, about each axis [deg].
+        longest_hold: how long the robot may go on with a twist because the next call is late [s].
+            This may happen once between two moments at which nothing is under way. It needs a
             measured pose.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        ProblemError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import ergoqp
@@ -74,22 +72,22 @@ class DeclaredRobot:
 
     @property
     def dead_time(self) -> float:
-        """Seconds of sent twists of which a measured pose shows nothing yet [s]."""
+        """Age up to which a sent twist has no effect on the measured pose yet [s]."""
         return self.delay + self.pose_delay
 
     @property
     def owes(self) -> bool:
-        """Whether it leaves anything of what was sent for later."""
+        """Whether a part of what was sent is not in the measured pose yet."""
         return bool(self.dead_time or self.lag)
 
     @property
     def needs_pose(self) -> bool:
-        """Whether nobody knows where the object is without a measured pose."""
+        """Whether the pose of the object is unknown without a measurement."""
         return bool(self.gain_error or self.longest_hold)
 
     @property
     def noise(self) -> np.ndarray:
-        """How far off a measured pose is at most, per axis of a twist (6,) [m, rad]."""
+        """Largest error of a measured pose, per axis of a twist (6,) [m, rad]."""
         return np.repeat([self.pose_noise, np.radians(self.pose_noise_deg)], 3)
 
     @property

@@ -1,4 +1,4 @@
-"""The straight way between two poses."""
+"""The straight path between two poses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 LONGEST_SHIFT = 0.04
 LONGEST_TURN = 0.16
-"""Longest part of a way [m], [rad]."""
+"""Longest part of a path [m], [rad]."""
 
 
 def turn_between(have: np.ndarray, want: np.ndarray) -> np.ndarray:
@@ -37,7 +37,7 @@ def pose_error(have: np.ndarray, want: np.ndarray) -> np.ndarray:
 
 
 def between(have: np.ndarray, want: np.ndarray, share: float) -> np.ndarray:
-    """Return the pose (4, 4) a share of the straight way from one pose to another."""
+    """Return the pose (4, 4) at a share (0 to 1) of the straight path from one pose to another."""
     way, pose = pose_error(have, want), have.copy()
     pose[:3, 3] += share * way[:3]
     pose[:3, :3] = turned(have[:3, :3], share * way[3:])
@@ -45,7 +45,7 @@ def between(have: np.ndarray, want: np.ndarray, share: float) -> np.ndarray:
 
 
 def straight(have: np.ndarray, want: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield poses (4, 4) on the straight way from one to another, the last one at its end."""
+    """Yield poses (4, 4) along the straight path between two poses; the last is its end."""
     way = pose_error(have, want)
     parts = max(
         1,

@@ -17,10 +17,10 @@ class Workspace:
     """Poses that a problem allows, as points of a cube.
 
     Args:
-        problem: with a workspace and a tool axis.
+        problem: a problem with both a workspace and a tool axis.
 
     Raises:
-        InputError: if it has not both.
+        InputError: if one of the two is missing.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -52,13 +52,13 @@ class Workspace:
         return pose
 
     def spread(self, count: int) -> np.ndarray:
-        """Return points (n, 5) spread evenly over the cube: Halton's sequence."""
+        """Return points (n, 5) spread evenly over the cube, from the Halton sequence."""
         numbers = range(1, count + 1)
         return np.array([[2 * _mirrored(n, prime) - 1 for prime in _PRIMES] for n in numbers])
 
 
 def frame_of(direction: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) with x along a direction and y level, to the left of it."""
+    """Return the rotation (3, 3) with x along a direction and y horizontal, to its left."""
     x = direction / np.linalg.norm(direction)
     up = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.99 else np.array([-1.0, 0.0, 0.0])
     y = np.cross(up, x)
@@ -76,7 +76,7 @@ def turn_about(axis: int, angle: float) -> np.ndarray:
 
 
 def _mirrored(number: int, base: int) -> float:
-    """Return a whole number's digits behind the point, in reverse."""
+    """Return the radical inverse of a whole number: its digits mirrored at the radix point."""
     value, share = 0.0, 1.0
     while number:
         share /= base

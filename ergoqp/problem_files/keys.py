@@ -1,4 +1,4 @@
-"""The keys of the tables of a problem file, and the numbers that they hold."""
+"""The keys of the tables of a problem file, and the types of their numbers."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pydantic import BaseModel, BeforeValidator, Field
 
 
 def as_tuple(value: Any) -> Any:
-    """Return a list of a file as the tuple that a term takes."""
+    """Return a list of a file as a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def as_list(value: Any) -> Any:
-    """Return a table that stands alone as a list of one."""
+    """Return a single table as a list of one."""
     return [value] if isinstance(value, dict) else value
 
 
@@ -26,13 +26,13 @@ Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(as_tuple)]
 def keys_of(table: type[BaseModel]) -> dict[str, str]:
     """Return the attribute that holds each key of a table.
 
-    A key that a user's own code gives its name may be one that pydantic's tables have already: its
-    attribute is called otherwise.
+    A key of a user's term may have the name of a member of pydantic's tables. Its attribute then
+    has another name.
     """
     return {field.alias or name: name for name, field in table.model_fields.items()}
 
 
 def given_tables(table: BaseModel) -> dict[str, Any]:
-    """Return what a file says under each key of a table that it names."""
+    """Return the tables that a file names in a part, by key."""
     found = {key: getattr(table, name) for key, name in keys_of(type(table)).items()}
     return {key: each for key, each in found.items() if each is not None}

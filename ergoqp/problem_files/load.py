@@ -1,6 +1,6 @@
-"""Problems from TOML files, with every mistake found at once.
+"""Problems from TOML files.
 
-Each comes with its key, what was found and what is allowed.
+Every mistake is reported with its key, what was found and what is allowed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from ergoqp.sheets.task import TaskOptions
 
 
 def _point_speed(speed: float, acceleration: float) -> TwistLimit:
-    """Bounds on the velocities of two points, which are the six entries of the twist: all alike."""
+    """Return the bounds on the velocities of two points, the same for all axes."""
     return TwistLimit(speed, speed, acceleration, acceleration)
 
 
@@ -63,31 +63,31 @@ _REGIONS: Final = {"half_space": HalfSpace, "ball": Ball, "box": Box}
 
 
 def _keep_out(name: str, tolerance: float, recovery_time: float, **regions: Any) -> KeepOut:
-    """A region that the contact point stays out of; of `_REGIONS` exactly one is given."""
+    """Return a region that the contact point stays out of; exactly one of `_REGIONS` is given."""
     kind, values = next((kind, values) for kind, values in regions.items() if values is not None)
     return KeepOut(_REGIONS[kind](**values), tolerance, recovery_time, name)
 
 
 def _ik(folder: Path, stature: float | None, person: str | None, **keys: Any) -> IkResponse:
-    """Return a person who follows: of average proportions, or of a person file."""
+    """Return the response of a person: of average proportions, or from a person file."""
     if person is None:
         return IkResponse(body=Body() if stature is None else Body.of_stature(stature), **keys)
     return IkResponse(body=given_person(folder / person if person else person), **keys)
 
 
 def _points(folder: Path) -> LinearResponse:
-    """Return elbow and wrist that follow; their file needs no folder."""
+    """Return the response of elbow and wrist; it does not use the folder."""
     return LinearResponse()
 
 
 @dataclass(frozen=True)
 class _Given:
-    """What a file says beside a cost's own table.
+    """The parts of a file that a cost needs besides its own table.
 
     Attributes:
         file: the whole file.
-        sheet: the options that the sheet is read with, the method among them.
-        folder: that paths are relative to.
+        sheet: the options of the sheet, including the method.
+        folder: folder that paths are relative to.
     """
 
     file: FileTable
@@ -96,14 +96,13 @@ class _Given:
 
 
 def _smooth_reba(given: _Given, **keys: Any) -> SmoothReba:
-    """Return the sheet, as the task has it, made smooth."""
+    """Return the smooth REBA score of the task."""
     return SmoothReba(**keys, **given.sheet)
 
 
 def _learned(given: _Given, model: str) -> LearnedCost:
-    """Return the cost that a file holds."""
-    # What a cost has learned it knows: other options than those of its data would be silently
-    # ignored.
+    """Return the learned cost of a file."""
+    # A learned cost has the options of its data. Other options would be silently ignored.
     if given.file.task != TaskTable():
         raise ProblemError(
             "cost.learned: got options in [task], allowed none: the cost was learned without them"
@@ -116,10 +115,10 @@ COSTS: Final[dict[str, Callable[..., Any]]] = {
     "smooth_reba": _smooth_reba,
     "learned": _learned,
 }
-"""Costs by the names of their tables; each takes first what else the file says."""
+"""Costs by the names of their tables. The first argument is a `_Given`."""
 
 RESPONSES: Final[dict[str, Callable[..., Response]]] = {"ik": _ik, "points": _points}
-"""Responses by the names of their tables; each takes first what paths are relative to."""
+"""Responses by the names of their tables. The first argument is the folder of relative paths."""
 
 LIMITS: Final[dict[str, Callable[..., Any]]] = {
     "twist": TwistLimit,
@@ -134,7 +133,7 @@ LIMITS: Final[dict[str, Callable[..., Any]]] = {
 """Limits by the names of their tables."""
 
 TASKS: Final = ("dentist", "desk", "low_bin", "overhead", "screwing")
-"""The problems of a person and the sheet itself: what all figures of closed loops are about."""
+"""The problems with a person and the smooth REBA score, used for all figures of closed loops."""
 
 
 def problem_names() -> list[str]:
@@ -146,8 +145,8 @@ def load_problem(name: str | Path) -> Problem:
     """Return a problem by its name in ``problems/`` or by the path of a TOML file.
 
     Raises:
-        ProblemError: if there is no such problem, or the file is not one; the message lists every
-            mistake.
+        ProblemError: if there is no such problem, or the file is not one. The message lists every
+            mistake of keys and values.
 
     Example:
         >>> import ergoqp
@@ -169,12 +168,12 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
     """Return the problem that a parsed file describes.
 
     Args:
-        raw: the file's tables.
-        name: of the problem.
-        folder: that paths of models are relative to; None: the current one.
+        raw: tables of the file.
+        name: name of the problem.
+        folder: folder that paths of models are relative to. None: the current folder.
 
     Raises:
-        ProblemError: listing every mistake.
+        ProblemError: if the file has mistakes; the message lists every mistake of keys and values.
     """
     try:
         table = file_table(raw)
@@ -196,7 +195,7 @@ def problem_from_dict(raw: dict[str, Any], name: str, folder: Path | None = None
 
 def _build(file: FileTable, name: str, folder: Path) -> Problem:
     response = _response(file.response, folder)
-    # Who sits is scored as one who sits: one key, not two.
+    # The stance alone says whether the person sits, also for the sheet.
     seated = getattr(response, "stance", None) == "seated"
     task = file.task.model_dump() | {"seated": seated}
     method = Method(**task.pop("method"))
@@ -232,7 +231,7 @@ def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
     own = own_tables(file.limits)
     limits = file.limits.model_dump(exclude_none=True, include=set(LIMITS))
     if of_person:
-        # A person always has joints, and an object always a largest speed.
+        # A person always has joint limits, and an object always has a twist limit.
         limits = {"twist": TwistTable().model_dump(), "joints": JointsTable().model_dump()} | limits
     elif "point_speed" not in limits:
         limits["point_speed"] = PointSpeedTable().model_dump()
@@ -251,7 +250,7 @@ def _limits(file: FileTable, folder: Path, of_person: bool) -> list[Any]:
 
 
 def _limit(kind: str, values: dict[str, Any], where: str) -> Any:
-    """Make a limit; of several of a kind, a mistake says which."""
+    """Return one limit. If there are several of a kind, an error names the one that is wrong."""
     try:
         return LIMITS[kind](**values)
     except InputError as error:
@@ -262,12 +261,10 @@ def _limit(kind: str, values: dict[str, Any], where: str) -> Any:
 
 
 def find_model(name: str, folder: Path) -> Path:
-    """Return the file of a learned model.
-
-    It is found by its name in ``models/``, or by a path of a .npz file relative to `folder`.
+    """Return the file of a model by its name in ``models/`` or by a .npz path, from `folder` on.
 
     Raises:
-        ProblemError: if there is none.
+        ProblemError: if there is no such file.
     """
     path = data_folder("models") / f"{name}.npz" if not name.endswith(".npz") else folder / name
     if not path.is_file():

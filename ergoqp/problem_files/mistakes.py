@@ -1,4 +1,4 @@
-"""A problem file's mistakes in words: each by its key, with what was found and what is allowed."""
+"""Mistakes of a problem file in words: the key, what was found and what is allowed."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ _USUAL: Final[dict[str, tuple[float, float, str]]] = {
     "limits.keep_out.half_space.offset": (-10.0, 10.0, "m"),
     "task.load_kg": (0.0, 50.0, "kg"),
 }
-"""What is usual beside a person: beyond it a unit was mistaken, as a rule."""
+"""Usual ranges beside a person. A value outside usually has the wrong unit."""
 
 _ANGLES: Final = ("response.ik.comfort_deg", "limits.joints.ranges_deg")
-"""Tables of angles, of which at least one is usually more than half a turn in radians."""
+"""Tables of angles in degrees. Usually at least one angle is larger than pi."""
 
 
 def listed(name: str, found: Sequence[str]) -> str:
@@ -47,8 +47,8 @@ def mistakes(table: type[BaseModel], error: ValidationError) -> list[str]:
     """Return a sentence for each mistake that was found in a table.
 
     Args:
-        table: what the file was read as.
-        error: what was found.
+        table: table that the file was read as.
+        error: errors of pydantic.
     """
     return [_sentence(table, dict(item)) for item in error.errors(include_url=False)]
 
@@ -79,7 +79,7 @@ def _keys(table: type[BaseModel], path: Sequence[int | str]) -> list[str]:
 
 
 def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the tables that a type can be, or be a list of."""
+    """Yield the tables that a type consists of, as a union or as a list."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for each in get_args(annotation):
@@ -87,7 +87,7 @@ def _tables(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def nearest_first(got: str, allowed: Sequence[str]) -> list[str]:
-    """Return what is allowed, the one that was probably meant first and marked."""
+    """Return the allowed names. The one that was probably meant is first and marked."""
     near = get_close_matches(got, allowed, 1, 0.6)
     return [
         *(f"{each} (the nearest)" for each in near),
@@ -96,13 +96,13 @@ def nearest_first(got: str, allowed: Sequence[str]) -> list[str]:
 
 
 def unusual(raw: dict[str, Any], meant: Sequence[str]) -> list[str]:
-    """Return a sentence for each number that is out of all proportion beside a person.
+    """Return a sentence for each number that is unusual beside a person.
 
-    Numbers that are named as meant are left out.
+    Numbers whose key is in `meant` are left out.
 
     Args:
-        raw: the tables of a file without mistakes.
-        meant: keys whose values are meant, however unusual.
+        raw: tables of a file without mistakes.
+        meant: keys whose unusual values are meant.
     """
     known = {*_USUAL, *_ANGLES}
     found = [
@@ -131,7 +131,7 @@ def _if_meant(key: str) -> str:
 
 
 def _value(raw: Any, key: str) -> Any:
-    """Return what is under a key, of an array of tables in each of them."""
+    """Return the value of a key; for an array of tables, a list of values."""
     if isinstance(raw, list):
         return [_value(each, key) for each in raw]
     first, _, rest = key.partition(".")
@@ -140,7 +140,7 @@ def _value(raw: Any, key: str) -> Any:
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """All numbers in tables and lists."""
+    """Yield all numbers in tables and lists."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Terms of the user's own in problem files: their tables follow from what they are made with."""
+"""Terms of the user in problem files: their tables follow from their parameters."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _KINDS = {"cost": "cost", "limits": "limit", "response": "response"}
 
 
 def file_table(raw: Mapping[str, Any]) -> type[FileTable]:
-    """Return the table of a file, with the keys of the own terms that it names.
+    """Return the table of a file, with the keys of the user's terms that it names.
 
-    Only what the file names is imported.
+    Only terms that the file names are imported.
 
     Args:
-        raw: the file's tables.
+        raw: tables of the file.
 
     Raises:
-        InputError: if an own term cannot be imported, does not say what it is made with, or has the
-            name of another.
+        InputError: if a user's term cannot be imported, does not declare its parameters, or has the
+            name of another term.
     """
     parts: dict[str, Any] = {}
     for part, table in _PARTS.items():
@@ -51,16 +51,16 @@ def own_names(part: str) -> set[str]:
 
 
 def own_tables(table: Table) -> dict[str, Table]:
-    """Return the tables of own terms that a part of a file names: those that no class declares."""
+    """Return the tables of the user's terms in a part of a file: those that no class declares."""
     known = next(kind for kind in _PARTS.values() if isinstance(table, kind)).model_fields
     return {key: each for key, each in given_tables(table).items() if key not in known}
 
 
 def build_own(part: str, name: str, table: Table) -> Any:
-    """Make an own term from the keys that a file says; its own defaults serve for the others.
+    """Return a user's term made from the keys of a file. Keys that are missing keep their defaults.
 
     Raises:
-        InputError: if it does not take them, with what it raised.
+        InputError: if the term does not accept the keys, with the error that it raised.
     """
     said = {
         key: getattr(table, attribute)
@@ -71,19 +71,19 @@ def build_own(part: str, name: str, table: Table) -> Any:
         made = own_term(_KINDS[part], name)(**said)
     except ErgoqpError:
         raise
-    except Exception as error:  # whatever the code of a user's own term does
+    except Exception as error:  # any error in the code of a user's term
         raise InputError(
             f"{part}.{name}: got {in_words(error)}, allowed what"
             f" {own_term(_KINDS[part], name)!r:.80} takes"
         ) from None
     if part == "response":
-        # Its state says which limits there are before the problem is made, which checks the others.
+        # Its state decides which limits there are, before `Problem` checks all terms.
         check_response(f"{part}.{name}", made)
     return made
 
 
 def _table_of(name: str, term: Any) -> type[Table]:
-    """Return a table with the parameters of a term, of the types that it declares."""
+    """Return a table with the parameters of a term and their types."""
     try:
         parameters = inspect.signature(term).parameters
         hints = get_type_hints(term.__init__ if inspect.isclass(term) else term)
@@ -113,7 +113,7 @@ def _table_of(name: str, term: Any) -> type[Table]:
 
 
 def _with_keys(name: str, base: type[Table], keys: Mapping[str, tuple[Any, Any]]) -> Any:
-    """Return a table with more keys: of each the type and the default, `...` where required."""
+    """Return a table with more keys, each with its type and default (`...`: required)."""
     fields: dict[str, Any] = {
         f"own_{i}": (kind, Field(default, alias=key))
         for i, (key, (kind, default)) in enumerate(keys.items())

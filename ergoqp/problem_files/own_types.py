@@ -1,4 +1,7 @@
-"""The types of own terms' parameters, as files can say them: lists stand for tuples and arrays."""
+"""Types of the parameters of users' terms, as files can give them.
+
+Lists stand for tuples and arrays.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,10 @@ _CONTAINERS: Final[tuple[Any, ...]] = (list, dict, Sequence, Mapping)
 
 
 def as_in_files(hint: Any) -> Any:
-    """Return a type that takes what a TOML file can say for it.
+    """Return a type that accepts what a TOML file can give for a type.
 
     Args:
-        hint: as the user's code declares it.
+        hint: type that the user's code declares.
     """
     kind: Any = get_origin(hint) or hint
     parts = tuple(map(as_in_files, get_args(hint)))

@@ -1,4 +1,4 @@
-"""The tables of a problem file: which keys there are, and what each may hold."""
+"""The tables of a problem file: the keys, and the allowed values of each."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from ergoqp.sheets.reba import Method
 
 
 class Table(BaseModel):
-    """A table of the file: unknown keys are mistakes, and a text is never taken for a number."""
+    """A table of the file. Unknown keys are mistakes, and a text is never taken for a number."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -42,7 +42,7 @@ Pair = Annotated[tuple[bool, bool], BeforeValidator(as_tuple)]
 
 
 class IkTable(Table):
-    """How the person follows, see `ergoqp.responses.IkResponse`."""
+    """Keys of `ergoqp.responses.IkResponse`."""
 
     stature: Annotated[float, Field(ge=1.2, le=2.3)] | None = None
     person: str | None = None
@@ -72,7 +72,7 @@ class IkTable(Table):
 
 
 class PointsTable(Table):
-    """Elbow and wrist of the right arm are the state, and the twist their velocities."""
+    """Elbow and wrist of the right arm are the state. The twist is their velocity. No keys."""
 
 
 def _either(table: Table, word: str) -> str:
@@ -81,7 +81,7 @@ def _either(table: Table, word: str) -> str:
 
 
 class ResponseTable(Table):
-    """One way in which the state follows the object."""
+    """Exactly one response."""
 
     ik: IkTable | None = None
     points: PointsTable | None = None
@@ -94,7 +94,7 @@ class ResponseTable(Table):
 
 
 class SmoothRebaTable(Table):
-    """The sheet made smooth, see `ergoqp.costs.SmoothReba`."""
+    """Keys of the smooth REBA score, see `ergoqp.costs.SmoothReba`."""
 
     taus_deg: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), Field(min_length=1)] = (
         1.5,
@@ -107,13 +107,13 @@ class SmoothRebaTable(Table):
 
 
 class LearnedTable(Table):
-    """A learned cost by its file."""
+    """File of a learned cost."""
 
     model: str
 
 
 class CostTable(Table):
-    """One cost, the smooth sheet if nothing is said."""
+    """At most one cost. Default: the smooth REBA score."""
 
     smooth_reba: SmoothRebaTable | None = None
     learned: LearnedTable | None = None
@@ -126,7 +126,7 @@ class CostTable(Table):
 
 
 def _table_of(kind: type, name: str, held: Any = None) -> Any:
-    """Return a table with the fields of a dataclass, of their own types or all of another one."""
+    """Return a table with the fields of a dataclass, with their own types or all of type `held`."""
     hints = get_type_hints(kind)
     keys: dict[str, Any] = {
         each.name: (held or hints[each.name], each.default) for each in fields(kind)
@@ -135,14 +135,14 @@ def _table_of(kind: type, name: str, held: Any = None) -> Any:
 
 
 MethodTable: Any = _table_of(Method, "MethodTable")
-"""The fields of `ergoqp.reba.Method`, by their names and types."""
+"""The fields of `ergoqp.reba.Method`, with their names and types."""
 
 ControlTable: Any = _table_of(Control, "ControlTable", NotNegative)
 """The fields of `ergoqp.Control`."""
 
 
 class TaskTable(Table):
-    """What joint angles cannot tell; whether the person sits is said by the stance."""
+    """What joint angles cannot tell. The stance says whether the person sits."""
 
     load_kg: NotNegative = 0.0
     shock: bool = False
@@ -151,7 +151,7 @@ class TaskTable(Table):
     one_leg: bool = False
     arm_supported: Pair = (False, False)
     shoulder_raised: Pair = (False, False)
-    # A class, made above.
+    # The class is made above.
     method: MethodTable = MethodTable()  # pyright: ignore[reportInvalidTypeForm]
 
 
@@ -195,7 +195,7 @@ class ToolAxisTable(Table):
 
 
 class PointSpeedTable(Table):
-    """How fast each coordinate of two points may be."""
+    """Largest speed and acceleration of each coordinate of two points."""
 
     speed: Positive = 0.15
     acceleration: Positive = 1.5
@@ -229,7 +229,7 @@ class BoxTable(Table):
 
 
 class KeepOutTable(Table):
-    """See `ergoqp.limits.KeepOut`; several are an array of tables, each with a name."""
+    """See `ergoqp.limits.KeepOut`. Several are an array of tables, each with its own name."""
 
     name: str = "keep out"
     half_space: HalfSpaceTable | None = None
@@ -246,7 +246,7 @@ class KeepOutTable(Table):
 
 
 def _named(regions: list[KeepOutTable] | None) -> list[KeepOutTable] | None:
-    """Refuse two regions of one name: each is a row of the step."""
+    """Raise an error if two regions have the same name, because each is a row of the step."""
     names = [region.name for region in regions or ()]
     if doubled := [name for name in names if names.count(name) > 1]:
         raise PydanticCustomError(
@@ -267,7 +267,7 @@ class BoundaryTable(Table):
 
 
 class LimitsTable(Table):
-    """All limits, each at most once but for regions to keep out of."""
+    """All limits, each at most once, except that several `keep_out` are allowed."""
 
     twist: TwistTable | None = None
     joints: JointsTable | None = None
@@ -297,7 +297,7 @@ class RobotTable(Table):
 
 
 class FileTable(Table):
-    """A whole file; `unusual` names keys whose values are meant, however unusual."""
+    """A whole file. `unusual` lists keys whose unusual values are meant."""
 
     title: str = ""
     dt: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
@@ -306,6 +306,6 @@ class FileTable(Table):
     task: TaskTable = TaskTable()
     limits: LimitsTable = LimitsTable()
     robot: RobotTable = RobotTable()
-    # A class, made above.
+    # The class is made above.
     control: ControlTable = ControlTable()  # pyright: ignore[reportInvalidTypeForm]
     unusual: list[str] = []

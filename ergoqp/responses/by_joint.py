@@ -1,4 +1,4 @@
-"""Values by the name of a joint: weights and comfort of people of whom nothing is said."""
+"""Values by the name of a joint, with the default weights and comfort angles of a person."""
 
 from __future__ import annotations
 
@@ -28,33 +28,34 @@ DEFAULT_WEIGHTS: Final[dict[str, float]] = {
     "ankle_flexion": 3.0,
     "ankle_inversion": 5.0,
 }
-"""Relative cost of moving each joint, both sides alike.
+"""Relative cost of moving each joint, the same on both sides.
 
-The trunk carries half the body, the forearm next to nothing.
+The trunk carries half of the body; the forearm carries little.
 """
 
 DEFAULT_COMFORT_DEG: Final[dict[str, dict[str, float]]] = {
     "standing": {"hip_flexion": 4.0, "knee_flexion": 8.0, "ankle_flexion": 4.0},
     "seated": {"hip_flexion": 85.0, "knee_flexion": 85.0},
 }
-"""Comfort of the legs where a problem says nothing.
+"""Comfort angles of the legs if a problem does not give them [deg].
 
-Nobody stands with locked knees, and locked knees cannot follow.
+People do not stand with locked knees, and locked knees cannot follow.
 """
 
 
 def per_joint(
     given: Mapping[str, float], defaults: Mapping[str, float], rest: float, what: str
 ) -> np.ndarray:
-    """Return one value per joint (32,) from values by name; a name without a side means both sides.
+    """Return one value per joint (32,) from values by name.
+
+    A name without a side means both sides.
 
     Raises:
-        InputError: if a name is not that of a joint.
+        InputError: if a name is not the name of a joint.
     """
     values = np.full(len(JOINTS), rest)
     for table in (defaults, given):
-        # Names with a side come last, so that they win over the name of both sides whatever the
-        # order in the file.
+        # Names with a side come last. So they override the name of both sides in any order.
         for name in sorted(table, key=lambda key: key in INDEX):
             targets = [name] if name in INDEX else [f"{side}_{name}" for side in SIDES]
             if any(target not in INDEX for target in targets):

@@ -1,4 +1,4 @@
-"""The frame in which hands and object meet: at the grip, or midway between the two."""
+"""The contact frame, in which hands and object meet: at the grip, or midway between two grips."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ TOOL_AXES: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
     "along": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "thumb": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
 }
-"""Axes of the contact frame in the grip frame; x is the tool's axis.
+"""Axes of the contact frame in the grip frame; x is the axis of the tool.
 
-It points out of the fist along the forearm, or past the thumb.
+The tool points out of the fist along the forearm, or past the thumb.
 """
 
 
 def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.SX, ca.SX]:
     """Return position and rotation of the contact frame from those of the grips.
 
-    One hand: the grip, turned so that x is the tool's axis. Two hands: midway, y from the right
-    grip to the left one, x as near to the mean of the two tools' axes as that allows.
+    One hand: the grip, turned so that x is the axis of the tool. Two hands: midway, with y from the
+    right grip to the left one, and x as close to the mean of the two tool axes as possible.
     """
     turn = ca.DM(np.array(TOOL_AXES[tool], dtype=float).T)
     if len(grips) == 1:
@@ -36,7 +36,7 @@ def contact_frame(grips: Sequence[tuple[ca.SX, ca.SX]], tool: str) -> tuple[ca.S
 
 
 def about_tool(axis: ca.SX, free: bool) -> ca.SX:
-    """Return the projector (6, 6) on turns about the tool's axis, or nothing for a rigid grasp."""
+    """Return the projector (6, 6) on turns about the tool's axis; zero for a rigid grasp."""
     projector = ca.SX(6, 6)
     if free:
         projector[3:, 3:] = axis @ axis.T
@@ -44,7 +44,7 @@ def about_tool(axis: ca.SX, free: bool) -> ca.SX:
 
 
 def carried_to(offset: ca.SX) -> ca.SX:
-    """Return the motion (6, 6) of a point at `offset` from the contact frame that moves with it."""
+    """Return the map (6, 6) from a twist to the motion of a fixed point at `offset`."""
     carried = ca.SX.eye(6)
     carried[:3, 3:] = -ca.skew(offset)
     return carried

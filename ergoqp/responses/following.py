@@ -1,9 +1,9 @@
-"""What a person's joints do when the object moves, and when it does not: the algebra of `ik`.
+"""The algebra of `ergoqp.responses.ik`: joint rates when the object moves, and when it does not.
 
-All rates of pelvis, trunk, neck and arms at once minimise 1/2 v' W v + 1/2 |A v - a|^2 / s^2 under
-rows A v = a that are kept as firmly as their softness s says: the hands' own, which follow the
-object, and those of the gaze, which follows the work. With K for the rows v = W^-1 K' (K W^-1 K' +
-s^2)^-1 a: a soft row is a row whose pivot is not zero.
+All rates of pelvis, trunk, neck and arms together minimise 1/2 v' W v + 1/2 |A v - a|^2 / s^2. The
+rows A v = a are those of the hands, which follow the object, and those of the gaze, which follows
+the work. A row with a smaller softness s is kept more exactly. With K for the rows, v = W^-1 K' (K
+W^-1 K' + s^2)^-1 a: a soft row has a nonzero entry on the diagonal.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from ergoqp.responses.sensitivity import sensitivity_function
 from ergoqp.responses.stance import LEGS, Stance
 
 Stand = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], Stance]
-"""Gives the stance at a posture, from joint weights, locks and wishes (32,) each."""
+"""Returns the stance at a posture, from joint weights, locks and desired rates (32,) each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """What `ergoqp.responses.ik.IkResponse` says of a person, as its algebra takes it.
+    """The properties of an `ergoqp.responses.ik.IkResponse` that its algebra uses.
 
     Attributes:
-        kinematics: of the body.
-        hands: that hold the object.
+        kinematics: kinematics of the body.
+        hands: hands that hold the object.
         tool: axis of the tool, a key of `ergoqp.responses.contact.TOOL_AXES`.
-        free_about_tool: whether the hand may turn about it.
-        damping: softness of the hands' rows [m, rad].
-        weights: cost of each joint's rate (32,).
-        comfort: posture relaxed toward (32,) [rad].
-        relaxation_time: in which [s].
+        free_about_tool: whether the hand may turn about this axis.
+        damping: softness of the rows of the hands [m, rad].
+        weights: cost of the rate of each joint (32,).
+        comfort: posture toward which the person relaxes (32,) [rad].
+        relaxation_time: time constant of the relaxation [s].
         chain: numbers of the joints from the trunk up that are free to follow.
-        stand: where the pelvis is, and how it moves.
-        attention: weight of looking at the work; 0: it is not looked at.
+        stand: function for the position and the motion of the pelvis.
+        attention: weight of looking at the work; 0: the person does not look at it.
         hanging: side of an arm that hangs, or None.
     """
 
@@ -80,7 +80,7 @@ class Following:
         side = len(self.hands)
 
         def in_joints(rates: ca.SX) -> ca.SX:
-            """Spread (pelvis and chain) over the 32 joints."""
+            """Return the rates of all 32 joints from those of pelvis and chain."""
             spread = (
                 stance.legs @ rates[:4, :] if stance.moves else ca.SX(len(JOINTS), rates.shape[1])
             )
@@ -135,9 +135,9 @@ class Following:
         return Gaze(ca.SX(0, 1), ca.SX(0, len(self.chain)), ca.SX(0, 3))
 
     def _swing(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return how an arm that hangs turns with the trunk (2, 3), and how it comes to hang (7,).
+        """Return how a hanging arm turns with the trunk (2, 3), and its rates toward hanging (7,).
 
-        The latter in rad/s.
+        The rates are in rad/s.
         """
         if self.hanging is None:
             return ca.SX(0, 3), ca.SX(0, 1)
@@ -153,13 +153,14 @@ class Following:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows that the rates keep to, in pelvis axes.
+    """Rows that the rates keep, in pelvis axes.
 
     Attributes:
-        K: (r, 4 + n) what they take of pelvis and chain.
-        softness: (r, r) how firmly.
-        wanted: (r, 6) what a twist asks of them.
-        kept: (6 k, 6 k) what the hands keep of a motion: all but turns about a free tool.
+        K: (r, 4 + n) rate of the rows per rate of pelvis and chain.
+        softness: (r, r) softness of the rows.
+        wanted: (r, 6) rate of the rows per twist.
+        kept: (6 k, 6 k) the part of a motion that the hands keep: all except turns about a free
+            tool.
     """
 
     K: ca.SX
@@ -186,7 +187,7 @@ class _Rows:
         turning = ca.diagcat(*about)
         kept = ca.SX.eye(6 * len(hands)) - turning
         firm = turning + person.damping**2 * ca.SX.eye(6 * len(hands))
-        # Where the pelvis goes, the work comes the other way.
+        # In pelvis axes, the work moves opposite to the pelvis.
         by_pelvis = -seen.by_work @ base_jacobian(work)[:3, :]
         if not stance.moves:
             by_pelvis = ca.SX(*by_pelvis.shape)

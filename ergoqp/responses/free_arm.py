@@ -1,7 +1,7 @@
-"""An arm that holds nothing: it hangs straight down whatever the trunk does, or stays where it is.
+"""An arm that holds nothing: it hangs straight down whatever the trunk does, or stays as it is.
 
-The sheet reads the upper arm against the trunk and scores both arms, so that an arm which hangs
-beside a trunk that leans forward is an upper arm in flexion.
+The sheet measures the upper arm relative to the trunk and scores both arms. So an arm that hangs
+beside a trunk that leans forward counts as an upper arm in flexion.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import casadi as ca
 from ergoqp.joints import INDEX, JOINTS
 
 HANGING_DEG: Final[dict[str, float]] = {"shoulder_abduction": 5.0, "elbow_flexion": 12.0}
-"""Angles of an arm that hangs beside an upright trunk [deg], the rest zero."""
+"""Angles of an arm that hangs beside an upright trunk [deg]; all others are zero."""
 
 _TRUNK: Final = ("trunk_flexion", "trunk_side_bend", "trunk_twist")
 TRUNK: Final = [INDEX[joint] for joint in _TRUNK]
-"""Numbers of the trunk's joints."""
+"""Numbers of the joints of the trunk."""
 
 _ASIDE: Final = {"right": -1.0, "left": 1.0}
 _NEARLY: Final = 1 - 1e-9
@@ -34,7 +34,7 @@ def arm_of(side: str) -> list[int]:
 
 
 def swinging(side: str) -> list[int]:
-    """Return the numbers of the joints that gravity turns: the shoulder's first two."""
+    """Return the numbers of the joints that gravity turns: the first two of the shoulder."""
     return [INDEX[f"{side}_shoulder_flexion"], INDEX[f"{side}_shoulder_abduction"]]
 
 
@@ -42,8 +42,8 @@ def hanging(trunk: ca.SX, side: str, ease: ca.SX) -> ca.SX:
     """Return flexion and abduction (2,) [rad] of an arm that hangs beside a trunk.
 
     Args:
-        trunk: the trunk's flexion, side bend and twist (3,) [rad].
-        side: of the arm.
+        trunk: flexion, side bend and twist of the trunk (3,) [rad].
+        side: side of the arm.
         ease: the two angles beside an upright trunk (2,) [rad].
     """
     aside = _ASIDE[side]

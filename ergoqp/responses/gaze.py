@@ -1,8 +1,8 @@
-"""People look at what they work on: how far the head is from where the eyes reach with ease.
+"""People look at their work: how far the head is from where the eyes see the work with ease.
 
-The eyes turn first, about a line of sight that is at ease below the head's level; what they would
-have to turn beyond that, the head does, and with it neck and trunk. Nobody works with the eyes on
-the work either: where it is nearer than a viewing distance, the head keeps away.
+The eyes turn first, about a comfortable line of sight below the level of the head. The head does
+the rest of the turn, and neck and trunk share it. The work also keeps a distance from the eyes: if
+it is closer than the viewing distance, the head moves away.
 
 Sources: the normal line of sight 15 degrees below the horizontal with 15 degrees of easy eye motion
 about it (MIL-STD-1472, figure of the vertical and horizontal visual field; EN 894-2 has the same
@@ -22,33 +22,33 @@ import numpy as np
 from ergoqp.human import Kinematics
 
 AT_EASE: Final = float(np.radians(15.0))
-"""The eyes rest this far below the head's level [rad]."""
+"""Angle of the comfortable line of sight below the level of the head [rad]."""
 
 EYES_TURN: Final = float(np.radians(15.0))
-"""And turn about this far before the head goes along [rad]."""
+"""Angle that the eyes turn from there before the head follows [rad]."""
 
 VIEWING_DISTANCE: Final = 0.30
-"""Nearer than this nobody works for long [m]."""
+"""Smallest comfortable viewing distance [m]."""
 
 ROWS: Final = 3
-"""Two for the direction, one for the distance."""
+"""Number of rows: two for the direction, one for the distance."""
 
 _BEHIND: Final = 0.1
-"""Keeps the direction finite where the work is behind the head."""
+"""Keeps the direction finite if the work is behind the head."""
 
 _SOFT: Final = 0.03
-"""How smoothly the viewing distance begins [m]."""
+"""Width of the smooth transition at the viewing distance [m]."""
 
 
 @dataclass(frozen=True)
 class Gaze:
-    """How far the head is from seeing the work with ease; in pelvis axes.
+    """How far the head is from seeing the work with ease, in pelvis axes.
 
     Attributes:
-        residual: what is missing (3,): to the left and up [rad], and nearness, 1 where the work is
-            at the eyes.
-        by_joints: how it changes with joints while the work stays (3, n) [1/rad].
-        by_work: how it changes with the work's place while the head stays (3, 3) [1/m].
+        residual: what is missing (3,): to the left and up [rad], and nearness, which is 1 if the
+            work is at the eyes.
+        by_joints: its change with the joints while the work stays (3, n) [1/rad].
+        by_work: its change with the place of the work while the head stays (3, 3) [1/m].
     """
 
     residual: ca.SX
@@ -70,10 +70,10 @@ def gaze(kinematics: Kinematics, q: ca.SX, work: ca.SX, joints: Sequence[int]) -
 
 
 def beyond_ease(seen: ca.SX) -> ca.SX:
-    """Return what is missing (3,) where the work is seen at (3,) [m], x along the eyes at ease.
+    """Return what is missing (3,) for work seen at (3,) [m], x along the comfortable line of sight.
 
-    The direction is about twice the tangent of half its angle, so that it grows up to 150 deg;
-    of it counts what is beyond the turn of the eyes, smoothly.
+    The direction is about twice the tangent of half of its angle, so it grows up to 150 deg. Only
+    the part beyond the turn of the eyes counts, with a smooth transition.
     """
     distance = ca.sqrt(ca.sumsqr(seen) + 1e-8)
     toward = seen / distance
@@ -84,6 +84,6 @@ def beyond_ease(seen: ca.SX) -> ca.SX:
 
 
 def _line_of_sight() -> ca.DM:
-    """Turn (3, 3) from the head's axes to those of the eyes at ease."""
+    """Return the rotation (3, 3) from the axes of the head to those of the eyes at ease."""
     c, s = np.cos(AT_EASE), np.sin(AT_EASE)
     return ca.DM(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]))

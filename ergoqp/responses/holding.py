@@ -1,4 +1,4 @@
-"""A person holding an object: what hands, soles and eyes miss, and what that does to the joints."""
+"""A person who holds an object: errors of hands, soles and gaze, and their effect on the joints."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from ergoqp.responses.ik import IkResponse
 from ergoqp.responses.stance import LEG_JOINTS, STRAIGHT_KNEE
 
 _ROUND = 1e-3
-"""How smoothly straight knees become bent [rad]; see `ergoqp.responses.stance.with_bent_knees`."""
+"""Width of the transition from straight to bent knees [rad].
+
+See `ergoqp.responses.stance.with_bent_knees`.
+"""
 
 
 @dataclass(frozen=True)
 class Situated:
-    """What a start gives: symbols that become numbers when a program is solved.
+    """The data of a start: symbols that become numbers when a program is solved.
 
     Attributes:
-        posture: joints that do not move stay as they are here (32,) [rad].
+        posture: posture (32,) [rad]; joints that do not move keep these angles.
         grasp: grips in the contact frame side by side (4, 4 k).
         soles: right and left sole in the world (4, 8).
-        position: of the object's contact frame (3,) [m].
-        rotation: of the object's contact frame (3, 3).
-        relaxation: of complementarity [rad].
+        position: position of the contact frame of the object (3,) [m].
+        rotation: rotation of the contact frame of the object (3, 3).
+        relaxation: relaxation of complementarity [rad].
     """
 
     posture: ca.SX
@@ -54,14 +57,16 @@ def soles_of(response: IkResponse) -> ca.Function:
 
 
 class Holding:
-    """A person holding the object: contact errors and forces as expressions of posture and pelvis.
+    """A person who holds the object: contact errors and forces as expressions.
+
+    They depend on posture and pelvis.
 
     Attributes:
         response: the person.
         posture: expression of the posture (32,).
-        pelvis: x, y, z [m] and yaw [rad] of the pelvis (4,), empty when seated.
-        kinematics: of the body.
-        work: where the hands hold the object (3,), pelvis axes [m].
+        pelvis: x, y, z [m] and yaw [rad] of the pelvis (4,), empty if seated.
+        kinematics: kinematics of the body.
+        work: where the hands hold the object (3,), in pelvis axes [m].
     """
 
     def __init__(
@@ -73,7 +78,7 @@ class Holding:
         kinematics: Kinematics | None = None,
         seat: ca.SX | None = None,
     ) -> None:
-        """Find hands and soles of the posture; the body and its seat are the response's if None."""
+        """Compute hands and soles of the posture; None: body and seat of the response."""
         self.response, self.place, self.posture, self.pelvis = response, place, posture, pelvis
         self.kinematics = kinematics or response.kinematics
         self.standing = response.stance == "standing"
@@ -88,7 +93,7 @@ class Holding:
 
     @cached_property
     def errors(self) -> list[ca.SX]:
-        """Motion (6,) that would bring each hand to where the object is, pelvis axes [m, rad]."""
+        """Motion (6,) that would bring each hand to the object, in pelvis axes [m, rad]."""
         place, back = self.place, self._turned.T
         errors = []
         for number, (position, rotation, _) in enumerate(self._hands):
@@ -100,7 +105,10 @@ class Holding:
         return errors
 
     def slipping(self) -> ca.SX:
-        """Return how far the soles are from where they stand (12,) [m, rad]; empty when seated."""
+        """Return the displacement of the soles from their places (12,) [m, rad].
+
+        It is empty if the person sits.
+        """
         rows = []
         for number, side in enumerate(SIDES if self.standing else ()):
             position, rotation, _ = self.kinematics.at(f"{side}_sole", self.posture)
@@ -112,7 +120,7 @@ class Holding:
     def along_tool(self, vector: ca.SX) -> ca.SX:
         """Return the part (6,) of a motion or a force that turns about the tool.
 
-        It is zero unless the hand is free to turn so.
+        It is zero unless the hand may turn about the tool.
         """
         free = (
             self._axis * ca.dot(self._axis, vector[3:])
@@ -126,7 +134,7 @@ class Holding:
         return ca.vertcat(ca.SX(3, 1), self._axis * angle)
 
     def pull(self, forces: Sequence[ca.SX], joints: Sequence[int]) -> tuple[ca.SX, ca.SX]:
-        """Return what forces at the hands (6,) each do to joints (n,) and to the pelvis (4,)."""
+        """Return the effect of forces at the hands (6,) on joints (n,) and on the pelvis (4,)."""
         on_joints, on_pelvis = ca.SX(len(joints), 1), ca.SX(4, 1)
         for force, (position, _, jacobian) in zip(forces, self._hands, strict=True):
             on_joints += jacobian[:, list(joints)].T @ force
@@ -134,23 +142,21 @@ class Holding:
         return on_joints, on_pelvis
 
     def looking(self, joints: Sequence[int]) -> tuple[ca.SX, ca.SX]:
-        """Return what looking at the work does to joints (n,) and to the pelvis (4,)."""
+        """Return the effect of looking at the work on joints (n,) and on the pelvis (4,)."""
         if not self.response.looks:
             return ca.SX(len(joints), 1), ca.SX(4, 1)
         seen = gaze(self.kinematics, self.posture, self.work, joints)
-        # As for the forces of the hands: what they miss comes in whole, what they wish in half.
+        # As for the forces of the hands: the error counts in full, the cost with a factor 1/2.
         missed = sum((error[:3] for error in self.errors), ca.SX(3, 1)) / len(self.errors)
         pull = -self.response.attention * (seen.residual + 2 * seen.by_work @ missed)
         on_pelvis = -base_jacobian(self.work)[:3, :].T @ (seen.by_work.T @ pull)
         return seen.by_joints.T @ pull, on_pelvis
 
     def legs(self, multipliers: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-        """Return what sole multipliers (12,) do to each leg's joints (6,), and to the pelvis (4,).
+        """Return the effect of sole multipliers (12,) on leg joints (6,) each and the pelvis (4,).
 
-        What acts on the pelvis includes balance.
-
-        Written at the hip centre and with straight knees taken as a little bent, as the response
-        does.
+        The effect on the pelvis includes balance. It is written at the hip centre, with straight
+        knees taken as slightly bent, as in the response.
         """
         kinematics, bent = self.kinematics, self._bent()
         on_legs, on_pelvis, middle = [], ca.SX(4, 1), ca.SX(3, 1)
@@ -176,7 +182,7 @@ class Holding:
 
 
 def hang(response: IkResponse, posture: ca.SX) -> None:
-    """Put an arm that hangs, if there is one, to where it comes to rest beside the trunk."""
+    """Put a hanging arm, if there is one, to its position at rest beside the trunk."""
     if response.hanging is None:
         return
     arm, swings = arm_of(response.hanging), swinging(response.hanging)

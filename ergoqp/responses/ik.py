@@ -1,4 +1,4 @@
-"""The person as an inverse-kinematics solver: keep the contact, move the joints that cost least."""
+"""The model person as inverse kinematics: keep the contact, move the joints that cost least."""
 
 from __future__ import annotations
 
@@ -25,43 +25,44 @@ _ARM: Final = ("shoulder", "elbow", "forearm", "wrist")
 
 @dataclass(frozen=True)
 class IkResponse:
-    """S(q) of a person who keeps the task contact and moves the joints that cost least.
+    """S(q) of a person who keeps the contact and moves the joints that cost least.
 
-    The joint rates minimise 1/2 v' W v over J v = G xi, so v = S xi with S = W^-1 J' (J W^-1 J')^-1
-    G: Whitney's weighted pseudo-inverse (1972). Standing, the soles are eliminated exactly
-    (`ergoqp.responses.stance`); the hand rows are damped, and looking at the work is a soft row
-    beside them (`ergoqp.responses.following`). A locked joint has a zero in W^-1 and the others
-    follow without it.
+    The joint rates minimise 1/2 v' W v subject to J v = G xi. So v = S xi with S = W^-1 J' (J W^-1
+    J')^-1 G: the weighted pseudo-inverse of Whitney (1972). If the person stands, the rows of the
+    soles are eliminated exactly (`ergoqp.responses.stance`). The rows of the hands are damped, and
+    looking at the work adds soft rows (`ergoqp.responses.following`). A locked joint has a zero in
+    W^-1, and the others follow without it.
 
     Attributes:
-        body: the person as the controller models it.
+        body: the body of the model person.
         hands: ``("right",)``, ``("left",)`` or both. The contact frame is at the grip, or midway
             between the two.
         stance: ``"standing"`` or ``"seated"``.
-        seat_height: height of the hip centres above the floor when seated [m]; None: the seat is
+        seat_height: height of the hip centres above the floor when seated [m]. None: the seat is
             set to the person, so that the feet stand on the floor with the legs in comfort, see
             `seat` and `feet`.
         tool: axis of the tool in the hand, a key of `TOOL_AXES`.
         free_about_tool: whether the hand may turn about the tool's axis.
-        weights: cost of moving a joint (dimensionless), by name without its side, or with it; the
-            rest as in `DEFAULT_WEIGHTS`.
-        comfort_deg: posture that the person relaxes toward, by joint name, with or without the side
-            [deg]; legs as in `DEFAULT_COMFORT_DEG`, the rest zero.
+        weights: cost of moving a joint (dimensionless), by name with or without its side. Default:
+            `DEFAULT_WEIGHTS`.
+        comfort_deg: posture toward which the person relaxes, by joint name, with or without the
+            side [deg]. Default: `DEFAULT_COMFORT_DEG` for the legs, zero for the others.
         balance: cost of moving the pelvis away from above the feet when standing, per (m/s)^2 in
-            the units of `weights`: people keep their balance.
-        relaxation_time: time constant of relaxing toward it [s].
-        damping: of the hand rows [m, rad]: singular arms do not ask for infinite rates.
-        looks: whether the person looks at the work: the neck follows it then, and trunk and neck
-            share what the eyes leave over, see `ergoqp.responses.gaze`. Without it the neck stays
+            the units of `weights`.
+        relaxation_time: time constant of the relaxation toward the comfort posture [s].
+        damping: damping of the rows of the hands [m, rad], so that singular arms do not ask for
+            infinite rates.
+        looks: whether the person looks at the work. The neck then follows it, and trunk and neck
+            share what the eyes do not turn, see `ergoqp.responses.gaze`. Otherwise the neck stays
             as it is.
         attention: cost of not seeing the work with ease, per rad^2 beyond the easy turn of the
             eyes, in the units of `weights`.
-        free_arm: where an arm is that holds nothing: it ``"hangs"``, or ``"rests"`` on a thigh or a
-            desk, where it stays as it is; None: it hangs when standing and rests when seated. An
-            arm that holds the object too is one of `hands`.
+        free_arm: position of an arm that holds nothing. It ``"hangs"``, or it ``"rests"`` on a
+            thigh or a desk, where it stays as it is. None: it hangs when standing and rests when
+            seated. An arm that holds the object too is one of `hands`.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Source:
         Whitney's weighted pseudo-inverse (1972).
@@ -92,7 +93,7 @@ class IkResponse:
     free_arm: Literal["hangs", "rests"] | None = None
 
     def __post_init__(self) -> None:
-        """Check the terms; a wrong one raises here and not in the loop."""
+        """Check the terms, so that errors are raised here and not in the loop."""
         check_kind("body", self.body, Body, "a Body")
         allowed = "('right',), ('left',) or ('right', 'left')"
         object.__setattr__(self, "hands", names_of("hands", self.hands, allowed))
@@ -139,7 +140,7 @@ class IkResponse:
             )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Go to another process as the fields: expressions cannot be sent and are rebuilt there."""
+        """Return the fields only; another process builds the expressions again."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     coordinates = JOINTS
@@ -149,7 +150,8 @@ class IkResponse:
     def chain(self) -> tuple[str, ...]:
         """Joints that follow by themselves, in the order of `ergoqp.JOINTS`.
 
-        Trunk, the neck of who looks at the work, the working arms and, standing, the legs.
+        These are the trunk, the neck of a person who looks at the work, the working arms and, when
+        standing, the legs.
         """
         chains = ("trunk", *(("neck",) if self.looks else ()))
         chains += tuple(f"{hand}_{part}" for hand in self.hands for part in _ARM)
@@ -160,7 +162,7 @@ class IkResponse:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints that the object can move: the chain, and the shoulder of an arm that hangs."""
+        """Joints that the object can move: the chain, and the shoulder of an arm that hangs."""
         swings = () if self.hanging is None else [JOINTS[i] for i in swinging(self.hanging)]
         return tuple(joint for joint in JOINTS if joint in self.chain or joint in swings)
 
@@ -176,7 +178,7 @@ class IkResponse:
         """The comfort posture (32,) [rad]."""
         given, defaults = dict(self.comfort_deg), dict(DEFAULT_COMFORT_DEG[self.stance])
         if self.hanging is not None:
-            # What is said of arms is said of those at work; of this one only what names its side.
+            # Names without a side mean the working arm. Only names with its side mean this one.
             for joint in (JOINTS[i] for i in arm_of(self.hanging)):
                 angle = HANGING_DEG.get(joint.removeprefix(f"{self.hanging}_"), 0.0)
                 given.setdefault(joint, angle)
@@ -184,7 +186,7 @@ class IkResponse:
 
     @property
     def weight_vector(self) -> np.ndarray:
-        """Cost of each joint's rate (32,)."""
+        """Cost of the rate of each joint (32,)."""
         return per_joint(self.weights, DEFAULT_WEIGHTS, 1.0, "weights")
 
     @cached_property
@@ -196,11 +198,11 @@ class IkResponse:
     def seat(self) -> float:
         """Height of the hip centres above the floor when seated [m].
 
-        The lower foot stands, where no height is given.
+        If no height is given, the lower foot stands on the floor.
 
         Raises:
-            InputError: if the legs' comfort posture puts a seat that is set to the person at a
-                height that no seat has.
+            InputError: if no height is given and the comfort posture of the legs gives a height
+                outside 0.05 to 1.2 m.
         """
         if self.seat_height is not None:
             return self.seat_height
@@ -214,15 +216,15 @@ class IkResponse:
 
     @property
     def feet(self) -> float:
-        """Height of the lower foot's sole above the floor, the legs in comfort and seated [m].
+        """Height of the lower sole above the floor when seated, with the legs in comfort [m].
 
-        Negative, it is below.
+        A negative value means below the floor.
         """
         return self.seat + self._sole_below_pelvis
 
     @property
     def footing(self) -> str:
-        """What carries the person, as a clause for people."""
+        """What carries the person, as a clause for messages."""
         if self.stance == "standing":
             return "the soles stay where they stand"
         return seat_in_words(self.seat, self.feet)
@@ -250,14 +252,14 @@ class IkResponse:
     def drift(self) -> ca.Function:
         """Return ``(q (32,), locked (32,)) -> rates (32,)`` [rad/s].
 
-        They relax toward comfort without moving hands or soles.
+        The rates relax toward comfort without moving hands or soles.
         """
         return self._functions[1]
 
     def contact(self) -> ca.Function:
         """Return ``q (32,) -> (contact pose (4, 4), pelvis pose (4, 4))``.
 
-        Both are in the world that the stance anchors.
+        Both are in the world, which is fixed to the stance.
         """
         return self._functions[2]
 
@@ -268,7 +270,7 @@ class IkResponse:
     def reach(self) -> ca.Function:
         """Return ``(q (32,), locked (32,), e (6 k,)) -> step (32,)``.
 
-        It is the least step that moves the grips by e, in world axes.
+        It is the smallest step that moves the grips by e, in world axes.
         """
         return self._functions[4]
 

@@ -1,4 +1,4 @@
-"""A state that the twist moves by a fixed matrix: points the robot carries, or one's own system."""
+"""A state that the twist moves by a fixed matrix: points that the robot carries, for example."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ergoqp.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class LinearResponse:
-    """S is one matrix, whatever the state: dq/dt = S xi.
+    """S is a constant matrix: dq/dt = S xi.
 
-    With the identity, the six entries of the twist are the velocities of the six coordinates
-    themselves, as in the problem ``forearm``, where they are elbow and wrist.
+    With the identity, the six entries of the twist are the velocities of the six coordinates. In
+    the problem ``forearm`` these are elbow and wrist.
 
     Attributes:
         coordinates: names of the entries of the state.
-        matrix: S (n, 6) [unit of the coordinate per m, or per rad]; None: the identity.
-        comfort: where the state would like to be (n,), in the unit of each coordinate, see
-            `ergoqp.Control.comfort`; None: zero.
-        largest: entries of a state beyond this are taken for mistakes, in their unit.
+        matrix: S (n, 6) [unit of the coordinate per m, or per rad]. None: the identity.
+        comfort: preferred state (n,), in the unit of each coordinate, see `ergoqp.Control.comfort`.
+            None: zero.
+        largest: entries of a state beyond this count as mistakes, in their unit.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import numpy as np
@@ -67,27 +67,27 @@ class LinearResponse:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """All coordinates: the twist may move each of them."""
+        """All coordinates: the twist can move each of them."""
         return tuple(self.coordinates)
 
     @property
     def weight_vector(self) -> np.ndarray:
-        """Cost of each coordinate's rate (n,): all alike."""
+        """Cost of the rate of each coordinate (n,): one for all."""
         return np.ones(len(self.coordinates))
 
     def expression(self, q: ca.MX) -> ca.MX:
-        """Return S (n, 6), the same everywhere."""
+        """Return S (n, 6), which is constant."""
         return self.sensitivity()(q, 0)[0]
 
     def sensitivity(self) -> ca.Function:
         """Return ``(q (n,), locked (n,)) -> (S (n, 6), E (1, 6))``.
 
-        Nothing is lost on the way, so E is zero.
+        The state follows every twist, so E is zero.
         """
         return self._functions[0]
 
     def contact(self) -> ca.Function:
-        """Return ``q (n,) -> (pose, pose)``: there is no object frame, both are the identity."""
+        """Return ``q (n,) -> (pose, pose)``. There is no object frame, so both are the identity."""
         return self._functions[1]
 
     @cached_property

@@ -1,6 +1,6 @@
 """Where the pelvis is: fixed on a seat, or carried by legs whose soles stay on the floor.
 
-The world of a problem is anchored to the stance, so that a posture alone says where the person is.
+The world of a problem is fixed to the stance, so a posture alone gives the position of the person.
 Seated: the origin is on the floor below the pelvis, x along its heading. Standing: the origin is on
 the floor midway between the soles, x along their mean heading.
 """
@@ -21,32 +21,32 @@ LEG_JOINTS: Final = {side: tuple(j for j in JOINTS[20:] if j.startswith(side)) f
 """The six joints of each leg."""
 
 LEGS: Final = [INDEX[joint] for side in SIDES for joint in LEG_JOINTS[side]]
-"""Their numbers, the right leg's first."""
+"""Numbers of the joints of the legs, those of the right leg first."""
 
 STRAIGHT_KNEE: Final = 0.10
 """Knee flexion [rad] below which the legs respond as if bent by this much.
 
-At a straight knee its sign is lost.
+At a straight knee the sign of its motion is lost.
 """
 
 _BESIDE_FLOOR: Final = 0.02
-"""How far from the floor a sole counts as on it [m]: a shoe's worth."""
+"""Largest distance from the floor at which a sole counts as on it, about a shoe's height [m]."""
 
 _LOCK: Final = 1e8
 
 
 @dataclass(frozen=True)
 class Stance:
-    """How the pelvis moves with the posture; everything in the pelvis frame unless said otherwise.
+    """How the pelvis moves with the posture, in the pelvis frame unless stated otherwise.
 
     Attributes:
         moves: whether the pelvis moves (standing).
         yaw: rotation of the pelvis in the world (3, 3), about z.
         position: pelvis in the world (3,) [m].
-        weight: (4, 4) what it costs to move the pelvis by x, y, z, yaw: the cost of the leg joints
-            that must follow.
+        weight: (4, 4) cost of moving the pelvis by x, y, z, yaw: the cost of the leg joints that
+            must follow.
         legs: (32, 4) leg joint rates per pelvis rate.
-        relax: (4,) pelvis rates that best serve the legs' own wishes.
+        relax: (4,) pelvis rates that are best for the desired rates of the legs.
     """
 
     moves: bool
@@ -74,18 +74,18 @@ def standing(
 ) -> Stance:
     """Return the stance of a person whose soles stay where they are.
 
-    With the soles fixed, each leg's six rates follow exactly from the four of the pelvis, so the
-    legs and the twelve contact rows disappear from the problem; what remains of them is the weight
+    With the soles fixed, the six rates of each leg follow exactly from the four of the pelvis. So
+    the legs and the twelve contact rows vanish from the problem. What remains of them is the cost
     of moving the pelvis.
 
     Args:
-        kinematics: of the person.
+        kinematics: kinematics of the person.
         q: posture (32,) [rad].
-        weights: cost of each joint's rate (32,).
-        locked: 1 for joints that may not move (32,).
-        wish: joint rates that the legs would choose (32,) [rad/s].
+        weights: cost of the rate of each joint (32,).
+        locked: 1 for joints that must not move (32,).
+        wish: desired joint rates (32,) [rad/s].
         balance: cost of moving the pelvis over the floor, per (m/s)^2.
-        relaxation_time: in which the pelvis would come back to above the feet [s].
+        relaxation_time: time constant of the return of the pelvis to above the feet [s].
     """
     bent = with_bent_knees(q)
     legs = ca.SX(len(JOINTS), 4)
@@ -104,7 +104,7 @@ def standing(
         true_position, rotation, _ = kinematics.at(f"{side}_sole", q)
         heading += rotation[:2, 0]
         middle += true_position / 2
-    # The pelvis wants to be above the middle of the feet as the joints want their comfort.
+    # The pelvis relaxes to above the middle of the feet, as the joints relax to comfort.
     over_floor = ca.diag(ca.DM([balance, balance, 0, 0]))
     weight += over_floor
     pull += over_floor @ ca.vertcat(middle[:2], 0, 0) / relaxation_time
@@ -115,7 +115,7 @@ def standing(
 
 
 def with_bent_knees(q: ca.SX) -> ca.SX:
-    """Return the posture with straight knees bent a little, for Jacobians: see `STRAIGHT_KNEE`."""
+    """Return the posture with straight knees slightly bent, for Jacobians: see `STRAIGHT_KNEE`."""
     bent = ca.SX(q)
     for side in SIDES:
         knee = INDEX[f"{side}_knee_flexion"]
@@ -124,7 +124,7 @@ def with_bent_knees(q: ca.SX) -> ca.SX:
 
 
 def _leg_rates(kinematics: Kinematics, q: ca.SX, side: str) -> ca.SX:
-    """Return (6, 4): the leg's joint rates per pelvis rate that keep the sole where it is."""
+    """Return (6, 4): the leg's joint rates per pelvis rate that keep the sole in place."""
     hip = kinematics.at(f"{side}_hip", q)[0]
     return -move_sole(kinematics, q, side, base_jacobian(hip))
 
@@ -132,10 +132,9 @@ def _leg_rates(kinematics: Kinematics, q: ca.SX, side: str) -> ca.SX:
 def move_sole(kinematics: Kinematics, q: ca.SX, side: str, motion: ca.SX) -> ca.SX:
     """Return the leg's joint steps (6, k) that move its sole by `motion` (6, k).
 
-    The motion is given at the hip centre in pelvis axes.
-
-    Written at the hip centre, which the three hip axes do not move: knee and ankle carry that
-    point, then the hip turns the sole. Two systems of three instead of one of six.
+    The motion is given at the hip centre in pelvis axes. The three hip axes do not move this point.
+    So knee and ankle carry it, and then the hip turns the sole. This gives two systems of three
+    equations instead of one of six.
     """
     columns = [INDEX[name] for name in LEG_JOINTS[side]]
     hip = kinematics.at(f"{side}_hip", q)[0]
@@ -148,11 +147,11 @@ def move_sole(kinematics: Kinematics, q: ca.SX, side: str, motion: ca.SX) -> ca.
 
 
 def seat_in_words(seat: float, feet: float) -> str:
-    """Return what carries a person who sits, as a clause for people.
+    """Return what carries a seated person, as a clause for messages.
 
     Args:
         seat: height of the hip centres above the floor [m].
-        feet: height of the lower foot's sole above the floor [m].
+        feet: height of the lower sole above the floor [m].
     """
     seated = f"the pelvis stays on its seat, {seat:.2f} m high"
     if feet > _BESIDE_FLOOR:

@@ -1,4 +1,4 @@
-"""A loop that tries places and believes what it measures there."""
+"""A loop that tries places, and judges them by the measured posture."""
 
 from ergoqp.seeking.seeker import Seeker as Seeker
 from ergoqp.seeking.tries import Place as Place

@@ -1,8 +1,8 @@
 """A control loop that tries places, measures the person at rest in each, and keeps the best.
 
-Descent finds what lies downhill, for the model of the person; the optimum of the model is that of
-somebody else than who stands there. Which of them is better for this person is measured: the smooth
-score of their mean posture over a second at rest.
+Descent finds only what lies downhill for the model of the person, and the optimum of the model is
+that of the model person. Which place is better for the real person is measured: by the smooth score
+of their mean posture over one second at rest.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ergoqp.step.stepper import Step, Stepper
 from ergoqp.step.user_values import number, truth
 
 NOISE_DEG: Final = 2.0
-"""Scale at which a measured posture is scored [deg]: what is left of noise and habit at rest."""
+"""Scale of the smooth score of a measured posture [deg]: remaining noise and variation at rest."""
 
 _NOT_ENABLED: Final = "not enabled"
 _KEPT: Final = "at rest: at the best of the places tried"
@@ -37,36 +37,36 @@ _LOOKS: Final = "at rest: looking for places that suit this person"
 _THERE: Final = "at rest: back where it was best, to be measured again"
 
 _GONE: Final = 1.0
-"""Who was not seen for so long is gone [s]."""
+"""A person who was not seen for this long is gone [s]."""
 
 _SEEN: Final = 0.25
-"""Of whom a smaller share of the joints is seen nobody is seen: the model would be scored."""
+"""Smallest share of joints that must be seen. Otherwise the model would be scored."""
 
 _REMEMBERED: Final = 10
-"""So many of the last rests say who the person is: more cost time and add little."""
+"""Number of recent rests that identify the person. More cost time and add little."""
 
 
 class Seeker:
-    """One control loop that tries places; takes and gives what a `Stepper` does.
+    """One control loop that tries places; its inputs and outputs are those of a `Stepper`.
 
-    Every twist is that of the stepper, with its limits and its certification. The seeker changes
+    Every twist comes from the stepper, with its limits and its certification. The seeker changes
     only the place that the object is drawn to.
 
     Args:
         problem: the task; it must move an object that a person holds.
-        places: to be tried after descent, the most promising first: `Place`, or an `Optimum`.
-        how: how many, and for how long; None: `Seeking`'s defaults.
+        places: places to try after descent, the most promising first: `Place`, or an `Optimum`.
+        how: how many places, and for how long. None: the defaults of `Seeking`.
         thinks: whether the person is identified from the rests, and places are tried that promise
             to be better for them (`ergoqp.identify`).
-        patient: whether the loop waits for that thought, as a simulation may; False: the thought
-            runs aside while the object rests.
+        patient: whether the loop waits for this identification, as a simulation may. False: it runs
+            in the background while the object rests.
         terms: keywords of the `Stepper`.
 
     Raises:
         InputError: as for `Stepper`, and if a place cannot be used.
 
     Attributes:
-        stepper: that moves the object.
+        stepper: stepper that moves the object.
 
     Example:
         >>> import ergoqp
@@ -87,7 +87,7 @@ class Seeker:
         patient: bool = False,
         **terms: Any,
     ) -> None:
-        """Read the places; build the step."""
+        """Read the places and build the step."""
         check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
         if tuple(problem.coordinates) != JOINTS:
             raise InputError(
@@ -99,7 +99,7 @@ class Seeker:
         check_kind("how", how, (Seeking, type(None)), "Seeking or None")
         known = [_read_place(problem, place) for place in as_tuple("places", places)]
         thinks = thinks and can_think(problem)
-        # A stepper that is made with a place can be drawn to others.
+        # A stepper can change its guide only if it is made with one.
         first = [place.pose for place in known] or ([a_place(problem)] if thinks else [])
         guide = Guide(first[0], firm=True) if first else None
         self.stepper = Stepper(problem, guide=guide, **terms)
@@ -120,12 +120,12 @@ class Seeker:
 
     @property
     def account(self) -> list[Try]:
-        """What was tried so far, and what became of it."""
+        """The tries so far, with their results."""
         return list(self._tries.account)
 
     @property
     def best(self) -> Try | None:
-        """The rest that scored lowest, as measured last; None before there is one."""
+        """The rest with the lowest score, as measured last; None before the first rest."""
         return self._tries.best
 
     @property
@@ -134,12 +134,15 @@ class Seeker:
         return not self._tries.done
 
     def score(self, posture: np.ndarray) -> float:
-        """Return the smooth score of a mean posture (32,) [points]; NaN: as the model rests."""
+        """Return the smooth score of a mean posture (32,) [points].
+
+        Joints that are NaN are scored as in the comfort posture of the model.
+        """
         known = np.where(np.isfinite(posture), posture, stand_in(self.problem))
         return float(self._score(np.clip(known, -np.pi, np.pi))[0])
 
     def reset(self, twist: Any = None) -> None:
-        """Forget the loop and what was tried; see `Stepper.reset`."""
+        """Reset the loop and delete what was tried; see `Stepper.reset`."""
         self.stepper.reset(twist)
         self._now, self._held = 0.0, False
         self._tries.begin(0.0)
@@ -149,12 +152,12 @@ class Seeker:
         self._lead(None)
 
     def hold(self) -> None:
-        """Stop: the object comes to rest and stays, and no place is tried until `try_again`."""
+        """Bring the object to rest and keep it there; no place is tried until `try_again`."""
         self.stepper.hold()
         self._held = True
 
     def try_again(self) -> None:
-        """Try all places anew, from here."""
+        """Allow motion again, and try all places again from here."""
         self.stepper.try_again()
         self._held = False
         self._tries.begin(self._now)
@@ -176,14 +179,14 @@ class Seeker:
         enable: bool = True,
         observed: Any = None,
     ) -> Step:
-        """Return the next object twist; see `Stepper.step`."""
+        """Return the next twist of the object; see `Stepper.step`."""
         step = self.stepper.step(
             posture,
             pose,
             twist,
             dt=dt,
             age=age,
-            # What is neither True nor False is the stepper's to refuse.
+            # The stepper handles values that are neither True nor False.
             enable=False if self._stays else enable,
             observed=observed,
         )
@@ -197,8 +200,8 @@ class Seeker:
         seen = seen and known >= _SEEN * len(JOINTS)
         self._unseen = 0.0 if seen else self._unseen + period
         if self._held or not truth(enable, "enable", {}) or self._unseen > _GONE:
-            # Nobody's time runs out while the object may not move, or nobody is there; and whoever
-            # stands there then is measured anew.
+            # The time of a try stops while the object may not move or no person is there. The
+            # person who stands there afterwards is measured again.
             self._watch.begin()
             self._still = False
             return step
@@ -207,7 +210,7 @@ class Seeker:
         return step
 
     def _why(self) -> str:
-        """Return why the object stays."""
+        """Return the reason why the object stays."""
         if self._tries.thinking:
             return _LOOKS
         if not self._tries.done:
@@ -218,8 +221,8 @@ class Seeker:
         return f"{_KEPT}; {note}" if note else _KEPT
 
     def _look(self, step: Step, period: float, seen: bool) -> None:
-        """Go on with the tries after a step."""
-        # A frame that is lost ends no rest.
+        """Update the tries after a step."""
+        # A lost frame does not end a rest.
         self._still = not step.twist.any() and (
             step.status == "settled" or (self._still and not seen)
         )
@@ -232,7 +235,7 @@ class Seeker:
             self._stays = True
         if self._tries.done:
             if rest is not None and self._tries.worsened(rest.pose, self.score(rest.posture)):
-                # Who they were says little of who they are now.
+                # The earlier rests say little about the person now.
                 self._rests.clear()
                 self.try_again()
         elif self._tries.thinking:
@@ -247,12 +250,12 @@ class Seeker:
             self._lead(self._tries.unrested(self._now, step.pose.copy()))
 
     def _think_on(self) -> None:
-        """Go where the thought says, once there is one."""
+        """Go to the suggested place once the identification is done."""
         if self._thought is not None and self._thought.done:
             self._lead(self._tries.suggested(self._now, self._thought.promises()))
 
     def _lead(self, place: Place | None) -> None:
-        # At the end the object stays where it is: another descent would leave what was measured.
+        # At the end the object stays where it is: a descent would leave the measured place.
         self._stays = self._tries.done or self._tries.thinking
         if self._guided:
             self.stepper.guide(None if place is None else Guide(place.pose, firm=True))
@@ -263,6 +266,6 @@ class Seeker:
 
 
 def _read_place(problem: Problem, given: Any) -> Place:
-    """Return a place that can be gone to, from what a user gives."""
+    """Return a place that the object can go to, from what a user gives."""
     pose = read_guide(problem, given).pose
     return given if isinstance(given, Place) else Place("given", pose)

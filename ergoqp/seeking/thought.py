@@ -1,4 +1,4 @@
-"""What is thought about aside, while the loop goes on: who stands there, and what suits them."""
+"""Identification of the person in the background, and places that promise to be better for them."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from ergoqp.problem.workspace import Workspace
 from ergoqp.responses.ik import IkResponse
 
 LONGEST: Final = 2.0
-"""A thought aside takes no longer than about this [s]."""
+"""Largest duration of an identification in the background, approximately [s]."""
 
 FITS_DEG: Final = 15.0
-"""Rests that the likeliest person misses by more are nobody's [deg].
+"""Largest residual of rests that an identified person may have [deg].
 
-People's were mostly within 4 and 10 at most; of the other hand, or with angles in another order,
-they are 19 and more.
+Residuals of people were mostly within 4 and at most 10. With the other hand, or with angles in
+another order, they are 19 and more.
 """
 
 _LOG = logging.getLogger(__name__)
 
 
 def can_think(problem: Problem) -> bool:
-    """Return whether a problem says enough to identify people and to look for places."""
+    """Return whether a problem has what identification and the place search need."""
     limits = problem.limit_of(WorkspaceBox), problem.limit_of(AxisCone)
     return isinstance(problem.response, IkResponse) and all(each is not None for each in limits)
 
 
 def a_place(problem: Problem) -> np.ndarray:
-    """Return a place (4, 4) [m] that a problem allows, whatever it is worth."""
+    """Return any place (4, 4) [m] that a problem allows."""
     return Workspace(problem).pose(np.zeros(5))
 
 
 class Thought:
-    """One thought at a time: the person identified, and what places promise them.
+    """Identification of the person and search for places, one at a time.
 
     Args:
         problem: the task.
         noise_deg: scale at which postures are scored [deg].
 
     Attributes:
-        note: why the last thought came to nothing, empty where it came to something.
+        note: why the last run gave no result; empty if it gave one.
     """
 
     def __init__(self, problem: Problem, noise_deg: float) -> None:
@@ -61,7 +61,7 @@ class Thought:
         self.note = ""
 
     def begin(self, rests: Sequence[Resting], best: float, patient: bool) -> None:
-        """Begin to think, given rests and the best score; return at once unless `patient`."""
+        """Begin with the given rests and the best score; return at once unless `patient`."""
         given = list(rests)
         if patient:
             self._future = Future()
@@ -73,15 +73,15 @@ class Thought:
 
     @property
     def done(self) -> bool:
-        """Whether the thought is at its end."""
+        """Whether the run is finished."""
         return self._future.done()
 
     def promises(self) -> list[Promise]:
-        """Return what places promise, the most promising first; none where it came to nothing."""
+        """Return what places promise, the most promising first; empty if there is no result."""
         return self._future.result()
 
     def _think(self, rests: list[Resting], best: float, longest: float) -> list[Promise]:
-        # Whatever goes wrong in here, the loop goes on with what it has measured.
+        # Whatever goes wrong here, the loop goes on with its measurements.
         try:
             self.note = ""
             person = self._identifier.identify(rests, longest=longest / 2)

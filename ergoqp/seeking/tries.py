@@ -1,4 +1,4 @@
-"""Which place is tried next, which is kept, and why: believes what is measured at rest."""
+"""Which place is tried next, which one is kept, and why, judged by measurements at rest."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ergoqp.identification.promising import Promise
 from ergoqp.identification.resting import Resting
 
 THEIRS: Final = "this person's best"
-"""Name of places that the identified person promises to be better at."""
+"""Name of places that promise to be better for the identified person."""
 
 DESCENT: Final = "descent"
-"""Name of where descent alone comes to rest."""
+"""Name of the place where descent alone comes to rest."""
 
 _SAME: Final = (0.03, float(np.radians(5.0)))
-"""Places this near to each other are one [m], [rad]."""
+"""Places this close to each other count as one [m], [rad]."""
 
 _TAKES: Final = 12.0
-"""A try with the return after it takes at least so long: none is begun later than that [s]."""
+"""Least duration of a try and the return after it: none is begun if less time is left [s]."""
 
 _AGAIN: Final = 3
-"""So many worse rests in a row are no accident: the person is another, or works otherwise."""
+"""This many worse rests in a row are no accident: the person, or the way they work, has changed."""
 
 
 @dataclass(frozen=True)
@@ -34,23 +34,23 @@ class Seeking:
     """How places are tried.
 
     Attributes:
-        tries: how many places are tried at most, that of descent among them.
-        worth: by how much a place must promise to score lower than the best that was measured, to
-            be tried for what is known of this person [points].
+        tries: largest number of places that are tried, including that of descent.
+        worth: smallest promised improvement over the best measured score for which a place is tried
+            for the identified person [points].
         longest: time after which no place is tried any more, and the object has returned to the
             best one [s].
-        patience: a try is over when the person has not come to rest so long after the object came
-            there [s].
-        better: a place must score so much lower for the object to return to it [points].
-        enough: the search ends at a score so little above that of a person who stands at ease
+        patience: time after the arrival of the object after which a try ends if the person has not
+            come to rest [s].
+        better: smallest improvement of the score for which the object returns to a place [points].
+        enough: the search ends at a score this little above that of a person who stands at ease
             [points].
-        returns: how often the object returns to the best place; the person may score otherwise
-            there the second time.
-        worse: at the end the object stays. All places are tried anew once the person there scores
-            this much worse than measured [points], or somebody has moved the object elsewhere.
+        returns: how often the object returns to the best place. The score there may differ the
+            second time.
+        worse: at the end the object stays. All places are tried again if the person there scores
+            this much worse than measured [points], or if somebody has moved the object elsewhere.
 
     Raises:
-        InputError: at construction, for a value of another kind or out of its range.
+        InputError: if a value has the wrong type or is out of range.
 
     Example:
         >>> import ergoqp
@@ -82,14 +82,14 @@ class Seeking:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A place to be tried.
+    """A place to try.
 
     Attributes:
         name: a few words.
-        pose: of the object (4, 4) [m].
+        pose: pose of the object (4, 4) [m].
 
     Raises:
-        InputError: at construction, if the pose is not a rigid one.
+        InputError: if the pose is not rigid.
 
     Example:
         >>> import numpy as np
@@ -104,23 +104,23 @@ class Place:
     pose: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check both."""
+        """Check name and pose."""
         check_text("place.name", self.name)
         object.__setattr__(self, "pose", read_pose("place.pose", self.pose))
 
 
 @dataclass(frozen=True, eq=False)
 class Try:
-    """What became of a place.
+    """The result of one try.
 
     Attributes:
-        name: of the place.
+        name: name of the place.
         why: why the object went there.
-        begun: when it set out [s].
-        ended: when it was judged [s].
-        pose: where the object came to rest (4, 4) [m].
-        score: of the person at rest there, as measured [points]; NaN where they did not rest.
-        note: what became of it.
+        begun: time at which the object set out [s].
+        ended: time at which the place was judged [s].
+        pose: pose at which the object came to rest (4, 4) [m].
+        score: measured score of the person at rest there [points]; NaN if they did not rest.
+        note: result in words.
 
     Example:
         >>> import numpy as np
@@ -140,22 +140,22 @@ class Try:
 
 
 class Tries:
-    """The account of a loop that tries places, and its next move.
+    """The record of a loop that tries places, and its next move.
 
     Args:
-        places: to be tried, the most promising first.
-        how: how many, for how long.
-        floor: score of standing at ease, which no work is below [points].
-        thinks: whether somebody can say what the person's rests promise of other places.
+        places: places to try, the most promising first.
+        how: how many, and for how long.
+        floor: score of standing at ease, which no work can beat [points].
+        thinks: whether an identification can promise scores of other places from the rests.
 
     Attributes:
-        account: what was tried.
-        rests: those of them where the person came to rest.
-        best: the rest that scored lowest, as measured last.
-        going: where the object goes; None: downhill.
-        returning: whether it goes back to the best.
-        thinking: whether `suggested` is waited for.
-        done: whether nothing is tried any more.
+        account: all tries.
+        rests: the tries in which the person came to rest.
+        best: the rest with the lowest score, as measured last.
+        going: place that the object goes to; None: descent.
+        returning: whether the object goes back to the best place.
+        thinking: whether the loop waits for `suggested`.
+        done: whether no place is tried any more.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class Tries:
         self.begin(0.0)
 
     def begin(self, now: float) -> None:
-        """Begin anew at a time of the loop [s]."""
+        """Begin again at a time of the loop [s]."""
         self.account: list[Try] = []
         self.best: Try | None = None
         self.going: Place | None = None
@@ -177,31 +177,31 @@ class Tries:
         self._last, self._windows, self._promised = np.inf, 0, 0.0
 
     def overdue(self, now: float) -> bool:
-        """Return whether the present try has had its time."""
+        """Return whether the time of the present try is over."""
         waits = self.done or self.thinking
         return not waits and now - self._arrived > self.how.patience
 
     def on_the_way(self, now: float) -> None:
-        """Note that the object is led there still: some robots are slow."""
+        """Note that the object is still on its way, because some robots are slow."""
         self._arrived = now
 
     def unrested(self, now: float, pose: np.ndarray) -> Place | None:
-        """Note that nobody came to rest; return the next place to go to, None to stay."""
+        """Note that the person did not rest; return the next place to go to, None to stay."""
         return self._next(self._noted(now, pose, np.nan, "no rest"))
 
     @property
     def kept(self) -> bool:
-        """Whether the object is, at the end, where it measured best."""
+        """Whether the object is, at the end, at the place with the best measured score."""
         best = self.best
         return self.done and best is not None and self._last <= best.score + self.how.better
 
     def worsened(self, pose: np.ndarray, score: float) -> bool:
-        """Return whether, at the end, all is to be tried anew.
+        """Return whether, at the end, all places are to be tried again.
 
-        That is after rests that score so much worse, or elsewhere: somebody moved the object.
+        It is so after several rests that score too much worse, or that are at another place.
         """
         moved = bool(self.account) and _apart(pose, self.account[-1].pose) > 1.0
-        # Where nobody came to rest, whoever rests now and is not well is somebody to begin with.
+        # If the person had not come to rest, a rest with a bad score counts as worse too.
         worse = not score <= self._last + self.how.worse
         another = moved or (worse and not self._well(score))
         self._windows = self._windows + 1 if another else 0
@@ -211,8 +211,8 @@ class Tries:
         """Note a rest; return the next place to go to, None to stay.
 
         Args:
-            rest: where and when.
-            score: of the person there [points].
+            rest: place and time of the rest.
+            score: score of the person there [points].
         """
         note = "measured"
         if self.going is not None and self.account:
@@ -223,7 +223,7 @@ class Tries:
         return self._next(self._noted(rest.time, rest.pose, score, note))
 
     def suggested(self, now: float, promises: Sequence[Promise]) -> Place | None:
-        """Return the next place to go to, of those that promise most; None to stay."""
+        """Return the next place to go to, one that promises most; None to stay."""
         self.thinking, self._since, self._arrived = False, now, now
         for promise in promises:
             if promise.gain < self.how.worth:
@@ -245,7 +245,7 @@ class Tries:
             why = f"promises {self._promised:.1f} points"
         noted = Try(name, why, self._since - self._began, now - self._began, pose, score, note)
         if self.returning and np.isfinite(score) and self.best in self.rests:
-            # What the place scores now is what it scores.
+            # The last score of a place counts.
             self.rests.remove(self.best)
         self.account.append(noted)
         if np.isfinite(score):
@@ -256,7 +256,7 @@ class Tries:
     def _next(self, last: Try) -> Place | None:
         before, self.best = self.best, min(self.rests, key=lambda each: each.score, default=None)
         if self.returning and before is not None:
-            # Where it is not what it was, other places may be better than it is now.
+            # If the best place scores worse than before, other places may now be better.
             self.returning = last.score <= before.score + self.how.better
         if not self.returning and self._seeks(last):
             while self._left:
@@ -294,7 +294,7 @@ class Tries:
 
 
 def _apart(pose: np.ndarray, other: np.ndarray) -> float:
-    """Return how far places are from each other: below 1 they are one."""
+    """Return the distance of two places; below 1 they count as one."""
     turn = float(np.arccos(np.clip(pose[:3, 0] @ other[:3, 0], -1.0, 1.0)))
     way = float(np.linalg.norm(pose[:3, 3] - other[:3, 3]))
     return max(way / _SAME[0], turn / _SAME[1])

@@ -1,7 +1,7 @@
-"""QP solvers behind one protocol, `ergoqp.solvers.solver.QpSolver`.
+"""QP solvers with one interface, `ergoqp.solvers.solver.QpSolver`.
 
-The same names serve the control step and the comparison. Adding one is a file and a line in
-`SOLVERS`; an own one is an entry point, see `ergoqp.registry`.
+The control step and the comparison use the same names. A new solver needs a file and a line in
+`SOLVERS`. A user's solver is an entry point, see `ergoqp.registry`.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from ergoqp.solvers.solver import QpSolver as QpSolver
 
 @dataclass(frozen=True)
 class Listed:
-    """Where a solver is to be found.
+    """Where to find a solver.
 
     Attributes:
-        where: module beside this one and class in it.
-        package: that must be installed.
+        where: module in this folder and class in it.
+        package: package that must be installed.
     """
 
     where: str
@@ -45,7 +45,7 @@ SOLVERS: Final = {
     "proxqp": Listed("proxqp:Proxqp", "proxsuite"),
     "osqp": Listed("osqp:Osqp", "osqp"),
 }
-"""Solvers by name; whatever else qpsolvers offers where it is installed goes by its name there.
+"""Solvers by name. If qpsolvers is installed, its other solvers are available by their names there.
 
 Example:
     >>> from ergoqp.solvers import SOLVERS
@@ -55,7 +55,7 @@ Example:
 
 
 def installed_solvers() -> tuple[str, ...]:
-    """Return the names out of `SOLVERS` whose packages are installed.
+    """Return the names in `SOLVERS` whose packages are installed.
 
     Example:
         >>> from ergoqp.solvers import installed_solvers
@@ -69,7 +69,7 @@ def solver_named(name: str) -> QpSolver:
     """Return a solver by its name.
 
     Raises:
-        InputError: if there is none of that name, or two.
+        InputError: if there is no solver of that name, or two.
         MissingExtraError: if it is not installed.
 
     Example:
@@ -98,7 +98,7 @@ def solver_named(name: str) -> QpSolver:
 
 @cache
 def _made(make: Callable[..., Any], name: str, *given: str) -> Any:
-    """Make a solver once: what it is called by stays as long as it does."""
+    """Make a solver once, and keep it with its name."""
     return make(*given)
 
 
@@ -106,7 +106,7 @@ def _own(name: str) -> QpSolver:
     make = own_term("solver", name)
     try:
         solver = _made(make, name)
-    except Exception as error:  # whatever the user's package does
+    except Exception as error:  # any error in the user's package
         raise InputError(
             f"solver {name}: got {in_words(error)} when it was made, allowed a QpSolver that is"
             " made of nothing"
@@ -133,14 +133,14 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
     """Return a solver that stays in memory, for QPs of one size.
 
     Args:
-        name: of the solver.
+        name: name of the solver.
         n: number of unknowns.
         m: number of rows.
-        accuracy: largest primal residual, dual residual and gap that are wanted, in the units of
-            the QP. The settings of each solver aim a little lower.
+        accuracy: requested bound of primal residual, dual residual and gap, in the units of the QP.
+            The settings of each solver are slightly tighter.
 
     Raises:
-        InputError: for an unknown name, a size or an accuracy that cannot be.
+        InputError: if the name is unknown, or the size or the accuracy is out of range.
         MissingExtraError: if the solver is not installed.
 
     Example:
@@ -160,7 +160,7 @@ def open_session(name: str, n: int, m: int, accuracy: float = 1e-6) -> Session:
         raise InputError(f"accuracy: got {accuracy!r}, allowed 1e-9 to 1")
     try:
         return Session(name, n, m, lambda: solver.workspace(n, m, accuracy))
-    except Exception as error:  # an own solver's
+    except Exception as error:  # any error of a user's solver
         raise InputError(
             f"solver {name}: got {in_words(error)}, allowed a workspace for any size"
         ) from None

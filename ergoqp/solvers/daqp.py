@@ -1,6 +1,6 @@
 """DAQP: dual active-set method (Arnström, Bemporad, Axehill, IEEE TAC 67(8), 2022).
 
-It is exact at the sizes met here.
+It is exact for QPs of the sizes used here.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver
 
-# What the control step is built with: CasADi's plugin, compiled code like the rest of the step.
+# The control step uses CasADi's plugin, which is compiled code like the rest of the step.
 _IN_STEP: Final = {"daqp": {"primal_tol": 1e-9, "dual_tol": 1e-10, "iter_limit": 500}}
 
-# It stops at a vertex of the active constraints, so that more accuracy costs nothing. Reducing
+# It stops at a vertex of the active constraints, so more accuracy costs nothing. Reducing
 # equalities first is meant for single solves.
 _SETTINGS: Final = {"iter_limit": 1000, "eq_reduction": -1}
 _FLAGS: Final = {-1: "infeasible", -4: "stopped", -7: "stopped", -6: "infeasible"}
@@ -27,18 +27,18 @@ _EQUALITY: Final = 5
 
 
 class Daqp(QpSolver):
-    """The default: a few microseconds per QP, answers exact to rounding."""
+    """The default solver: a few microseconds per QP, answers exact up to rounding."""
 
     name = "daqp"
     method = "active set"
     warm = True
 
     def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
-        """Return memory that starts warm from the last active set."""
+        """Return memory with a warm start from the last active set."""
         return _DaqpWorkspace(n, m, accuracy)
 
     def function(self, n: int, m: int) -> ca.Function:
-        """Return the solver for `n` unknowns and `m` rows, without any Python in it."""
+        """Return the solver for `n` unknowns and `m` rows, without Python code."""
         shapes = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}
         qp = ca.conic("qp", "daqp", shapes, {"error_on_fail": False, **_IN_STEP})
         names = ["h", "g", "a", "lba", "uba", "lbx", "ubx"]
@@ -49,7 +49,7 @@ class Daqp(QpSolver):
 
 
 class _DaqpWorkspace:
-    """One `daqp.Model`."""
+    """Memory of one `daqp.Model`."""
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
         """Make the workspace; DAQP allocates with the first data."""
@@ -63,7 +63,7 @@ class _DaqpWorkspace:
         self._solved = False
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
-        """Solve; warm: from the active set of the last QP."""
+        """Solve; `warm`: start from the active set of the last QP."""
         n = self._n
         upper, lower = np.concatenate([qp.ub, qp.ubA]), np.concatenate([qp.lb, qp.lbA])
         sense = np.where(upper == lower, _EQUALITY, 0).astype(c_int)
@@ -88,6 +88,6 @@ class _DaqpWorkspace:
         return QpAnswer(np.array(x), both[n:], both[:n], "solved", info["iterations"])
 
     def _forget(self, flag: int, iterations: int | None) -> QpAnswer:
-        # What a failed solve leaves behind is no place to start from.
+        # Do not start from the state of a failed solve.
         self._model, self._solved = None, False
         return no_answer(self._n, self._m, _FLAGS.get(flag, "failed"), iterations)

@@ -1,6 +1,6 @@
-"""Equal bounds as equalities, for solvers that need an inside.
+"""Equal bounds as equalities, for solvers that need a feasible set with an interior.
 
-It also serves those that lose multipliers between bounds that meet.
+Other solvers need it because they lose multipliers between equal bounds.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Which bounds of a QP meet, and which are there.
+    """Which bounds of a QP are equal, and which are finite.
 
-    This decides the shapes that a solver is set up for.
+    The shapes of a solver's data depend on it.
 
     Attributes:
         fixed_rows: rows whose bounds are equal (m,).
@@ -39,7 +39,7 @@ class Pattern:
 
     @property
     def key(self) -> bytes:
-        """The same for the same pattern."""
+        """Bytes that are the same for the same pattern."""
         return np.concatenate(
             [self.fixed_rows, self.fixed, self.above, self.below, self.high, self.low]
         ).tobytes()

@@ -1,6 +1,6 @@
-"""Every solver that qpsolvers offers (Caron and others), set up anew for each QP.
+"""Every solver that qpsolvers offers (Caron and others), set up again for each QP.
 
-What it makes of its inputs counts in the times, as it does for its users.
+The conversion of its inputs is part of the measured times, as for its users.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from ergoqp.solvers.solver import QpSolver
 
 
 class FromQpsolvers(QpSolver):
-    """A solver by the name that qpsolvers has for it; a subclass says which, with what settings."""
+    """A solver by its name in qpsolvers; a subclass gives the name and the settings."""
 
     method = "by qpsolvers"
 
     def settings(self, accuracy: float) -> dict[str, Any]:
-        """Return what qpsolvers hands on to the solver: nothing, so that its own hold."""
+        """Return the settings for the solver. An empty dict keeps its defaults."""
         return {}
 
     def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
-        """Return what keeps the settings; there is no memory."""
+        """Return an object with the settings; there is no memory."""
         return _QpsolversWorkspace(self.name, self.settings(accuracy))
 
 
 class Offered(FromQpsolvers):
-    """Any solver that qpsolvers offers, with its own settings, whatever the accuracy.
+    """Any solver that qpsolvers offers, with its default settings for any accuracy.
 
     Args:
         name: one of `qpsolvers.available_solvers`.
@@ -60,9 +60,9 @@ class Piqp(FromQpsolvers):
     def settings(self, accuracy: float) -> dict[str, Any]:
         """Return the tolerances.
 
-        It stops at the tolerance in the sum of many small multipliers; each of them must be within
-        the accuracy. With a relative part beside the absolute one it went on to its last iteration
-        where slack is dear.
+        PIQP applies its tolerance to the sum of many small multipliers, but each of them must be
+        within the accuracy. With an additional relative tolerance it used all its iterations for
+        QPs with a large slack penalty.
         """
         least = max(accuracy / 100, 1e-10)
         gap = {"check_duality_gap": True, "eps_duality_gap_abs": least, "eps_duality_gap_rel": 0.0}
@@ -76,10 +76,10 @@ class Clarabel(FromQpsolvers):
     method = "interior point"
 
     def settings(self, accuracy: float) -> dict[str, Any]:
-        """Return the tolerances, relative to the size of the data where that is above one.
+        """Return the tolerances, which are relative to the size of the data if that is above one.
 
-        With slack that is 1e4. By default the linear systems are solved less exactly than that
-        needs, and it stops short.
+        With slack the size is 1e4. By default, the linear systems are not solved exactly enough for
+        this, and the solver stops early.
         """
         names = ("tol_gap_abs", "tol_gap_rel", "tol_feas")
         refined = ("iterative_refinement_abstol", "iterative_refinement_reltol")
@@ -89,22 +89,22 @@ class Clarabel(FromQpsolvers):
 
 
 class _QpsolversWorkspace:
-    """Nothing but the name and the settings."""
+    """The name and the settings of a solver."""
 
     def __init__(self, name: str, settings: dict[str, Any]) -> None:
         self._name, self._settings = name, settings
         self._matrix = np.asarray if name in qpsolvers.dense_solvers else csc_matrix
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
-        """Solve; `warm` makes no difference."""
+        """Solve; `warm` has no effect."""
         pattern = pattern_of(qp)
-        # Bounds are rows: not every solver takes bounds of one side, or infinite ones.
+        # Bounds are written as rows, because not every solver accepts one-sided or infinite bounds.
         equal, unequal = pattern.equalities(qp), pattern.inequalities(qp)
         problem = qpsolvers.Problem(
             self._matrix(qp.H), qp.g, *self._rows(unequal), *self._rows(equal)
         )
         with warnings.catch_warnings():
-            # What it warns of, it says again: not found.
+            # A solver that warns also reports that no answer was found.
             warnings.simplefilter("ignore")
             try:
                 found = qpsolvers.solve_problem(problem, self._name, **self._settings)
@@ -124,7 +124,7 @@ class _QpsolversWorkspace:
 
 
 def _flag(name: str, extras: dict[str, Any]) -> str:
-    # quadprog has nothing more to say: matrices that it cannot use raise.
+    # quadprog gives no other reason; unusable matrices raise an error.
     if name == "quadprog":
         return "infeasible"
     status = str(extras.get("status", getattr(extras.get("info"), "status", ""))).lower()

@@ -1,7 +1,7 @@
-"""Whether an answer of a QP solver is one, in plain NumPy: no solver's word is taken for it.
+"""Check of a QP solver's answer in plain NumPy, independent of the status of the solver.
 
-The three residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity
-norm; a fourth looks at the signs of the multipliers, which those three do not see.
+Three residuals are those of qpbenchmark (Caron and others, 2024), absolute and in the infinity
+norm. A fourth checks the signs of the multipliers, which those three do not show.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from ergoqp.solvers.sequence import Array, Qp
 from ergoqp.solvers.session import QpAnswer
 
 TOLERANCES: Final = (1e-3, 1e-6, 1e-9)
-"""The accuracies of qpbenchmark: low, middle and high."""
+"""The tolerances of qpbenchmark: low, middle and high accuracy."""
 
 SHIFT: Final = 10e-6
-"""Shift of the geometric mean of times [s]: about the fastest solver's time.
+"""Shift of the geometric mean of times [s], about the time of the fastest solver.
 
-So no outlier at either end decides.
+So no outlier dominates the mean.
 """
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """How far an answer is from being one.
+    """Residuals of an answer.
 
     Attributes:
-        primal: by how much rows and bounds are broken.
+        primal: largest violation of rows and bounds.
         dual: largest entry of H x + g + A' rows + box.
         gap: difference of the primal and the dual objective.
-        sign: largest multiplier that pulls from the farther end of its row, or from an end that is
-            not there; where that end is nearer than the multiplier is large, its distance: between
-            ends that all but meet either may pull.
+        sign: largest multiplier at the farther end of its row, or at an infinite end. If the
+            distance to that end is smaller than the multiplier, it is that distance, because
+            between almost equal ends either end may be active.
     """
 
     primal: float
@@ -44,13 +44,13 @@ class Residuals:
 
     @property
     def worst(self) -> float:
-        """The largest of the four; infinity where the answer holds no numbers."""
+        """The largest of the four; infinity if the answer has no numbers."""
         return max(self.primal, self.dual, self.gap, self.sign)
 
     def relative(self, qp: Qp) -> float:
-        """Return the largest of the four with the dual ones relative to 1 + max |g|.
+        """Return the largest of the four, with the dual ones relative to 1 + max |g|.
 
-        The control step judges in the same way.
+        The control step uses the same scale.
         """
         scale = 1.0 + float(np.abs(qp.g).max())
         return max(self.primal, self.dual / scale, self.gap / scale, self.sign / scale)

@@ -17,14 +17,14 @@ _SETTINGS: Final = {
     "eps_rel": 0.0,
     "max_iter": 20000,
     "check_termination": 10,
-    # Stopping by the residuals of the given data, not of its scaled copy.
+    # Stop by the residuals of the given data, not of its scaled copy.
     "scaled_termination": False,
-    # The units are of one size already; scaled once more, QPs whose slack is dear take ten times
-    # the iterations.
+    # The units are already of one size. With scaling, QPs with a large slack penalty take ten times
+    # as many iterations.
     "scaling": 0,
-    # Polishing prints a line of its own when no row is active, whatever `verbose` says.
+    # Polishing prints a line when no row is active, even without `verbose`.
     "polishing": False,
-    # A dear slack makes multipliers large, which a looser test takes for a certificate of
+    # A large slack penalty makes multipliers large. A looser test takes them for a certificate of
     # infeasibility.
     "eps_prim_inf": 1e-9,
 }
@@ -39,21 +39,21 @@ _FLAGS: Final = {
 
 
 class Osqp(QpSolver):
-    """First-order method: slower here, independent of the active-set path, to compare and check."""
+    """First-order method: slower here, but independent of active sets, for comparison."""
 
     name = "osqp"
     method = "operator splitting"
     warm = True
 
     def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
-        """Return memory that starts warm from x and multipliers."""
+        """Return memory with a warm start from x and multipliers."""
         return _OsqpWorkspace(n, m, accuracy)
 
 
 class _OsqpWorkspace:
     """One `osqp.OSQP` that is updated with new values.
 
-    It is set up anew when an entry comes that was always zero before.
+    It is set up again when an entry becomes nonzero that was always zero before.
     """
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
@@ -63,11 +63,11 @@ class _OsqpWorkspace:
         self._forget()
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
-        """Solve; warm: from x, multipliers and step size of the last QP."""
+        """Solve; `warm`: start from x, multipliers and step size of the last QP."""
         P, A = np.triu(qp.H), np.concatenate([qp.A, np.eye(self._n)])
         lower, upper = np.concatenate([qp.lbA, qp.lb]), np.concatenate([qp.ubA, qp.ub])
         if not warm:
-            # What was not zero in earlier QPs must not show.
+            # Nonzero entries of earlier QPs must not have an effect.
             self._narrow(P, A)
         grown = [self._P.grow(P), self._A.grow(A)]
         if self._solver is None or any(grown):
@@ -85,11 +85,11 @@ class _OsqpWorkspace:
             )
         result = self._solver.solve(raise_error=False)
         if "interrupt" in result.info.status:
-            # It takes the user's signal for itself.
+            # OSQP catches the user's interrupt itself.
             raise KeyboardInterrupt
         flag = _FLAGS.get(result.info.status, "failed")
         if flag != "solved":
-            # What a failed solve leaves behind is no place to start from.
+            # Do not start from the state of a failed solve.
             self._forget()
             return no_answer(self._n, self._m, flag, result.info.iter)
         x, both = np.array(result.x), np.array(result.y)

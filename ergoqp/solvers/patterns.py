@@ -1,4 +1,4 @@
-"""Matrices for solvers set up for a sparsity pattern once, which then take new values in it."""
+"""Matrices for solvers that are set up once for a sparsity pattern and then take new values."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from ergoqp.solvers.sequence import Array
 
 
 class GrowingPattern:
-    """The entries of a matrix that were ever not zero; those zero now are kept as explicit zeros.
+    """The entries of a matrix that were ever nonzero; entries that are zero now are explicit zeros.
 
-    A full pattern would do as well, but the rows of bounds are unit vectors and slack has a column
-    of its own: most solvers' time goes with the entries that there are.
+    A full pattern would work too. But the rows of bounds are unit vectors and each slack has its
+    own column, and the time of most solvers grows with the number of entries.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class GrowingPattern:
         self._mask = np.zeros((0, 0), dtype=bool)
 
     def grow(self, matrix: Array) -> bool:
-        """Take in a matrix; return whether it has new entries or another shape."""
+        """Add a matrix; return whether it has new entries or another shape."""
         there = matrix != 0
         if there.shape != self._mask.shape:
             self._mask = there
@@ -34,7 +34,7 @@ class GrowingPattern:
         return True
 
     def holds_only(self, matrix: Array) -> bool:
-        """Return whether the pattern is that of this matrix alone."""
+        """Return whether the pattern is exactly that of this matrix."""
         return np.array_equal(self._mask, matrix != 0)
 
     def values(self, matrix: Array) -> Array:

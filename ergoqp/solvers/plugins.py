@@ -1,4 +1,4 @@
-"""Solvers that come with CasADi, called through its buffers: qrqp, qpOASES, HPIPM and HiGHS."""
+"""Solvers that come with CasADi, called through buffers: qrqp, qpOASES, HPIPM and HiGHS."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _QUIET: Final = {"print_iter": False, "print_header": False, "print_info": False
 
 
 class PluginSolver(QpSolver):
-    """A CasADi conic plugin of the solver's name; a subclass says which, with what settings.
+    """A conic plugin of CasADi; a subclass gives the name and the settings.
 
     Attributes:
-        rebinds: whether it must be told anew for every QP where the data lie.
-        loud: whether it prints, whatever it is told.
+        rebinds: whether its buffers must be bound again for every QP.
+        loud: whether it prints in spite of its settings.
     """
 
     rebinds: bool = False
@@ -36,16 +36,16 @@ class PluginSolver(QpSolver):
         """Return the plugin's options for this size."""
 
     def iterations(self, stats: dict[str, Any]) -> int | None:
-        """Return the solver's count of iterations."""
+        """Return the number of iterations of the solver."""
         return stats["iter_count"]
 
     def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
-        """Return the conic function with memory of its own."""
+        """Return the conic function with its own memory."""
         return _PluginWorkspace(self, n, m, accuracy)
 
 
 class _PluginWorkspace:
-    """One CasADi conic function, called through its buffers."""
+    """One conic function of CasADi, called through its buffers."""
 
     def __init__(self, solver: PluginSolver, n: int, m: int, accuracy: float) -> None:
         """Make the function and its memory."""
@@ -56,9 +56,9 @@ class _PluginWorkspace:
         self._renew()
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
-        """Solve; warm: from the last answer, where the plugin can."""
-        # A plugin that can start warm goes on from the last QP whatever it is given; and what a
-        # failed solve leaves behind is no place to start from.
+        """Solve; `warm`: start from the last answer if the plugin can."""
+        # A plugin with a warm start always continues from the last QP. And it must not start from
+        # the state of a failed solve.
         if not self._new and (not self._solved or (self._solver.warm and not warm)):
             self._renew()
         elif not self._new and self._solver.rebinds:
@@ -79,7 +79,7 @@ class _PluginWorkspace:
         return QpAnswer(x, rows, box, flag, count)
 
     def _renew(self) -> None:
-        # Of one function CasADi hands out used memory again: only a new one's is new.
+        # CasADi reuses the memory of a function. Only a new function has new memory.
         with self._quiet():
             self._function = ca.conic("qp", self._solver.name, self._shapes, self._options)
             self._evaluator = Evaluator(self._function)
@@ -90,7 +90,7 @@ class _PluginWorkspace:
 
 
 def _flag(stats: dict[str, Any]) -> str:
-    # The unified status does not know infeasible QPs; the solvers' own words do, in different ones.
+    # The unified status has no infeasible QPs. The solvers' own statuses have, in different words.
     if "infeasib" in str(stats["return_status"]).lower():
         return "infeasible"
     return _FLAGS.get(stats["unified_return_status"], "failed")
@@ -99,24 +99,24 @@ def _flag(stats: dict[str, Any]) -> str:
 class Qrqp(PluginSolver):
     """CasADi's own active-set method by sparse QR; plain C.
 
-    Started from the last multipliers it was seen to cycle, and to say solved with multipliers of
-    the wrong sign: always cold.
+    With a start from the last multipliers it was seen to cycle, and to report success with
+    multipliers of the wrong sign. So it always starts cold.
     """
 
     name = "qrqp"
     method = "active set"
 
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
-        """Return the plugin's options; it ends where an active set fits, to its tolerance."""
-        # Where it cycles it would go on for a thousand iterations, and a control step for 0.3 s.
+        """Return the plugin's options. It stops, within its tolerance, where an active set fits."""
+        # A cycle would go on for a thousand iterations, which is 0.3 s of a control step.
         tolerances = {"constr_viol_tol": accuracy / 10, "dual_inf_tol": accuracy / 10}
         return {**_QUIET, **tolerances, "max_iter": 100}
 
 
 class Qpoases(PluginSolver):
-    """qpOASES: a parametric active-set method that goes on from the last QP by homotopy.
+    """qpOASES: a parametric active-set method that continues from the last QP by homotopy.
 
-    It greets with its licence whenever memory is made, and shouts at what is infeasible.
+    It prints its licence whenever memory is made, and messages about infeasible QPs.
 
     Reference: Ferreau and others, Math. Prog. Comp. 6, 2014.
     """
@@ -136,8 +136,8 @@ class Hpipm(PluginSolver):
 
     Here it solves a single stage without dynamics.
 
-    Called again on the same buffers, its interface was seen to answer the first QP over and over;
-    bound to buffers anew it does not.
+    When called again on the same buffers, its interface was seen to return the answer of the first
+    QP. With newly bound buffers it does not.
     """
 
     name = "hpipm"
@@ -147,9 +147,9 @@ class Hpipm(PluginSolver):
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options.
 
-        Its tolerance is for each product of multiplier and distance, and there are many.
+        Its tolerance applies to each product of multiplier and distance, and there are many.
         """
-        # Far below that it gives up before it is there; where many ends are near, here already.
+        # With a much smaller tolerance it fails early; if many ends are near, even with this one.
         tolerance = max(accuracy / 1000, 1e-11)
         names = ("res_g_max", "res_b_max", "res_d_max", "res_m_max")
         return {
@@ -162,7 +162,7 @@ class Hpipm(PluginSolver):
 
 
 class Highs(PluginSolver):
-    """HiGHS: an active-set QP solver beside its simplex method.
+    """HiGHS: an active-set QP solver in addition to its simplex method.
 
     Reference: Huangfu and Hall, Math. Prog. Comp. 10, 2018.
     """
@@ -173,14 +173,14 @@ class Highs(PluginSolver):
     def options(self, n: int, m: int, accuracy: float) -> dict[str, Any]:
         """Return the plugin's options.
 
-        Its tolerances go no lower than 1e-10. By default it would add 1e-7 to H.
+        Its smallest tolerance is 1e-10. By default it would add 1e-7 to H.
         """
         tolerance = max(1e-10, accuracy / 10)
         names = ("primal_feasibility_tolerance", "dual_feasibility_tolerance")
-        # Without a limit it was seen to go on for ever between rows that all but meet.
+        # Without a limit it was seen to run forever between rows that are almost equal.
         own = {"output_flag": False, "qp_regularization_value": 0.0, "qp_iteration_limit": 1000}
         return {"highs": own | dict.fromkeys(names, tolerance)}
 
     def iterations(self, stats: dict[str, Any]) -> int | None:
-        """Return the count of the QP method."""
+        """Return the number of iterations of the QP method."""
         return stats["qp_iteration_count"]

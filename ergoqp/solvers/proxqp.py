@@ -12,8 +12,7 @@ from ergoqp.solvers.sequence import Qp
 from ergoqp.solvers.session import QpAnswer, Workspace, no_answer
 from ergoqp.solvers.solver import QpSolver
 
-# On infeasible data it goes on for as long as it is allowed to; what has an answer took 19 outer
-# iterations at most.
+# On infeasible data it uses all allowed iterations. Feasible QPs took at most 19 outer iterations.
 _MOST_ITERATIONS: Final = 50
 _MOST_INNER: Final = 100
 _FLAGS: Final = {
@@ -24,32 +23,32 @@ _FLAGS: Final = {
 
 
 class Proxqp(QpSolver):
-    """Exact to its accuracy in a few outer iterations."""
+    """Exact up to its accuracy in a few outer iterations."""
 
     name = "proxqp"
     method = "augmented Lagrangian"
     warm = True
 
     def workspace(self, n: int, m: int, accuracy: float) -> Workspace:
-        """Return memory that starts warm from x and multipliers."""
+        """Return memory with a warm start from x and multipliers."""
         return _ProxqpWorkspace(n, m, accuracy)
 
 
 class _ProxqpWorkspace:
-    """One `proxqp.dense.QP`; set up anew when other bounds meet, as these are its equalities."""
+    """One `proxqp.dense.QP`, set up again when other bounds are equal (its equalities)."""
 
     def __init__(self, n: int, m: int, accuracy: float) -> None:
-        """Keep the sizes; ProxQP allocates when it is known which bounds meet."""
+        """Keep the sizes; ProxQP allocates when it is known which bounds are equal."""
         self._n, self._m, self._accuracy = n, m, accuracy / 10
         self._solver: Any = None
         self._key = b""
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
-        """Solve; warm: from x and multipliers of the last QP."""
+        """Solve; `warm`: start from x and multipliers of the last QP."""
         pattern = pattern_of(qp)
         C, d = pattern.equalities(qp)
         free = ~pattern.fixed_rows
-        # The bounds of a fixed unknown would be a row without an inside beside its equality.
+        # The bounds of a fixed unknown would be a row without an interior, besides its equality.
         low, high = (
             np.where(pattern.fixed, -np.inf, qp.lb),
             np.where(pattern.fixed, np.inf, qp.ub),
@@ -60,8 +59,8 @@ class _ProxqpWorkspace:
             self._solver, self._key = self._made(len(d), int(free.sum())), key
             self._solver.init(*data)
         else:
-            # Going on with the step sizes of the last QP as well took hundreds of iterations where
-            # this takes a few.
+            # Continuing with the step sizes of the last QP too took hundreds of iterations instead
+            # of a few.
             guess = proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
             self._solver.settings.initial_guess = guess
             self._solver.update(*data, update_preconditioner=True)
@@ -94,8 +93,8 @@ class _ProxqpWorkspace:
             self._accuracy,
             0.0,
         )
-        # A dear slack makes multipliers large, which a looser test takes for a certificate of
-        # infeasibility.
+        # A large slack penalty makes multipliers large. A looser test takes them for a certificate
+        # of infeasibility.
         settings.eps_primal_inf = 1e-12
         settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
         return solver

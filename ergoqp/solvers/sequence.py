@@ -1,4 +1,4 @@
-"""QPs as data: one, and a sequence of one size as it comes along a trajectory."""
+"""QPs as data: a single QP, and a sequence of one size along a trajectory."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Qp:
         H: symmetric (n, n), in the units of the QP.
         g: (n,), in the units of the QP.
         A: (m, n), in the units of the QP.
-        lbA: least values of the rows (m,), -inf where there is none, in the units of the QP.
-        ubA: greatest values of the rows (m,), inf where there is none, in the units of the QP.
-        lb: least x (n,), in the units of the QP.
-        ub: greatest x (n,), in the units of the QP.
+        lbA: lower bounds of the rows (m,), -inf if there is none, in the units of the QP.
+        ubA: upper bounds of the rows (m,), inf if there is none, in the units of the QP.
+        lb: lower bounds of x (n,), in the units of the QP.
+        ub: upper bounds of x (n,), in the units of the QP.
 
     Example:
         >>> import numpy as np
@@ -54,19 +54,19 @@ class Qp:
 
 
 PARTS: tuple[str, ...] = tuple(field.name for field in fields(Qp))
-"""Names of the parts of a `Qp`, in the order in which solvers take them."""
+"""Names of the parts of a `Qp`, in the order that solvers use."""
 
 
 @dataclass(frozen=True, eq=False)
 class QpSequence:
-    """QPs of one size in the order in which they came.
+    """QPs of one size, in the order of recording.
 
     Attributes:
-        name: where they come from, for example ``screwing.0``.
-        qps: one after the other.
-        feasible: whether the QPs have an answer; by construction, or because a certified one is
+        name: source of the QPs, for example ``screwing.0``.
+        qps: the QPs.
+        feasible: whether the QPs have an answer, by construction or because a certified one is
             known.
-        follows: whether each is close to the one before, so that a warm start makes sense.
+        follows: whether each QP is close to the one before, so that a warm start makes sense.
     """
 
     name: str
@@ -75,7 +75,7 @@ class QpSequence:
     follows: bool = True
 
     def __post_init__(self) -> None:
-        """Check that all are of one size."""
+        """Check that all QPs have one size."""
         sizes = {qp.size for qp in self.qps}
         if len(sizes) != 1:
             raise InputError(
@@ -83,11 +83,11 @@ class QpSequence:
             )
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of QPs."""
         return len(self.qps)
 
     def __iter__(self) -> Iterator[Qp]:
-        """Go through them in order."""
+        """Iterate over the QPs in order."""
         return iter(self.qps)
 
     @property
@@ -97,14 +97,14 @@ class QpSequence:
 
     @property
     def family(self) -> str:
-        """What kind of QPs: ``recorded``, or how they were derived.
+        """Kind of QPs: ``recorded``, or how they were derived.
 
-        It is the end of the name after a plus sign.
+        It is the part of the name after a plus sign.
         """
         return self.name.partition("+")[2] or "recorded"
 
     def thinned(self, count: int) -> QpSequence:
-        """Return at most `count` of the QPs: one stretch from the middle.
+        """Return at most `count` of the QPs: consecutive ones from the middle.
 
         So each still follows the one before.
         """

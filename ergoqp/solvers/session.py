@@ -1,6 +1,6 @@
 """Numeric solvers that stay in memory, for sequences of QPs outside the control step.
 
-They also serve to compare solvers.
+The comparison of solvers uses them.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from ergoqp.errors import InputError, in_words
 from ergoqp.solvers.sequence import PARTS, Array, Qp
 
 FLAGS: Final = ("solved", "infeasible", "stopped", "failed", "not a number", "bounds cross")
-"""What a solver can say.
+"""Possible results of a solver.
 
-Solved; no answer exists; stopped at its limit of iterations; failed for another reason, its
-numerics for example. The last two are said before the solver sees the data: NaN or infinity where a
-number is needed, and a lower bound above the upper one.
+They are: solved; no answer exists; stopped at the limit of iterations; failed for another reason,
+for example its numerics. The last two are found before the solver sees the data: NaN or infinity
+where a number is needed, and a lower bound above the upper one.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class QpAnswer:
-    """What a solver says of one QP. Nothing of it has been checked; see `ergoqp.solvers.judge`.
+    """Answer of a solver for one QP. Nothing in it has been checked; see `ergoqp.solvers.judge`.
 
     Attributes:
-        x: the answer (n,), in the units of the QP; NaN where there is none.
+        x: the answer (n,), in the units of the QP; NaN if there is none.
         rows: multipliers of the rows (m,), in the units of the QP, positive at the upper bound: H x
             + g + A' rows + box = 0.
         box: multipliers of the bounds on x (n,), in the units of the QP, positive at the upper
             bound.
         flag: one of `FLAGS`.
-        iterations: the solver's own count; None where it does not tell.
-        seconds: how long the solver took, setting it up or updating it with new data included [s].
+        iterations: number of iterations of the solver. None: it does not report it.
+        seconds: time of the solver, including its setup or its update with new data [s].
 
     Example:
         >>> import numpy as np
@@ -57,19 +57,19 @@ class QpAnswer:
 
     @property
     def found(self) -> bool:
-        """Whether the solver says that it is solved."""
+        """Whether the solver reports that it solved the QP."""
         return self.flag == "solved"
 
 
 class Workspace(Protocol):
-    """One solver's memory for QPs of one size."""
+    """Memory of one solver for QPs of one size."""
 
     def solve(self, qp: Qp, warm: bool) -> QpAnswer:
         """Solve finite data whose bounds do not cross.
 
-        With `warm` it starts from the last answer, where the solver can; without it gives what it
-        would give if this were the first QP, to the last bit (ProxQP: to 1e-13, as the order of its
-        sums hangs on where its memory begins).
+        With `warm` it starts from the last answer if the solver can. Without it, the answer is the
+        same as if this were the first QP, to the last bit (ProxQP: to 1e-13, because the order of
+        its sums depends on the address of its memory).
         """
         ...
 
@@ -77,17 +77,17 @@ class Workspace(Protocol):
 class Session:
     """A solver that keeps its memory from one QP to the next, all of one size.
 
-    It looks at the data first, takes the time, and never raises for the data: a solver that raises,
-    or whose answer has another size, has failed and gets new memory.
+    It checks the data first, measures the time, and never raises because of the data. If a solver
+    raises, or its answer has another size, the QP counts as failed and the solver gets new memory.
 
     Args:
-        name: of the solver.
+        name: name of the solver.
         n: number of unknowns.
         m: number of rows.
-        make: gives memory for this size.
+        make: function that returns memory for this size.
 
     Attributes:
-        fault: what was wrong when the solver first failed so, in words; empty: nothing.
+        fault: what was wrong when the solver first failed in this way, in words. Empty: nothing.
 
     Example:
         >>> import numpy as np
@@ -124,16 +124,15 @@ class Session:
             H: symmetric, positive definite (n, n), in the units of the QP.
             g: (n,), in the units of the QP.
             A: (m, n), in the units of the QP.
-            lbA: least values of the rows (m,), in the units of the QP; -inf where a row has none.
-            ubA: greatest values of the rows (m,), in the units of the QP; inf where a row has
-                none.
+            lbA: lower bounds of the rows (m,), in the units of the QP; -inf if a row has none.
+            ubA: upper bounds of the rows (m,), in the units of the QP; inf if a row has none.
             lb: (n,), -inf allowed, in the units of the QP.
             ub: (n,), inf allowed, in the units of the QP.
-            warm: start from the last answer, where the solver can; False: as if this were the first
-                QP.
+            warm: whether to start from the last answer, if the solver can. False: as if this were
+                the first QP.
 
         Raises:
-            InputError: for a shape that is not the session's.
+            InputError: if a shape is not that of the session.
         """
         return self.solve_qp(Qp(*self._arrays(H, g, A, lbA, ubA, lb, ub)), warm)
 
@@ -148,7 +147,7 @@ class Session:
             answer = self._workspace.solve(qp, warm)
             sizes = [np.shape(part) for part in (answer.x, answer.rows, answer.box)]
             fault = "" if sizes == self._sizes else f"an answer of the shapes {sizes}"
-        except Exception as error:  # whatever a solver does with its data
+        except Exception as error:  # any error of a solver
             answer, fault = None, in_words(error)
         seconds = time.perf_counter() - start
         if answer is None or fault:
@@ -167,12 +166,12 @@ class Session:
 
 
 def unusable(qp: Qp) -> str:
-    """Return the flag for data that no solver should see, empty for others."""
-    # A sum of numbers is a number unless one of them is not.
+    """Return the flag for data that no solver should see, or an empty text."""
+    # The sum is finite only if all entries are.
     if not math.isfinite(qp.H.sum() + qp.g.sum() + qp.A.sum()):
         return "not a number"
     for least, most in ((qp.lbA, qp.ubA), (qp.lb, qp.ub)):
-        # What is not a number is not in order either; and no value lies between two bounds of inf.
+        # A comparison with NaN is false, and no value lies between two bounds of inf.
         if not ((least <= most) & (least < math.inf) & (most > -math.inf)).all():
             return (
                 "not a number" if np.isnan(least).any() or np.isnan(most).any() else "bounds cross"

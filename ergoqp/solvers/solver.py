@@ -1,4 +1,4 @@
-"""What a QP solver is: one protocol, for the control step and for sequences of QPs outside it."""
+"""The interface of a QP solver, for the control step and for sequences of QPs outside it."""
 
 from __future__ import annotations
 
@@ -14,31 +14,34 @@ from ergoqp.solvers.sequence import Array, Qp
 from ergoqp.solvers.session import Session, Workspace
 
 FREE: Final = 1e9
-"""Stands for "no bound" in the step: large against all quantities there, yet finite.
+"""Stands for "no bound" in the step: large against all quantities there, but finite.
 
 So residuals stay numbers.
 """
 
 _ACCURACY: Final = 1e-7
-"""What solvers are set to in the step, which accepts residuals below 1e-6."""
+"""Accuracy of solvers in the step, which accepts residuals below 1e-6."""
 
 _KEPT: Final[dict[tuple[int, int, int], NumericFunction]] = {}
-"""By solver and size: CasADi does not keep the Python part of a callback alive."""
+"""Functions by solver and size: CasADi does not keep the Python part of a callback alive."""
 
 _INTERRUPTS: Final[dict[int, BaseException]] = {}
-"""What was to end the program while a solver ran, by thread: CasADi would make another of it."""
+"""Exceptions that were to end the program while a solver ran, by thread.
+
+CasADi would change their type.
+"""
 
 
 class QpSolver(abc.ABC):
     """A solver of min 1/2 x'Hx + g'x subject to lbA <= A x <= ubA and lb <= x <= ub.
 
-    All is dense. The step never trusts a solver's own word: it checks primal, dual and gap
-    residuals of what comes back, and infeasible or failed answers show there. Multipliers are
+    All data are dense. The step never relies on the status of a solver. It computes primal, dual
+    and gap residuals of the answer, which show infeasible and failed answers. Multipliers are
     positive at upper bounds: H x + g + A' rows + box = 0.
 
     Attributes:
-        name: that users call it by.
-        method: what it does, in two words.
+        name: name for users.
+        method: method, in two words.
         warm: whether it can start from the last answer.
 
     Example:
@@ -60,11 +63,11 @@ class QpSolver(abc.ABC):
         """Return the solver as the control step calls it.
 
         It is ``(h (n, n), g (n,), a (m, n), lba, uba (m,), lbx, ubx (n,)) -> (x, lam_a, lam_x)``,
-        where a bound of `FREE` is none. For finite data it never raises; what has no answer comes
-        back as zeros, for the step to judge.
+        where `FREE` means no bound. For finite data it never raises. If there is no answer it
+        returns zeros, which the step rejects.
 
-        Every call gets new memory: the step is a function of what it is given, and a replay of it
-        gives the same twists, whatever else runs.
+        Every call gets new memory. So the step is a pure function, and a replay gives the same
+        twists, whatever else runs.
         """
         name = self.name
 
@@ -73,21 +76,21 @@ class QpSolver(abc.ABC):
                 session = Session(name, n, m, lambda: self.workspace(n, m, _ACCURACY))
                 found = session.solve_qp(numeric(parts), warm=False)
                 given = [np.asarray(part, float) for part in (found.x, found.rows, found.box)]
-            except Exception:  # an own solver's: the control loop sees none, and brakes
+            except Exception:  # any error of a user's solver; the control loop brakes
                 given = [np.zeros(n), np.zeros(m), np.zeros(n)]
             except BaseException as end:
                 _INTERRUPTS[threading.get_ident()] = end
                 given = [np.zeros(n), np.zeros(m), np.zeros(n)]
             return [np.where(np.abs(part) < FREE, part, 0.0) for part in given]
 
-        # In one go, for threads that ask at the same time. What is kept keeps the solver: no other
-        # has its id.
+        # One operation, for concurrent threads. The kept function keeps the solver alive, so no
+        # other solver has its id.
         made = NumericFunction("solver", n, m, answer)
         return _KEPT.setdefault((id(self), n, m), made).expression()
 
 
 def passing_on(call: Callable[[], object]) -> Callable[[], None]:
-    """Return a call of a function with solvers in Python, that ends as the user asked it to.
+    """Return a call of a function with solvers in Python that passes on interrupts.
 
     A `KeyboardInterrupt` within a solver is raised after the call.
     """
@@ -101,19 +104,19 @@ def passing_on(call: Callable[[], object]) -> Callable[[], None]:
 
 
 class NumericFunction(ca.Callback):
-    """A QP solver in Python as a CasADi function; it lives as long as somebody keeps this object.
+    """A QP solver in Python as a CasADi function; it exists as long as this object is kept.
 
     Args:
-        name: of the function.
+        name: name of the function.
         n: number of unknowns.
         m: number of rows.
-        answer: takes the parts of a `Qp`, gives x, row and box multipliers.
+        answer: function of the parts of a `Qp` that returns x, row and box multipliers.
     """
 
     def __init__(
         self, name: str, n: int, m: int, answer: Callable[[Sequence[ca.DM]], Sequence[Any]]
     ) -> None:
-        """Tell CasADi of it."""
+        """Register the function with CasADi."""
         ca.Callback.__init__(self)
         self._answer = answer
         self._in = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1))
@@ -121,16 +124,16 @@ class NumericFunction(ca.Callback):
         self.construct(name, {})
 
     def expression(self) -> ca.Function:
-        """Return the function in symbols."""
+        """Return the function as an expression."""
         inputs = [ca.MX.sym(f"in{i}", *shape) for i, shape in enumerate(self._in)]
         return ca.Function(self.name(), inputs, list(self(*inputs)))
 
     def get_n_in(self) -> int:
-        """Return how many inputs there are."""
+        """Return the number of inputs."""
         return len(self._in)
 
     def get_n_out(self) -> int:
-        """Return how many outputs there are."""
+        """Return the number of outputs."""
         return len(self._out)
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
@@ -142,12 +145,12 @@ class NumericFunction(ca.Callback):
         return ca.Sparsity.dense(*self._out[i])
 
     def eval(self, arguments: Any) -> Any:
-        """Answer one QP."""
+        """Solve one QP."""
         return [ca.DM(part) for part in self._answer(arguments)]
 
 
 def numeric(parts: Sequence[ca.DM]) -> Qp:
-    """Return a QP as the step gives it, with infinity where it says `FREE`."""
+    """Return a QP of the step, with infinity in place of `FREE`."""
     arrays = [np.array(part) for part in parts]
     return Qp(arrays[0], arrays[1].ravel(), arrays[2], *(_bound(part) for part in arrays[3:]))
 

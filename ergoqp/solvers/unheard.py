@@ -1,4 +1,4 @@
-"""What one thread prints, kept off the screen, while the others go on printing."""
+"""Suppress what one thread prints, while the other threads go on printing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _THREADS: Final[set[int]] = set()
 
 
 class _Sieve:
-    """A stream that lets through what no thread of `_THREADS` writes."""
+    """A stream that drops what the threads in `_THREADS` write."""
 
     def __init__(self, stream: Any) -> None:
         self.stream = stream
@@ -27,10 +27,10 @@ class _Sieve:
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Drop what this thread writes to `sys.stdout`; not to be nested.
+    """Drop what this thread writes to `sys.stdout`; must not be nested.
 
-    CasADi prints there what its plugins say. The stream is a sieve only while somebody is in here;
-    one that was put in its place meanwhile stays.
+    CasADi prints the messages of its plugins there. The stream is replaced only while a thread uses
+    this. If another stream was set in the meantime, that one stays.
     """
     me = threading.get_ident()
     with _LOCK:

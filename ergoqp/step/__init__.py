@@ -1,1 +1,1 @@
-"""The control step: `ergoqp.step.function` is its table of contents; `Stepper` is a loop's."""
+"""The control step: `ergoqp.step.function` puts its parts together; `Stepper` runs a loop."""

@@ -1,4 +1,4 @@
-"""What may be sent: the wanted twist and its whole stop are judged, and shortened if need be."""
+"""Certification: the wanted twist and its whole stop are checked, and shortened if necessary."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from ergoqp.step.program.qp import TOLERANCE
 from ergoqp.step.rest import rest_update
 
 HELD: Final = 1e-12
-"""Rounding of a margin; far below what could add up over a day of steps [m, rad]."""
+"""Rounding error of a margin; far below what could add up over a day of steps [m, rad]."""
 
 _INHERITS: Final = 1e-5
-"""How much of what braking might do to a row that bends may be inherited [rad].
+"""Largest worsening of a bent row that any twist but braking may take over from braking [rad].
 
 It applies inside such a row, with a long mean.
 """
 
 _LONG: Final = 0.1
-"""A mean over more seconds than this turns so far that unknowns of a row that bends add up."""
+"""With a longer mean [s], the object turns so far that errors of a bent row add up."""
 
 GIVES_WAY: Final = 1e-3
-"""How much more than braking a posture row may give way that braking breaks already [rad]."""
+"""How much more than braking a posture row may give way that braking already violates [rad]."""
 
 _SHARES: Final = (1.0, 0.5, 0.25, 0.1)
 
@@ -61,15 +61,15 @@ _JOURNEY: Final = ("promise", "value", "trial", "distance", "on")
 
 
 def judge_function(model: StepModel) -> ca.Function:
-    """Return what the object should do by this answer, and whether that can be certified as it is.
+    """Return what the object should do by this answer, and whether this is certified unchanged.
 
-    Guided, what is known of the trial of the given place is judged too, see
-    `ergoqp.step.guide.pull`.
+    With a guide, the trial of the place is updated too, see `ergoqp.step.guide.pull`.
 
     Returns:
         Function ``(...) -> (wanted, brake, now, solved, outside, next_rest, whole, next_trial)``:
-        the wanted twist and the braking one as they can be sent, the margins, whether the QP is
-        solved, which rows are outside, and whether the wanted twist holds.
+        the wanted twist and the braking twist as they can be sent, the margins, whether the QP is
+        solved, which rows are outside, the next rest state, whether the wanted twist holds, and
+        with a guide the next trial.
     """
     problem = model.problem
     known = model.symbols((*_JUDGED, *(_JOURNEY if model.guided else ())), ca.MX)
@@ -77,7 +77,7 @@ def judge_function(model: StepModel) -> ca.Function:
     now, count = margins.now, len(problem.row_names)
     away = ca.fmax(known["away"][:count], known["away"][count:]) > 0
     if problem.surface is not None:
-        # A surface has no ends to be beyond, only a distance from it.
+        # A surface has no ends. A distance from it counts as outside.
         on = ca.DM(
             [float(limit is problem.surface) for limit in problem.row_limits for _ in limit.names]
         )
@@ -92,9 +92,10 @@ def judge_function(model: StepModel) -> ca.Function:
 
 
 def _decide_function(model: StepModel) -> ca.Function:
-    """The twist that this answer asks for and the braking one, as they can be sent.
+    """Return the function for the twist that this answer asks for and for the braking twist.
 
-    With them come the first one's stop, rest and trial.
+    Both can be sent as they are. The stop of the first one, the rest and the trial are returned
+    too.
     """
     problem, guided = model.problem, model.guided
     sx = model.symbols((*_JUDGED, "must_move", *(_JOURNEY if guided else ())))
@@ -114,8 +115,8 @@ def _decide_function(model: StepModel) -> ca.Function:
     wanted = ca.if_else(
         ca.logic_and(is_set(rest[0]), ca.logic_not(sx["must_move"])), brake.twist, sx["xi"]
     )
-    # The answer of a failed QP may be NaN; it goes no further. And with no time left there is
-    # nothing to choose.
+    # The answer of a failed QP may be NaN, so it is replaced here. With no time left, only braking
+    # remains.
     in_time = patience(problem.row_limits, situation, sx["previous"], dt, stop) > 0
     wanted = ca.if_else(ca.logic_and(solved, in_time), wanted, brake.twist)
     wanted, slowest = (
@@ -149,7 +150,7 @@ _SHORTENED: Final = (
 
 
 def shortened(model: StepModel, known: Mapping[str, ca.MX]) -> ca.MX:
-    """Return the shares (6,) of `_shorten_function`; all ones where the ``whole`` way holds."""
+    """Return the shares (6,) of `_shorten_function`; all are one if the ``whole`` way holds."""
     shorten = _shorten_function(model)
     all_of_it = ca.Function("whole", shorten.sx_in(), [ca.SX.ones(6)])
     choose = ca.Function.if_else("shorten_or_not", all_of_it, shorten)
@@ -157,13 +158,14 @@ def shortened(model: StepModel, known: Mapping[str, ca.MX]) -> ca.MX:
 
 
 def _shorten_function(model: StepModel) -> ca.Function:
-    """The largest shares (6,) of the way from braking to the wanted twist that can be certified.
+    """Return the largest certified shares (6,) of the way from braking to the wanted twist.
 
-    A share of 0 is only braking itself.
+    A share of 0 is the braking twist.
 
-    Where the way is not to be had at all, shifting or turning alone may be: an axis that comes no
-    nearer to its cone does not keep the object out of its workspace. What held before holds through
-    the stop, what did not gets no worse, and nothing is asked beyond what braking does.
+    If no share of the whole way holds, shares of the translation or of the rotation alone are
+    tried. For example, an axis that does not approach its cone must not keep the object out of its
+    workspace. What held before must hold through the stop. What did not hold must not get worse. No
+    more is required than braking achieves.
     """
     problem, sx = model.problem, model.symbols(_SHORTENED)
     S = model.sparse(sx["S"])
@@ -189,9 +191,9 @@ def _shorten_function(model: StepModel) -> ca.Function:
 def _kept(
     problem: Problem, situation: Situation, twist: ca.SX, dt: ca.SX, known: ca.SX | float = 1.0
 ) -> ca.SX:
-    """The twist that leads to the surface which the state has to stay on, see `on_surface`.
+    """Return the twist that leads to the surface on which the state stays, see `on_surface`.
 
-    Without a surface it is the twist itself.
+    Without a surface, return the twist unchanged.
     """
     if problem.surface is None:
         return twist
@@ -201,21 +203,25 @@ def _kept(
 
 
 def _margins(model: StepModel, sx: Mapping[str, ca.SX], S: ca.SX, twist: ca.SX, dt: ca.SX) -> ca.SX:
-    """Smallest margins of all rows through a period at `twist` and the stop after it."""
+    """Return the smallest margins of all rows during a period at `twist` and the stop after it."""
     ways = model.problem.stop.ways(twist, dt)
     situations, limits = situations_of(model, sx, S, ways), model.problem.row_limits
     return ca.vertcat(*(smallest_margins(limit, situations, ways) for limit in limits))
 
 
 def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> Expression:
-    """Margins that an accepted twist must keep through its stop, given those of now and of braking.
+    """Return the margins that an accepted twist must keep through its stop.
 
-    Hard rows: what held holds, what did not gets no worse, and nothing is asked beyond what braking
-    does, except where margins are lower bounds: braking may be better than its bound says, and no
-    other twist inherits that; inside a row that bends it inherits hardly anything of a long mean.
-    Rows through S: what held holds, to the accuracy of the QP; where braking itself breaks it, it
-    gives way by about as much; what does not hold is left to the QP, which never lets it further
-    out.
+    They follow from the present margins and from those of braking.
+
+    Hard rows: what held must hold, what did not must not get worse, and no more is required than
+    braking achieves. Where margins are lower bounds this exception does not apply: braking may be
+    better than its bound, but another twist may not. In a row that bends, another twist may take
+    over only little of the worsening by braking if the mean is long.
+
+    Rows through S: what held must hold, to the accuracy of the QP. Where braking itself violates
+    the row, a twist may violate it by about as much. A row that does not hold is left to the QP,
+    which never moves it further out.
     """
     problem = model.problem
     hard, proven = (ca.DM(model.values(name)) for name in ("hard", "proven"))
@@ -233,6 +239,6 @@ def _floor(model: StepModel, now: Expression, at_braking: Expression = None) -> 
 
 
 def _moves(problem: Problem, margins: Margins) -> ca.MX:
-    """Whether some twist that the object can do moves each row."""
+    """Return whether some twist that the object can do moves each row."""
     free = ca.DM(problem.twist_limit.speed > 0)
     return ca.vertcat(*(ca.fabs(matrix) @ free > MOVES for matrix in margins.matrices))

@@ -1,6 +1,6 @@
 """The control step as one pure CasADi function.
 
-Posture, pose and last twist go in; a certified twist and its account come out.
+Inputs are posture, pose and state. Outputs are a certified twist and its account.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def step_function(
     Args:
         problem: the task.
         solver: name of the QP solver, see `ergoqp.solvers`.
-        compiled: through the C compiler into the user's cache; the solver is then DAQP.
-        guided: with the inputs of a step that can be drawn toward a given place, see
-            `ergoqp.step.guide.pull`.
+        compiled: whether to compile the step with the C compiler, into the user's cache. The solver
+            must be DAQP.
+        guided: whether the function has the inputs of a guide, see `ergoqp.step.guide.pull`.
 
     Raises:
-        InputError: if the problem is none, a flag is none, or the solver is unknown, or not the one
-            that is compiled.
+        InputError: if `problem` is not a Problem, a flag is not a bool, the solver is unknown, or
+            the step is compiled with another solver than DAQP.
         CompilerError: if there is no C compiler.
 
     Source:
@@ -74,32 +74,32 @@ def build_step(
     guided: bool = False,
     unrolled: bool = False,
 ) -> ca.Function:
-    """Return the step as a function of `INPUTS`, giving `OUTPUTS`, by these names.
+    """Return the step as a function of `INPUTS` that gives `OUTPUTS`, by these names.
 
-    Inputs that may be absent come with a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``:
-    0 or 1); ``ask`` is 1 when only the braking twist is wanted. All state is passed in and out, see
-    `ergoqp.step.state`: the same inputs give the same outputs, always.
+    Inputs that may be absent have a flag (``has_pose``, ``has_twist``, ``frame``, ``enable``: 0 or
+    1). ``ask`` is 1 if only the braking twist is wanted. The whole state is an input and an output,
+    see `ergoqp.step.state`. So the same inputs always give the same outputs.
 
-    ``residuals`` holds the QP's largest residual, the contact motion that the posture cannot follow
-    [m/s, rad/s in one norm] and the share of the way from braking to the QP's answer that was
-    accepted.
+    ``residuals`` holds the largest residual of the QP, the contact motion that the posture cannot
+    follow [m/s, rad/s in one norm], and the accepted share of the way from braking to the QP's
+    answer.
 
     Args:
         problem: the task.
-        solver: of the QP.
-        name: of the function.
-        guided: whether the step can be drawn toward a given place: it then has `GUIDE_INPUTS` and
-            `GUIDE_OUTPUTS` too, and is the same step to the last bit where ``guided`` is 0. See
+        solver: solver of the QP.
+        name: name of the function.
+        guided: whether the step can be drawn to a guide. It then has `GUIDE_INPUTS` and
+            `GUIDE_OUTPUTS` too. Where ``guided`` is 0, it gives the same step to the last bit. See
             `ergoqp.step.guide.pull`.
-        unrolled: every operation on its own instead of vectors: what a compiler makes the fastest
-            code of, and an interpreter the slowest.
+        unrolled: whether every operation is written on its own instead of as vectors. This is the
+            fastest form for a compiler and the slowest for an interpreter.
     """
     model, shape = StepModel(problem, guided), scalars if unrolled else vectors
     names = [*INPUTS, *(GUIDE_INPUTS if guided else ())]
     raw = model.symbols(names, ca.MX)
     state = split(model.state, raw["state"])
 
-    # What the step goes by: where the object is, and where it lands.
+    # The present pose of the object, and its landing pose.
     found = under_way(model, state["history"], raw["dt"], shape)
     known = read_inputs(model, state | raw, found, shape)
     watched = watch(model, known, shape)
@@ -107,7 +107,7 @@ def build_step(
     known["usable"] = ca.logic_not(is_set(known["causes"]))
     known |= landing(model, found, known, shape)
 
-    # What the QP asks, and its answer.
+    # The QP and its answer.
     known |= by_name(cost_function(model), known)
     known |= by_name(model.readings, known)
     known["asks"] = still_asks(state["asked"]) if model.asks_back else ca.MX(1)
@@ -117,7 +117,7 @@ def build_step(
         known |= by_name(pull_function(model), known)
     known |= solve_passes(model, solver, known, shape)
 
-    # What of it is certified, and is sent.
+    # The part of the answer that is certified and sent.
     known |= by_name(gain_function(model), known)
     known |= by_name(shape(judge_function(model)), known, written=True)
     known["share"] = shortened(model, known)
@@ -133,7 +133,7 @@ def build_step(
 
 
 def _next_state(model: StepModel, found: UnderWay, known: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
-    """Return the parts of the state that a step leaves to the next."""
+    """Return the parts of the state that a step hands to the next one."""
     after = {name: known[name] for name in ("compared", "story", "said")}
     history = next_history(
         model, known["history"], found, known["planned"], known["twist"], known["still"]

@@ -1,6 +1,6 @@
-"""What goes into a step and comes out of it, by name, and the judgement of every input.
+"""Inputs and outputs of a step by name, and the check of every input.
 
-Inputs are judged before anything is computed.
+Inputs are checked before anything is computed.
 """
 
 from __future__ import annotations
@@ -55,23 +55,23 @@ OUTPUTS: Final = (
 def read_inputs(
     model: StepModel, given: Mapping[str, ca.MX], found: UnderWay, shape: Shape
 ) -> dict[str, ca.MX]:
-    """Judge every input; replace what cannot be used by what was known before.
+    """Check every input, and replace unusable ones by what was known before.
 
     So no NaN goes further.
 
     Args:
-        model: of the step.
+        model: model of the step.
         given: `INPUTS` as they came, and the parts of the state.
-        found: what is under way.
+        found: the motion under way.
         shape: how functions are written, see `ergoqp.expressions.linear`.
 
     Returns:
-        What the step goes by, all of it usable numbers: ``posture``, ``pose`` as measured, or as
-        far as it is known; ``previous``, the twist that was planned last; ``dt``; whether a pose
-        was ``measured``, and from now on is known (``next_started``); whether a twist is ``told``;
-        whether the object has to ``stop``; ``causes`` why the step can only brake, by `Cause`; the
-        ``next_account`` of `ergoqp.step.robot_watch.watch.reckoned`; and all that was given beside
-        these.
+        The usable numbers for the step: ``posture``; ``pose`` as measured, or as far as it is
+        known; ``previous``, the twist that was planned last; ``dt``; whether a pose was
+        ``measured``; whether a pose is known from now on (``next_started``); whether a twist is
+        ``told``; whether the object has to ``stop``; ``causes`` why the step can only brake, by
+        `Cause`; the ``next_account`` of `ergoqp.step.robot_watch.watch.reckoned`; and everything
+        else that was given.
     """
     seen = is_set(given["observed"])
     usable = ca.logic_and(seen, ca.fabs(given["posture"]) <= model.problem.response.largest)
@@ -83,8 +83,8 @@ def read_inputs(
     pose = _pose(model.problem, given, read["measured"], read["moved"], posture)
     known |= read | {"posture": posture, "pose": pose}
     if model.problem.robot.owes:
-        # Of what was under way when the object was seen last, any share may have been done already:
-        # it is integrated as if none had.
+        # When the object was measured last, any share of the motion under way may have been done
+        # already. It is integrated as if none was.
         known["doubt"] = ca.if_else(read["measured"], 0, given["unsure"])
     return known
 
@@ -107,11 +107,11 @@ _KEPT: Final = (
 
 
 def _read_function(model: StepModel) -> ca.Function:
-    """Judge all inputs but the posture.
+    """Check all inputs except the posture.
 
     Returns:
         Function that gives ``moved``, the displacement of the last period as far as it is known,
-        and what `read_inputs` says.
+        and the other results of `read_inputs`.
     """
     problem, raw = model.problem, model.symbols((*_READ, *_KEPT))
     has_pose, has_twist, started, frame = (
@@ -165,7 +165,10 @@ def _pose(
     moved: ca.MX,
     posture: ca.MX,
 ) -> ca.MX:
-    """The measured pose, else the last one moved on, or at the first step the posture's contact."""
+    """Return the measured pose, or the last one moved on.
+
+    At the first step it is the contact frame of the posture.
+    """
     sx = ca.SX.sym("stored", 4, 4), ca.SX.sym("moved", 6)
     on = ca.Function("moved_on", sx, [exp_rotation(*sx)])
     inputs = [

@@ -23,16 +23,16 @@ from ergoqp.step.under_way.history import History
 from ergoqp.step.under_way.parts import WayLayout
 
 PLACE = ("posture", "observed", "readings", "landed", "way", "previous", "dt")
-"""Where the object comes to rest, and what the present period begins with."""
+"""Landing pose, and the data at the start of the present period."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepModel:
-    """What is fixed about the control step of a problem.
+    """The fixed properties of the control step of a problem.
 
     Attributes:
         problem: the task.
-        guided: whether the step can be drawn toward a given place.
+        guided: whether the step can be drawn to a guide.
     """
 
     problem: Problem
@@ -40,17 +40,17 @@ class StepModel:
 
     @cached_property
     def history(self) -> History:
-        """How much of the past the step keeps."""
+        """Size of the history that the step keeps."""
         return History.of(self.problem)
 
     @cached_property
     def blocks(self) -> dict[str, Sizes]:
-        """The state's blocks that watch the robot, and their parts."""
+        """The blocks of the state that watch the robot, and their parts."""
         return watch_blocks(self.problem)
 
     @cached_property
     def under_way(self) -> WayLayout:
-        """Which parts the vector ``way`` has."""
+        """The parts of the vector ``way``."""
         return WayLayout.of(self.problem)
 
     @cached_property
@@ -65,7 +65,7 @@ class StepModel:
         sizes |= {"rest": (STATES, 1)}
         sizes |= {name: (count(block), 1) for name, block in self.blocks.items()}
         if self.problem.robot.owes:
-            # How far the object may be from where it is reckoned, along each axis and against it,
+            # How far the object may be from its computed pose, along each axis and against it,
             # since it was measured.
             sizes["unsure"] = (6, 2)
         if self.asks_back:
@@ -74,7 +74,7 @@ class StepModel:
 
     @cached_property
     def sizes(self) -> Sizes:
-        """Shape of everything that the functions of the step exchange; else it is one number."""
+        """Shape of everything that the functions of the step exchange; scalars are left out."""
         n, rows = len(self.problem.coordinates), len(self.problem.row_names)
         response = self.problem.response.sensitivity()
         sizes: dict[str, tuple[int, int]] = {**self.state, "state": (count(self.state), 1)}
@@ -91,7 +91,7 @@ class StepModel:
         return sizes | {"away": (2 * rows, 1)}
 
     def size(self, name: str) -> tuple[int, int]:
-        """Return the shape of something that the functions of the step exchange."""
+        """Return the shape of a variable that the functions of the step exchange."""
         if name in ("slack", "multipliers"):
             return (len(self.movable), 1)
         return self.sizes.get(name, (1, 1))
@@ -107,13 +107,13 @@ class StepModel:
 
     @cached_property
     def pattern(self) -> ca.SX:
-        """S at a symbolic posture: which entries are zero whatever the posture."""
+        """S at a symbolic posture. It shows which entries are always zero."""
         n = len(self.problem.coordinates)
         return self.problem.response.sensitivity()(ca.SX.sym("q", n), ca.SX.sym("locked", n))[0]
 
     @cached_property
     def moved(self) -> list[int]:
-        """The rows of S that are not zero by structure."""
+        """Numbers of the rows of S that are not zero by structure."""
         pattern = self.pattern
         return [
             row
@@ -122,7 +122,7 @@ class StepModel:
         ]
 
     def sparse(self, S: ca.SX) -> ca.SX:
-        """Return S (n, 6) with the rows of joints that never move dropped."""
+        """Return S (n, 6) without the rows of joints that never move."""
         kept = ca.SX(*self.pattern.shape)
         for row in self.moved:
             kept[row, :] = S[row, :]
@@ -130,27 +130,27 @@ class StepModel:
 
     @cached_property
     def movable(self) -> list[int]:
-        """Numbers of the rows that some twist can move, among all: those in the QP."""
+        """Numbers, among all rows, of the rows that some twist can move. These are in the QP."""
         sx, problem = self.symbols((*PLACE, "shift", "S")), self.problem
         S, brake = self.sparse(sx["S"]), problem.stop.braking(sx["previous"], sx["dt"])
         situation = self.situation(sx, S, brake)
         return movable_rows(problem.twist_limit, problem.row_limits, situation)
 
     def values(self, pick: str) -> np.ndarray:
-        """Return one number per row from the limits' attribute `pick`."""
+        """Return one number per row from the attribute `pick` of the limits."""
         return limit_values(self.problem.row_limits, pick)
 
     @cached_property
     def measures(self) -> list[tuple[Limit, ca.Function]]:
-        """The limits that measure something at the posture, and what measures it."""
+        """The limits with a `measure` function, and that function."""
         found = [(limit, limit.measure()) for limit in self.problem.row_limits]
         return [(limit, measure) for limit, measure in found if measure is not None]
 
     @cached_property
     def readings(self) -> ca.Function:
-        """``posture -> readings (r,)``: those of all limits, one below the other.
+        """``posture -> readings (r,)``: the readings of all limits, stacked.
 
-        They are taken once per step, at the posture as it is.
+        They are computed once per step, at the measured posture.
         """
         posture = ca.MX.sym("posture", len(self.problem.coordinates))
         measured = [measure(posture) for _, measure in self.measures]
@@ -164,15 +164,16 @@ class StepModel:
         brake: Braking | None = None,
         held: bool = False,
     ) -> Situation:
-        """Return where things are, from the symbols of a function of the step.
+        """Return the situation, from the symbols of a function of the step.
 
         Args:
-            known: symbols by name: ``posture``, ``observed``, ``readings``, and if there are
-                ``previous``, and either ``pose`` for where things are, or ``landed``, ``way`` and
-                ``shift`` for where they come to rest.
+            known: symbols by name: ``posture``, ``observed``, ``readings``, optionally
+                ``previous``, and either ``pose`` for the present pose, or ``landed``, ``way`` and
+                ``shift`` for the landing pose.
             S: sensitivity, only with the entries that can differ from zero.
-            brake: of this period, for how far rows must look ahead; None: only the moment counts.
-            held: whether the robot holds on once with what is under way, if that is declared.
+            brake: braking of this period, which sets how far rows must look ahead. None: only the
+                present counts.
+            held: whether the robot holds once what is under way, if that is declared.
         """
         swing = change = ca.SX(6, 1)
         if brake is not None:
@@ -216,7 +217,7 @@ class StepModel:
 
 
 def stand_in(problem: Problem) -> np.ndarray:
-    """Return a posture for joints that are not seen: the comfort posture, where there is one."""
+    """Return a posture for joints that are not seen: the comfort posture, or zeros without one."""
     return np.asarray(
         getattr(problem.response, "comfort", np.zeros(len(problem.coordinates))), dtype=float
     )

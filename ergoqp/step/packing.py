@@ -1,4 +1,4 @@
-"""Several arrays as one vector and back: a block handed on costs an interpreter one copy."""
+"""Several arrays as one vector and back: an interpreter copies a block only once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Sizes = Mapping[str, tuple[int, int]]
 
 
 def count(sizes: Sizes) -> int:
-    """Return how many numbers all parts have."""
+    """Return the number of entries of all parts."""
     return sum(rows * columns for rows, columns in sizes.values())
 
 

@@ -1,4 +1,4 @@
-"""A recorded loop computed again, from what its log holds."""
+"""Compute a recorded loop again from its log."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ergoqp.step.stepper import Stepper
 
 
 def replay(problem: Problem, log: Sequence[Mapping[str, Any]]) -> list[Step]:
-    """Return the steps that a logged loop took, from its log alone.
+    """Return the steps of a logged loop, computed from its log alone.
 
-    The same inputs give the same answers, bit for bit (with ProxQP to its last bits).
+    The same inputs give the same answers, bit for bit (with ProxQP up to its last bits).
 
-    Period, solver and whether the step was compiled are those of the logged loop. Every entry holds
-    the whole state, so steps that are missing in the log do not change the others.
+    Period, solver and compilation are those of the logged loop. Every entry holds the whole state,
+    so steps that are missing in the log do not change the others.
 
     Args:
         problem: the problem of the logged loop.
-        log: the dicts that the log sink received, in order.
+        log: the dicts that the log function received, in order.
 
     Raises:
-        InputError: if an entry is not one of such a loop.
+        InputError: if an entry does not come from such a loop.
         CompilerError: if the logged step was compiled, and there is no compiler here.
 
     Example:

@@ -1,6 +1,6 @@
-"""Rest with hysteresis: the object stops when moving is not worth it.
+"""Rest with hysteresis: the object stops when moving gains too little.
 
-It stays stopped until moving clearly is worth it again.
+It stays at rest until the predicted gain is clearly large enough again.
 """
 
 from __future__ import annotations
@@ -15,17 +15,20 @@ from ergoqp.problem.control import Control
 STATES: Final = 6
 """Size of the state of rest.
 
-At rest (0 or 1); seconds for which the gain has asked for a change; filtered gain; filtered cost;
-lowest filtered cost since it moves; seconds since that improved. All zero at the start; the filters
-begin with the first frame.
+Its entries are: at rest (0 or 1); seconds for which the gain has asked for a change; filtered gain;
+filtered cost; lowest filtered cost since the object moves; seconds since that improved. All are
+zero at the start; the filters start with the first frame.
 """
 
 HUNTING: Final = 2.0
-"""After this many times `Control.stall_after` the object rests even when not at its lowest."""
+"""After this many times `Control.stall_after` the object rests even if not at its lowest cost."""
 
 
 def stalled(rest: Any) -> Any:
-    """Return how long the object has moved and improved nothing [s], 0 at rest; see `STATES`."""
+    """Return for how long the object has moved without an improvement [s], 0 at rest.
+
+    The argument is the state of rest, see `STATES`.
+    """
     return rest[5] * (1 - is_set(rest[0]))
 
 
@@ -40,18 +43,18 @@ def rest_update(
 ) -> ca.SX:
     """Return the next rest state (6,).
 
-    The object comes to rest when the predicted gain is small for a while, or when moving has not
-    improved the cost for some seconds: noisy angles promise gains for ever. It moves again when the
-    gain is large for a while.
+    The object comes to rest when the predicted gain is small for some time, or when moving has not
+    improved the cost for some seconds, because noisy angles always promise gains. It moves again
+    when the gain is large for some time.
 
     Args:
         control: thresholds and times.
-        rest: see `STATES` (6,).
-        gain: predicted improvement within one second at full speed, as this frame has it [points].
+        rest: state of rest, see `STATES` (6,).
+        gain: predicted improvement of this frame, within one second at full speed [points].
         value: cost of this frame [points].
-        must_move: 1 when a limit asks to come back.
+        must_move: 1 if a limit asks to come back.
         dt: period [s].
-        counts: 0 when this step has no gain to judge by; the state then stays.
+        counts: 0 if this step has no gain; the state then stays.
     """
     still, timer = is_set(rest[0]), rest[1]
     begun = rest[3] > 0
@@ -71,7 +74,7 @@ def rest_update(
     gives_up = ca.logic_and(ca.logic_not(ca.logic_or(still, must_move)), unimproved >= enough)
     changes = ca.logic_or(timer >= patience - 1e-12, gives_up)
     state = ca.if_else(changes, ca.logic_not(still), still)
-    # A new journey is judged by itself.
+    # Each motion is judged separately.
     starts = ca.logic_and(changes, still)
     after = ca.vertcat(
         state,

@@ -1,6 +1,6 @@
-"""What one step leaves to the next, as one vector.
+"""The state that one step hands to the next, as one vector.
 
-The same inputs and the same state give the same answers, always.
+The same inputs and the same state always give the same answers.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from ergoqp.step.under_way.history import initial_history
 
 
 def initial_state(model: StepModel, twist: np.ndarray | None = None) -> np.ndarray:
-    """Return the state of a loop that begins.
+    """Return the state at the start of a loop.
 
     Args:
-        model: of the step.
-        twist: with which the object moves already (6,) [m/s, rad/s]; None: it stands still.
+        model: model of the step.
+        twist: twist with which the object already moves (6,) [m/s, rad/s]. None: it stands still.
     """
     parts = {name: np.zeros(size) for name, size in model.state.items()}
     history = initial_history(model.history, np.zeros(6) if twist is None else twist)

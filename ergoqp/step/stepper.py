@@ -1,4 +1,4 @@
-"""The solve-step API of a control loop: one call per period, never an exception or unsafe twist."""
+"""The control step of a loop: one call per period, no exceptions, only certified twists."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ergoqp.step.under_way.history import SHORTEST_DT
 from ergoqp.step.user_values import number, put, truth
 
 _ROUNDING: Final = 1e-9
-"""What is beyond a speed limit by less is within it [m/s, rad/s]."""
+"""Tolerance of the speed limits [m/s, rad/s]."""
 
 _STATUSES: Final = tuple(status.name for status in Status)
 
@@ -36,24 +36,24 @@ LogSink = Callable[[dict[str, Any]], None]
 
 
 class Stepper:
-    """The state of one control loop: last twist, last pose, rest state. Make one per loop.
+    """One control loop with its state: last twists, last pose, rest. Make one per loop.
 
     Args:
         problem: the task.
         solver: name of the QP solver, see `ergoqp.solvers`.
-        compiled: whether the C compiler makes the step: the answers are the same, in a fraction of
-            the time.
-        dt: control period [s]; None: the problem's.
-        log: function that is called before every step with a dict of everything that goes in;
-            `ergoqp.replay` gives the same answers again. An exception in it is not passed on: the
-            loop goes on, the reason of the step says that the step is not recorded, and the next
-            step is tried again.
-        guide: a place that the object is drawn to, where descent alone comes to rest at a worse
-            one: the optimum of `ergoqp.optimise`, or a pose (4, 4) [m], see
+        compiled: whether to compile the step with the C compiler. The answers are the same, in a
+            fraction of the time.
+        dt: control period [s]. None: that of the problem.
+        log: function that gets a dict of all inputs before every step; `ergoqp.replay` computes the
+            same answers again from these. An exception in it is not passed on: the loop goes on,
+            the reason of the step says that the step is not recorded, and the next step calls it
+            again.
+        guide: a place that the object is drawn to if descent alone comes to rest at a worse one:
+            the optimum of `ergoqp.optimise`, or a pose (4, 4) [m], see
             `ergoqp.step.guide.place.read_guide`. The limits are the same as without a guide.
 
     Raises:
-        InputError: if the solver is unknown, `dt` is not a period, or the guide cannot be used.
+        InputError: if the solver is unknown, `dt` is out of range, or the guide cannot be used.
         ProblemError: if the workspace is too narrow for such a period.
         CompilerError: if there is no C compiler for ``compiled=True``.
 
@@ -79,7 +79,7 @@ class Stepper:
     ) -> None:
         """Build the step function once.
 
-        This takes some tenths of a second; compiled, the first time takes some ten seconds.
+        This takes some tenths of a second. The first compilation takes some ten seconds.
         """
         if dt is not None:
             check_number("dt", dt, *PERIODS, "s")
@@ -110,29 +110,29 @@ class Stepper:
         self.reset()
 
     def _bind(self, function: ca.Function) -> None:
-        """Take the function of the step, with arrays of its own."""
+        """Set the function of the step, with its own arrays."""
         self._evaluator = evaluator = Evaluator(function)
         self._call, self._inputs = evaluator.evaluate, evaluator.inputs
         if self._loop["solver"] != "daqp":
             self._call = passing_on(evaluator.evaluate)
-        # One array for all outputs: a step is one copy of it, and everything in the step a view of
-        # that copy.
+        # One array for all outputs: a step copies it once, and all its members are views of the
+        # copy.
         self._out, self._slices = evaluator.results, evaluator.slices
-        # What one step leaves to the next.
+        # The state that one step hands to the next.
         self._state_in, self._state_out = self._inputs["state"], evaluator.outputs["next_state"]
         self._status_at = self._slices["status"].start
-        # CasADi's matrices are column by column.
+        # CasADi stores matrices by columns.
         self._pose_in = self._inputs["pose"].reshape(4, 4).T
 
     def reset(self, twist: Any = None) -> None:
-        """Forget the loop: the last twists, the last pose, the rest state.
+        """Reset the state of the loop: the last twists, the last pose, the state of rest.
 
         The guide stays; what was learned about it is forgotten.
 
         Args:
-            twist: twist (6,) with which the object moves already [m/s, rad/s], for a caller who
-                takes over a moving robot, once. It is clipped to the speed limits, and what is
-                clipped off is not braked down. None: the object stands still.
+            twist: twist (6,) with which the object moves already [m/s, rad/s]. It is for taking
+                over a moving robot, once. It is clipped to the speed limits, and nothing brakes the
+                part that is clipped off. None: the object stands still.
 
         Raises:
             InputError: if `twist` is not six finite numbers.
@@ -145,37 +145,37 @@ class Stepper:
         self._inputs["posture"][:] = 0.0
 
     def hold(self) -> None:
-        """Stop: the object comes to rest and stays there until `try_again` or `reset`.
+        """Bring the object to rest and keep it there until `try_again` or `reset`.
 
-        Every step brakes and says so, whatever comes in. It never raises.
+        Until then every step brakes and its reason says so. This never raises.
         """
         self._held = True
 
     def try_again(self) -> None:
-        """Move again after `hold`, and try the guide anew, if there is one."""
+        """Allow motion again after `hold`, and try the guide again, if there is one."""
         self._held = False
         if self._guided:
             self._state_in[-TRIAL:] = 0.0
 
     @property
     def stalled(self) -> float:
-        """For how long the object has moved and improved nothing [s]; at rest it is 0.
+        """For how long the object has moved without an improvement [s]; 0 at rest.
 
-        The next step moves the more slowly for it.
+        The larger it is, the more slowly the next step moves.
         """
         return float(stalled(self._state_in[self._rest_at : self._rest_at + STATES]))
 
     def guide(self, guide: Any) -> None:
-        """Draw the object to another place from now on, or to none.
+        """Replace the guide from now on, or remove it.
 
-        It never raises while the loop runs. A place that cannot be used is taken for none, and the
-        reason of the next steps says why.
+        It never raises because of the place while the loop runs: a place that cannot be used counts
+        as none, and the reason of the next steps says why.
 
         Args:
-            guide: as at construction; None: descent alone.
+            guide: as for the constructor. None: descent alone.
 
         Raises:
-            InputError: if the stepper was made without a guide; it then cannot be drawn anywhere.
+            InputError: if the stepper was made without a guide; it cannot have one later.
         """
         if not self._guided:
             raise InputError(
@@ -191,9 +191,7 @@ class Stepper:
             self._lead(read_guide(self.problem, guide))
         except InputError as error:
             self._notes["guide"] = str(error)
-        except (
-            Exception
-        ) as error:  # whatever a user's object does when it is read, the loop goes on
+        except Exception as error:  # any error of a user's object; the loop goes on
             self._notes["guide"] = (
                 f"guide: cannot be read ({type(error).__name__}), allowed a pose (4, 4)"
             )
@@ -213,27 +211,28 @@ class Stepper:
         enable: bool = True,
         observed: Any = None,
     ) -> Step:
-        """Return the next object twist.
+        """Return the next twist of the object.
 
         Every input gives a step. An unusable input gives the status ``invalid``, and a lost frame
         gives ``braking``; both have a decelerating twist and a reason.
 
         Args:
-            posture: joint angles (32,) [rad], or what `Problem.coordinates` names; None when no
+            posture: joint angles (32,) [rad], or the values of `Problem.coordinates`. None: no
                 frame arrived.
-            pose: measured contact frame in the world (4, 4) [m]; None: integrated from the last
-                one, the first time from the posture.
-            twist: what the robot really did in the last period (6,) [m/s, rad/s]; None: what it was
-                sent, as late as declared. It tells the pose where no pose is measured, and it tells
-                faults of the robot. The limits hold for what is sent, whatever it says.
-            dt: for how long this twist will be executed [s]; None: the period of the loop. It is
-                not the time since the last call: a late call ends what was certified, and a period
-                longer than three of the loop (or than the declared ``longest_hold``) brakes.
-            age: how old the posture is [s].
+            pose: measured contact frame in the world (4, 4) [m]. None: it is integrated from the
+                last one, and comes from the posture the first time.
+            twist: measured twist of the last period (6,) [m/s, rad/s]. None: the sent twist,
+                delayed as declared. It gives the pose if no pose is measured, and it shows faults
+                of the robot. It never changes the limits, which hold for the twist that is sent.
+            dt: for how long this twist will be executed [s]. None: the period of the loop. It is
+                not the time since the last call: a late call ends what was certified. A period
+                longer than three periods of the loop (or than the declared ``longest_hold``)
+                brakes.
+            age: age of the posture [s].
             enable: False decelerates to rest. So does a value that is neither True nor False (1 and
-                0 are).
-            observed: (32,) bool, False for joints that the sensors do not see in this frame; None:
-                all are seen. What an unseen joint's entry in `posture` says is not used.
+                0 are allowed).
+            observed: (32,) bool, False for joints that the sensors do not see in this frame. None:
+                all are seen. The entry of an unseen joint in `posture` is not used.
         """
         start = time.perf_counter()
         into, notes = self._inputs, {**self._notes} if self._notes else {}
@@ -245,7 +244,7 @@ class Stepper:
         else:
             put(into["observed"], observed, self._state, "observed", notes)
             if "observed" in notes or not np.isfinite(into["observed"]).all():
-                # Nobody knows which joints were seen, so none of the frame can be used.
+                # Which joints were seen is unknown, so the frame cannot be used.
                 into["observed"][:], into["posture"][:] = 1.0, np.nan
                 notes.setdefault("observed", "observed is not a mask of zeros and ones")
         into["has_pose"][0] = pose is not None
@@ -267,18 +266,16 @@ class Stepper:
     def brake(self, dt: float | None = None, elapsed: float = 0.0) -> Step:
         """Return the next braking twist without new data.
 
-        The robot's own watchdog calls it when no step came in time.
-
-        The twist follows the stop that the last step was certified for. The state of the loop moves
-        along, so a later step continues from there. It never raises.
+        The watchdog of the robot calls it when no step came in time. The twist follows the stop
+        that the last step was certified for. The state of the loop moves along, so a later step
+        continues from there. It never raises.
 
         Args:
-            dt: for how long the twist will be executed [s]; None: the loop's period.
+            dt: for how long the twist will be executed [s]. None: the period of the loop.
             elapsed: how long the robot has already ramped down by itself before this call [s]. Its
-                ramp is taken to be that stop. The ramp is not judged, and the object comes to rest
-                before it moves again. A straight ramp, for example, is up to half of
-                `Control.average` ahead of that stop: after such a ramp use `reset`, with the
-                measured twist or once the object stands.
+                ramp counts as that stop and is not checked. The object comes to rest before it
+                moves again. A straight ramp is up to half of `Control.average` ahead of that stop.
+                After such a ramp use `reset`, with the measured twist or once the object stands.
         """
         late = min(number(elapsed), self._longest_stop)
         while late >= SHORTEST_DT:
@@ -290,19 +287,19 @@ class Stepper:
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """Posture and mask of the last step as read (n,) each: NaN where an entry was no number."""
+        """Posture and mask of the last step as read (n,) each. NaN: the entry was not a number."""
         return self._inputs["posture"].copy(), self._inputs["observed"].copy()
 
     def sent_instead(self, twist: Any) -> None:
-        """Say that another twist than that of the step was sent; the next step goes on from there.
+        """State that another twist than that of the step was sent; the next step continues from it.
 
-        A caller who limits the twist further needs it.
+        It is for a caller who limits the twist further.
 
         Args:
-            twist: (6,) [m/s, rad/s], within the limits of the object.
+            twist: the sent twist (6,) [m/s, rad/s], within the limits of the object.
 
         Raises:
-            InputError: if what is sent is a mean (`Control.average`), which cannot be changed
+            InputError: if the step sends a mean (`Control.average`), which cannot be changed
                 afterwards, or if `twist` is not six finite numbers within the speed limits.
         """
         if self.problem.average:

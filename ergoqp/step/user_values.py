@@ -1,6 +1,6 @@
-"""What users hand to a step, read so that nothing raises.
+"""Read what users give to a step, without raising an error.
 
-Whatever it is, numbers come out, and a note of what was wrong.
+The result is always numbers, with a note of what was wrong.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ _FLOAT: Final = np.dtype(float)
 def put(
     target: np.ndarray, value: Any, shape: tuple[int, ...], name: str, notes: dict[str, str]
 ) -> None:
-    """Copy a user's array into a buffer of its shape.
+    """Copy a user's array into a buffer of the same shape.
 
-    What is unusable fills the buffer with NaN, which the step judges, and leaves a note.
+    An unusable array fills the buffer with NaN, which the step detects, and leaves a note.
     """
     if type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == shape:
         target[...] = value
@@ -33,7 +33,7 @@ def put(
         else:
             target[...] = array
             return
-    except Exception as error:  # whatever a user's object does when it is read, the loop goes on
+    except Exception as error:  # any error of a user's object; the loop goes on
         notes[name] = (
             f"{name} cannot be read as an array ({type(error).__name__}), allowed shape {shape}"
         )
@@ -41,19 +41,19 @@ def put(
 
 
 def number(value: Any) -> float:
-    """Return a user's number; NaN where it is none, which the step judges."""
+    """Return a user's number, or NaN if it is not a number; the step detects NaN."""
     if isinstance(value, (str, bytes, bytearray)):
         return float("nan")
     try:
         return float(value)
-    except Exception:  # not a number, whatever it is
+    except Exception:  # any error: not a number
         return float("nan")
 
 
 def truth(value: Any, name: str, notes: dict[str, str]) -> bool:
-    """Return a user's yes or no; what is neither is no, and leaves a note.
+    """Return a user's flag. Any other value gives False and leaves a note.
 
-    A text that says no, or NaN, enables nothing.
+    For example a text or NaN never enables anything.
     """
     try:
         if isinstance(value, (bool, np.bool_)):
@@ -61,6 +61,6 @@ def truth(value: Any, name: str, notes: dict[str, str]) -> bool:
         if not isinstance(value, (str, bytes, bytearray)) and float(value) in (0.0, 1.0):
             return float(value) == 1.0
         notes[name] = f"{name} is {value!r:.40}, allowed True or False"
-    except Exception:  # whatever it does when it is looked at
+    except Exception:  # any error of a user's object
         notes[name] = f"{name} cannot be read as True or False"
     return False

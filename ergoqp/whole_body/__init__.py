@@ -1,6 +1,6 @@
-"""Person, robot and object in one model, by mink.
+"""Person, robot and object in one model, by mink: the control step in the robot's joints.
 
-It is the control step with the robot's joints as unknowns.
+The joints of the robot are unknowns of the QP.
 
 Needs the extra ``mink``.
 """

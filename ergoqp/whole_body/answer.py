@@ -1,4 +1,4 @@
-"""What the whole body's step answers."""
+"""The answer of the whole-body step."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ class WholeBodyStep:
     """The answer of one step.
 
     Attributes:
-        joint_velocities: of the arm (k,) [rad/s]: send these.
-        twist: what the object really does with them (6,) [m/s, rad/s].
-        posture_rate: how the model person follows that (32,) [rad/s].
-        status: that of the object's own step where the robot does the same; ``slower`` where limits
-            of the robot or the distance hold it back; ``braking`` where the object brakes, or robot
-            and object cannot keep all limits; ``invalid`` where an input cannot be used.
+        joint_velocities: velocities of the arm's joints to send (k,) [rad/s].
+        twist: twist of the object with these velocities (6,) [m/s, rad/s].
+        posture_rate: how the model person follows this twist (32,) [rad/s].
+        status: that of the object's own step if the robot does the same. ``slower``: limits of the
+            robot or the distance hold the object back. ``braking``: the object brakes, or robot and
+            object cannot keep all limits. ``invalid``: an input cannot be used.
         reason: one sentence that names the cause, empty for a plain optimal step.
-        min_distance: smallest of all kept distances where everything is now [m]; infinite where
-            none is kept.
-        object_step: the object's own step (`ergoqp.step.stepper.Step`), in which the robot has no
-            limits.
+        min_distance: smallest present distance of all kept pairs [m]; infinite if no distance is
+            kept.
+        object_step: the object's own step (`ergoqp.step.stepper.Step`), without limits of the
+            robot.
         solve_time: duration of the call [s].
 
     Example:

@@ -1,4 +1,4 @@
-"""What holds the robot back, in words."""
+"""The limits that hold the robot back, in words."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _AT = 1e-7
 
 
 def held_back(robot: Robot, scene: Scene, moment: Moment, velocities: np.ndarray) -> str:
-    """Return the names of the robot's limits and kept distances that are active.
+    """Return the names of the active limits of the robot and of the active distances.
 
     Args:
-        robot: whose limits they are.
-        scene: of person, robot and object.
-        moment: of the step.
+        robot: robot with the limits.
+        scene: scene of person, robot and object.
+        moment: data of the step.
         velocities: the answer, of person and arm together (nv,) [rad/s].
     """
     arm = velocities[scene.arm]

@@ -16,19 +16,19 @@ from ergoqp.whole_body.tasks import ErgonomicTask, Held, NullSpaceTask, ObjectTa
 SOLVER: Final = "daqp"
 """Name of the solver in qpsolvers."""
 SETTINGS: Final[dict[str, Any]] = {"primal_tol": 1e-11, "dual_tol": 1e-11}
-"""What DAQP is called with, so that twists are exact far below 1e-8."""
+"""Settings of DAQP, so that twists are exact far below 1e-8."""
 _KEPT: Final = 1e-7
-"""Rows must hold to this [m/s, rad/s], whatever flag the solver gives."""
+"""Rows must hold up to this [m/s, rad/s], whatever status the solver reports."""
 
 
 class Formulation:
-    """The tasks and limits of one scene; kept over the steps, only the moment changes.
+    """The tasks and limits of one scene. They are kept over the steps; only the moment changes.
 
     Args:
         scene: person, robot and object.
 
     Attributes:
-        configuration: mink's view of where everything is.
+        configuration: mink's copy of all positions.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -52,8 +52,8 @@ class Formulation:
         """Return the QP as mink builds it.
 
         Args:
-            moment: of this step.
-            follow: True: the object's whole step, cost and rows; False: only the object's
+            moment: data of this step.
+            follow: True: the object's whole step, cost and rows. False: only the object's
                 objective, the bounds of its twist in `moment`, and the robot's limits.
         """
         tasks = [self._object, self._null, self._tie]
@@ -74,7 +74,7 @@ class Formulation:
         )
 
     def solve(self, moment: Moment, follow: bool) -> np.ndarray | None:
-        """Return all velocities (nv,); None if the rows cannot all hold, or not by this solver."""
+        """Return all velocities (nv,); None if the rows cannot all hold or the solver fails."""
         problem = self.build(moment, follow)
         try:
             solution = qpsolvers.solve_problem(problem, solver=SOLVER, **SETTINGS)

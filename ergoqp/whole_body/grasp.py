@@ -1,4 +1,4 @@
-"""How the robot holds the object when a loop begins, and with which joints."""
+"""How the robot holds the object at the start of a loop: grasp and joints."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def grasp(
     posture: np.ndarray,
     apart: float | None,
 ) -> tuple[Scene, np.ndarray]:
-    """Return the scene, and the arm's joints (k,) that hold the object where the person's hand is.
+    """Return the scene, and joints of the arm (k,) that hold the object at the person's hand.
 
-    Of all joints found, and of the turns of the object in the robot's hand where they are open, it
-    takes those whose joints are farthest from the ends of their ranges.
+    Of all joint positions found, and of all turns of the object in the robot's hand if these are
+    free, it takes the joints that are farthest from the ends of their ranges.
 
     Args:
-        person: the controller's model.
+        person: the controller's model of the person.
         robot: the arm.
-        base: of the robot (4, 4) [m].
-        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: before it, at one
-            of eight turns.
-        size: of the object [m].
-        posture: of the person (32,) [rad].
-        apart: distance from the person that the joints must keep [m]; None: any.
+        base: base of the robot (4, 4) [m].
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]. None: in front of it, at
+            one of eight turns.
+        size: side lengths of the object [m].
+        posture: posture of the person (32,) [rad].
+        apart: distance from the person that must be kept [m]. None: any.
 
     Raises:
         InputError: if the arm cannot hold the object there.

@@ -1,4 +1,4 @@
-"""The judgement of what a user gives when a whole body is made, and in the loop."""
+"""Checks of a user's inputs, when a whole body is made and in the loop."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ergoqp.joints import JOINTS
 from ergoqp.whole_body.robot import Robot, load_robot
 
 _PLAUSIBLE: Final = 2.0
-"""Joints measured faster than their largest speed times this are an error of the measurement."""
+"""A joint measured faster than its largest speed times this is a measurement error."""
 
 
 _TURN: Final = 2 * np.pi
-"""Joints measured further out of their range are an error of the measurement [rad]."""
+"""A joint measured farther outside its range than this is a measurement error [rad]."""
 
 
 def size_of(value: Any) -> tuple[float, float, float]:
@@ -51,10 +51,10 @@ def posture_of(value: Any) -> np.ndarray:
 
 
 def robot_of(robot: Any, frame: str | None) -> Robot:
-    """Return a robot that is ready, or the one of a file.
+    """Return a given robot, or load one from a file.
 
     Raises:
-        InputError: if a frame is named beside a robot that has one, or as `load_robot`.
+        InputError: if a frame is given in addition to a robot that has one, or as in `load_robot`.
     """
     if not isinstance(robot, Robot):
         return load_robot(robot, frame)
@@ -82,11 +82,11 @@ def start_of(start: Any, robot: Robot) -> np.ndarray:
 
 
 def implausible_position(robot: Robot, positions: np.ndarray) -> str | None:
-    """Return which joint is measured where it cannot be, in words; None if none is.
+    """Return in words which joint is measured at an impossible position, or None.
 
     Args:
-        robot: with the ranges.
-        positions: of the joints (k,) [rad].
+        robot: robot with the ranges.
+        positions: positions of the joints (k,) [rad].
     """
     over = np.maximum(robot.lower - positions, positions - robot.upper) - _TURN
     worst = int(np.argmax(over))
@@ -100,11 +100,11 @@ def implausible_position(robot: Robot, positions: np.ndarray) -> str | None:
 
 
 def implausible_speed(robot: Robot, speeds: np.ndarray) -> str | None:
-    """Return which joint is measured faster than it can be, in words; None if none is.
+    """Return in words which joint is measured at an impossible speed, or None.
 
     Args:
-        robot: with the largest speeds.
-        speeds: of the joints (k,) [rad/s].
+        robot: robot with the largest speeds.
+        speeds: speeds of the joints (k,) [rad/s].
     """
     over = np.abs(speeds) - _PLAUSIBLE * robot.velocity
     worst = int(np.argmax(over))
@@ -121,6 +121,6 @@ def numbers(value: Any, count: int) -> np.ndarray | None:
     """Return a finite vector of this length, or None."""
     try:
         vector = np.asarray(unmasked(value), dtype=float)
-    except Exception:  # whatever a user's object does when it is read, the loop goes on
+    except Exception:  # any error of a user's object; the loop goes on
         return None
     return vector.copy() if vector.shape == (count,) and np.isfinite(vector).all() else None

@@ -1,4 +1,4 @@
-"""What the arm does: the whole QP, and what comes nearest to it where limits cannot all hold."""
+"""What the arm does: the whole QP, or the closest fallback if not all limits can hold."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from ergoqp.whole_body.terms import SAME
 
 
 class Ladder:
-    """The QPs of a step, the next where the one before has no answer.
+    """The QPs of a step in order; each is used if the one before has no answer.
 
     Args:
         problem: the task.
         robot: the arm.
-        formulation: of the QPs.
+        formulation: formulation of the QPs.
     """
 
     def __init__(self, problem: Problem, robot: Robot, formulation: Formulation) -> None:
-        """Keep whose limits they are."""
+        """Keep the arguments."""
         self._problem, self._robot, self._formulation = problem, robot, formulation
 
     def solve(
         self, object_step: Step, moment: Moment, done: np.ndarray
     ) -> tuple[np.ndarray, str, str]:
-        """Go down the ladder from the whole QP to every joint's own stop.
+        """Try the QPs in order, from the whole QP to the separate stop of every joint.
 
-        Between them come the robot's limits with the object's speed, and without it.
+        In between are the robot's limits with the speed limit of the object, and without it.
         """
         formulation, scene, robot = self._formulation, self._formulation.scene, self._robot
         arm = scene.arm
@@ -51,8 +51,8 @@ class Ladder:
                     "slower",
                     "held back by " + held_back(robot, scene, moment, solved),
                 )
-        # The object brakes, rests, or cannot have all of its rows: the robot does what comes
-        # nearest to it.
+        # The object brakes, rests, or cannot keep all rows. The robot follows it as closely as
+        # possible.
         wanted = object_step.twist if not whole else self._braking(done)
         effort = np.diag(
             np.repeat(
@@ -81,6 +81,6 @@ class Ladder:
         )
 
     def _braking(self, previous: np.ndarray) -> np.ndarray:
-        """The object's braking twist after the last: as much slower as its acceleration allows."""
+        """Return the object's next braking twist, with its full deceleration."""
         stop = float(np.max(np.abs(previous) / self._problem.twist_limit.acceleration))
         return previous * max(0.0, 1 - self._problem.dt / stop) if stop > 0 else previous

@@ -1,4 +1,4 @@
-"""What must hold for the whole body, as limits of mink.
+"""Limits of the whole body as limits of mink.
 
 They are rows on the displacement of one period, G Delta <= h.
 """
@@ -14,19 +14,19 @@ from ergoqp.whole_body.scene import ModelColumns
 
 
 class _MomentLimit(mink.Limit):
-    """A limit that reads the present moment."""
+    """A limit that reads the data of the present step."""
 
     def __init__(self, scene: ModelColumns) -> None:
-        """Keep where its columns are."""
+        """Keep the columns of the model."""
         self.scene = scene
         self.moment: Moment | None = None
 
     def _now(self) -> Moment:
-        assert self.moment is not None  # set at the begin of every step
+        assert self.moment is not None  # set at the start of every step
         return self.moment
 
     def _on_arm(self, rows: np.ndarray, bounds: np.ndarray, dt: float) -> mink.Constraint:
-        """Rows on the arm's speeds; what bounds nothing is left out."""
+        """Return rows on the speeds of the arm, without infinite bounds."""
         real = bounds < FREE / 2
         if not real.any():
             return mink.Constraint()
@@ -41,7 +41,7 @@ class TwistBounds(_MomentLimit):
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """Return two rows per axis that has a choice."""
+        """Return two rows per axis that can move."""
         now = self._now()
         free = now.high - now.low >= 1e-12
         J, aside = now.jacobian[free], now.offset[free]
@@ -51,10 +51,10 @@ class TwistBounds(_MomentLimit):
 
 
 class ProblemRows(_MomentLimit):
-    """The control step's rows (person's joints, workspace, tool axis ...), lower <= A xi <= upper.
+    """The rows of the control step (joints, workspace, tool axis ...), lower <= A xi <= upper.
 
-    Where the step relaxes a row, because braking itself would pass it, the row is widened by the
-    slack that the step needs.
+    If the step relaxes a row because braking itself would violate it, the row is widened by the
+    slack of the step.
     """
 
     def __init__(self, scene: ModelColumns) -> None:
@@ -91,16 +91,16 @@ class ArmBounds(_MomentLimit):
 
 
 class Distance(_MomentLimit):
-    """Pairs that are near approach no faster than they are allowed to.
+    """Near pairs approach each other no faster than allowed.
 
-    Two rows per pair with the person: one in which the person follows as the model says, and one in
-    which they have not noticed yet and stand still.
+    Each pair with the person has two rows. In one the person follows as in the model. In the other
+    the person has not reacted yet and stands still.
     """
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """Return the rows, in displacements: the rate times the period."""
+        """Return the rows in displacements: the rate times the period."""
         now = self._now()
         if now.close is None or not len(now.close.pairs):
             return mink.Constraint()

@@ -1,6 +1,6 @@
 """The closed loop of person, robot and object.
 
-The person follows, and the arm's joints do exactly what they are told.
+The person follows, and the joints of the arm do exactly what they are sent.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from ergoqp.whole_body.separation import Separation
 from ergoqp.whole_body.whole_body import WholeBody
 
 EXACT = Senses(noise_deg=0.0, drift_deg=0.0, lost=0.0)
-"""Sensors without error; the person still follows late."""
+"""Sensors without errors; the person still follows late."""
 
 
 @dataclass
 class WholeBodyTrace:
-    """What one loop left behind, sample by sample.
+    """The record of one loop, sample by sample.
 
     Attributes:
-        time: [s].
-        postures: of the person (32,) [rad].
+        time: time of each sample [s].
+        postures: postures of the person (32,) [rad].
         arms: joint positions of the arm (k,) [rad].
-        poses: of the object (4, 4) [m].
+        poses: poses of the object (4, 4) [m].
         steps: the answers.
-        distances: smallest kept distance to the true person, not the measured one [m].
+        distances: smallest distance to the true person, not the measured one [m].
     """
 
     time: list[float] = field(default_factory=list)
@@ -44,7 +44,7 @@ class WholeBodyTrace:
     distances: list[float] = field(default_factory=list)
 
     def broken_limits(self, whole: WholeBody) -> int:
-        """Count samples that break the arm's range, rate or acceleration, by plain comparison."""
+        """Return the number of samples that violate a range, rate or acceleration of the arm."""
         robot, dt = whole.robot, whole.dt
         arms, speeds = np.array(self.arms), np.array([step.joint_velocities for step in self.steps])
         before = np.vstack([np.zeros(speeds.shape[1]), speeds[:-1]])
@@ -59,11 +59,11 @@ class WholeBodyTrace:
 
 
 class Ruler:
-    """Measures the kept distances of a scene with the true person in it.
+    """Measures the distances of a scene with the true person.
 
     Args:
-        whole: whose robot, base and load.
-        person: whose body, which need not be the controller's.
+        whole: step with robot, base and load.
+        person: person with the true body, which may differ from the controller's model.
     """
 
     def __init__(self, whole: WholeBody, person: Alike) -> None:
@@ -85,7 +85,7 @@ class Ruler:
         return self._separation.smallest(self._data)[0]
 
     def contact(self, arm: np.ndarray) -> np.ndarray:
-        """Return the contact frame (4, 4) where the arm holds it."""
+        """Return the contact frame (4, 4) as the arm holds it."""
         self._data.qpos[self.scene.arm_qpos] = arm
         mujoco.mj_kinematics(self.scene.model, self._data)
         pose, site = np.eye(4), self.scene.contact_site
@@ -107,14 +107,14 @@ def run_whole_body(
     """Run the loop from `WholeBody.start` and return its trace.
 
     Args:
-        whole: the step, made for this posture; reset here.
-        person: who follows.
-        posture: with which the person holds the tool at the begin (32,) [rad]; soles and grasp stay
-            as they are then.
-        duration: [s].
-        seed: of noise and lost frames.
-        senses: what lies between person and controller.
-        checker: judges the object's motion; None: nobody does.
+        whole: the step, made for this posture; it is reset here.
+        person: the simulated person.
+        posture: posture with which the person holds the tool at the start (32,) [rad]. Soles and
+            grasp stay as in this posture.
+        duration: duration of the loop [s].
+        seed: seed of noise and lost frames.
+        senses: sensors between person and controller.
+        checker: judges the motion of the object. None: no check.
 
     Example:
         >>> import ergoqp

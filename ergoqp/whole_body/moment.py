@@ -1,4 +1,4 @@
-"""What one step knows of person, robot and object: the numbers that its tasks and limits share."""
+"""The data of one step for person, robot and object, shared by its tasks and limits."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ from ergoqp.whole_body.separation import Closeness
 
 @dataclass
 class Moment:
-    """The numbers of one step; written by whoever steps, read by tasks and limits.
+    """The data of one step, set by the step and read by tasks and limits.
 
     Attributes:
         dt: period [s].
-        jacobian: of the contact frame after the arm's joints, world-aligned, linear first (6, k).
-        terms: what `ergoqp.whole_body.terms.terms_function` gave.
+        jacobian: Jacobian of the contact frame with respect to the arm's joints, world-aligned,
+            linear first (6, k).
+        terms: result of `ergoqp.whole_body.terms.terms_function`.
         H: curvature of the object's own objective (6, 6).
         g: slope of the object's own objective (6,).
-        low: least twist (6,) [m/s, rad/s].
-        high: greatest twist (6,) [m/s, rad/s].
+        low: lower bound of the twist (6,) [m/s, rad/s].
+        high: upper bound of the twist (6,) [m/s, rad/s].
         arm_speed: speeds of the arm's joints in the last period (k,) [rad/s].
-        arm_low: least speeds of the arm's joints (k,) [rad/s].
-        arm_high: greatest speeds of the arm's joints (k,) [rad/s].
-        arm_wish: speeds that the null space is led to (k,) [rad/s].
-        offset: what the arm does beside the twist xi, J dq = xi + offset, to bring the object back
-            to the way that its twists describe: arms move in arcs (6,) [m/s, rad/s].
-        close: the pairs that are near each other; None: nothing keeps a distance.
-        approach: largest speed with which each of them may approach (m,) [m/s].
+        arm_low: lower bounds of the speeds of the arm's joints (k,) [rad/s].
+        arm_high: upper bounds of the speeds of the arm's joints (k,) [rad/s].
+        arm_wish: desired speeds in the null space (k,) [rad/s].
+        offset: correction in addition to the twist xi, J dq = xi + offset. It brings the object
+            back to the straight path of its twists, because arms move in arcs (6,) [m/s, rad/s].
+        close: the near pairs. None: no distance is kept.
+        approach: largest speed at which each of them may approach (m,) [m/s].
     """
 
     dt: float

@@ -1,4 +1,4 @@
-"""Where the robot stands, how it holds the object, and with which joints it does so somewhere."""
+"""Where the robot stands, and the joint positions with which it holds the object at a pose."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ergoqp.whole_body.scene import Scene
 from ergoqp.whole_body.terms import person_of
 
 AHEAD: Final = 0.45
-"""How far before its base the robot's frame is, with the object in mid-workspace [m]."""
+"""Distance of the robot's frame in front of its base, with the object in mid-workspace [m]."""
 ABOVE: Final = 0.40
-"""And how far above it [m]."""
+"""Height of the robot's frame above its base, for the same case [m]."""
 _SEEDS: Final = 24
 _ITERATIONS: Final = 60
 _EXACT: Final = 1e-10
 
 
 def tool_direction(problem: Problem) -> np.ndarray:
-    """Return the middle of the tool's cone in the world (3,).
+    """Return the axis of the tool's cone in the world (3,).
 
     Without a cone it is the tool's axis at the comfort posture.
     """
@@ -39,16 +39,16 @@ def comfort_contact(problem: Problem) -> np.ndarray:
 
 
 def default_base(problem: Problem, length: float) -> np.ndarray:
-    """Return where the robot's base is (4, 4) when nobody says it.
+    """Return the default base of the robot (4, 4).
 
-    It stands beyond the object, seen from the person, and faces them: with the object in the middle
-    of its workspace (the comfort posture's contact point, where there is none) and the tool along
-    the middle of its cone, the robot's frame is 0.45 m before the base and 0.40 m above it; never
-    below the floor.
+    It stands beyond the object, seen from the person, and faces the person. With the object in the
+    middle of its workspace (or at the contact point of the comfort posture if there is none) and
+    the tool along the axis of its cone, the robot's frame is 0.45 m in front of the base and 0.40 m
+    above it. The base is never below the floor.
 
     Args:
         problem: the task.
-        length: from the robot's frame to the contact point [m].
+        length: distance from the robot's frame to the contact point [m].
     """
     direction, box = tool_direction(problem), problem.limit_of(WorkspaceBox)
     middle = (
@@ -57,8 +57,7 @@ def default_base(problem: Problem, length: float) -> np.ndarray:
         else (np.asarray(box.lower) + np.asarray(box.upper)) / 2
     )
     away = np.array([direction[0], direction[1], 0.0])
-    # A tool that points up or down says nothing about where the person is not; in front of them is
-    # x.
+    # A tool that points up or down does not show where the person is; x is in front of them.
     away = away / np.linalg.norm(away) if np.linalg.norm(away) > 0.2 else np.array([1.0, 0.0, 0.0])
     frame = middle + length * direction
     base = np.eye(4)
@@ -73,10 +72,10 @@ def arms_at(
 ) -> list[np.ndarray]:
     """Return joint positions (k,) that hold the contact frame at a pose (4, 4).
 
-    Those nearest to `first` come first.
+    Positions closest to `first` come first.
 
-    Damped Newton steps within the joint ranges from `first` and from seeded random starts; the same
-    every time.
+    The search uses damped Newton steps within the joint ranges, from `first` and from seeded random
+    starts. It gives the same result every time.
     """
     rng, robot = np.random.default_rng(0), scene.robot
     data = mujoco.MjData(scene.model)
@@ -115,7 +114,7 @@ def _solved(
 def pose_error(position: np.ndarray, rotation: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Return the displacement (6,) [m, rad] from a position and rotation to a pose (4, 4).
 
-    It is world-aligned.
+    It is along the axes of the world.
     """
     vector = np.zeros(3)
     mujoco.mju_quat2Vel(vector, quaternion_of(pose[:3, :3] @ rotation.T), 1.0)

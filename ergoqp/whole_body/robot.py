@@ -1,6 +1,6 @@
 """A robot arm from an MJCF or URDF file.
 
-It has its tree, the frame that carries the object, and what its joints can do.
+It has its kinematic tree, the frame that carries the object, and the limits of its joints.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from ergoqp.expressions.quaternions import matrix_of
 from ergoqp.paths import data_folder
 
 DEFAULT_FRAME: Final = "flange"
-"""The end-effector frame where none is named."""
+"""The default end-effector frame."""
 
 MARGIN: Final = 1e-3
-"""Joints stay this far inside the file's ranges [rad or m]: room for whoever follows the answer."""
+"""Joints stay this far inside the ranges of the file [rad or m], as room for the controller."""
 
 
 @dataclass(frozen=True)
@@ -31,17 +31,17 @@ class Robot:
     """An arm, as a description that can be put into a larger model.
 
     Attributes:
-        name: of the file.
-        spec: its MuJoCo description; a copy of it goes into every scene.
+        name: name of the file.
+        spec: its MuJoCo description; every scene contains a copy.
         frame: name of the end-effector frame, a site or a body.
         frame_body: name of the body that carries this frame.
         frame_pose: the frame in that body (4, 4) [m].
-        joints: names of the k joints between base and frame, from the base on.
-        lower: least joint positions (k,) [rad, or m for slides].
-        upper: greatest joint positions (k,) [rad, or m for slides].
+        joints: names of the k joints from base to frame.
+        lower: lower ends of the joint positions (k,) [rad, or m for slides].
+        upper: upper ends of the joint positions (k,) [rad, or m for slides].
         velocity: largest joint speeds (k,) [rad/s].
         acceleration: largest joint accelerations (k,) [rad/s^2].
-        rest: where the null space leads (k,) [rad].
+        rest: joint positions toward which the null space moves (k,) [rad].
 
     Example:
         >>> from ergoqp.whole_body import load_robot
@@ -74,19 +74,19 @@ def load_robot(
 
     Args:
         robot: ``"panda"``, which comes with the package, or the path of an MJCF or URDF file.
-        frame: the end-effector frame, a site or a body of the file; the object is fixed to it, and
-            its z axis points out of the hand; None: ``"flange"``.
-        velocity: largest joint speeds, one number or (k,), one per joint [rad/s]; None: the file's
-            custom numeric ``joint_velocity``.
-        acceleration: largest joint accelerations, one number or (k,) [rad/s^2]; None: the file's
-            ``joint_acceleration``.
-        rest: joint positions (k,) that the null space leads to [rad]; None: the file's
-            ``joint_rest``, else the middle of the ranges.
+        frame: the end-effector frame, a site or a body of the file. The object is fixed to it, and
+            its z axis points out of the hand. None: ``"flange"``.
+        velocity: largest joint speeds, one number or (k,), one per joint [rad/s]. None: the custom
+            numeric ``joint_velocity`` of the file.
+        acceleration: largest joint accelerations, one number or (k,) [rad/s^2]. None:
+            ``joint_acceleration`` of the file.
+        rest: joint positions (k,) toward which the null space moves [rad]. None: ``joint_rest`` of
+            the file, or the middle of the ranges.
 
     Raises:
-        InputError: if the frame is not a name, or the file cannot be read, has no such frame (the
-            sentence lists those that it has), no joint before it, a joint without a range or of
-            more than one axis, or if speeds or accelerations are neither in it nor given.
+        InputError: if the frame is not a name; if the file cannot be read, has no such frame (the
+            message lists its frames), no joint before it, or a joint without a range or with
+            several axes; or if speeds or accelerations are neither in the file nor given.
 
     Example:
         >>> from ergoqp.whole_body import load_robot
@@ -94,7 +94,7 @@ def load_robot(
         [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
     """
     frame = DEFAULT_FRAME if frame is None else frame
-    # MuJoCo looks for whatever it is given as if it were a text.
+    # MuJoCo takes any argument for a text.
     if not isinstance(frame, str):
         raise InputError(
             f"frame: got {shown(frame)}, allowed the name of a site or body, or None for"
@@ -183,7 +183,7 @@ def _frame_of(model: mujoco.MjModel, frame: str, path: Path) -> tuple[int, np.nd
 
 
 def _chain(model: mujoco.MjModel, body: int, frame: str, path: Path) -> list[int]:
-    """Return the joints between base and frame, from the base on."""
+    """Return the joints from base to frame."""
     joints: list[int] = []
     while body > 0:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
@@ -217,7 +217,7 @@ def _per_joint(
     path: Path,
     positive: bool = True,
 ) -> np.ndarray:
-    """Return one number per joint of the chain: what is given, else the file's custom numeric."""
+    """Return one number per joint of the chain: the given one, or the file's custom numeric."""
     if given is None:
         found = _numerics(spec).get(f"joint_{what}")
         if found is None:
@@ -225,7 +225,7 @@ def _per_joint(
                 f"{what}: {path.name} does not say it, allowed {what}=... or its custom numeric"
                 f" 'joint_{what}'"
             )
-        # The file's list is of all its joints, in order.
+        # The list of the file has all its joints, in order.
         given = found[list(joints)] if found.size == model.njnt else found
     try:
         values = np.broadcast_to(np.asarray(given, dtype=float), (len(joints),)).copy()

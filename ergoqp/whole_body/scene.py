@@ -1,4 +1,4 @@
-"""Person, robot and object in one MuJoCo model, and which of its parts keep a distance."""
+"""Person, robot and object in one MuJoCo model, and the pairs that keep a distance."""
 
 from __future__ import annotations
 
@@ -16,27 +16,30 @@ from ergoqp.joints import JOINTS
 from ergoqp.whole_body.robot import Robot
 
 BASE_JOINTS: Final = ("base_x", "base_y", "base_z", "base_yaw")
-"""How the person's pelvis stands in the world: three shifts [m] and a turn [rad]."""
+"""Position of the person's pelvis in the world: three shifts [m] and a turn [rad]."""
 
 _HAND_PARTS: Final = ("palm", "fingers", "thumb")
 _SHORTEST: Final = 1e-3  # tool between object and hand [m]
 _HOLDS: Final = 2
-"""The hand that holds the tool need not avoid links fewer joints than this from the object."""
+"""Links fewer joints than this from the object need no distance to the hand at the tool."""
 _JOINTS_AWAY: Final = 4
-"""The object cannot avoid the links it hangs on: pairs begin this many joints up the arm."""
+"""Pairs of the object and a link begin this many joints up the arm.
+
+The object cannot avoid the links that carry it.
+"""
 
 
 @dataclass(frozen=True)
 class Load:
-    """What the robot's end-effector frame carries: a box on the frame, and in it the tool.
+    """What the end-effector frame carries: a box on the frame, and the tool in it.
 
     The person holds the other end of the tool.
 
     Attributes:
         tool_frame: the contact frame in the end-effector frame (4, 4) [m]; its x is the tool's
             axis, out of the fist.
-        size: side lengths of the box along the axes of the end-effector frame [m]; it begins at the
-            frame and extends along z.
+        size: side lengths of the box along the axes of the end-effector frame [m]. The box begins
+            at the frame and extends along z.
     """
 
     tool_frame: np.ndarray
@@ -48,7 +51,8 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
 
     It is turned about the tool by `turn` [rad].
 
-    Its x axis points back along the z of the end-effector frame: the person works toward the robot.
+    Its x axis points back along the z of the end-effector frame, because the person works toward
+    the robot.
     """
     z = np.array([np.cos(turn), np.sin(turn), 0.0])
     x = np.array([0.0, 0.0, -1.0])
@@ -59,7 +63,7 @@ def default_tool_frame(turn: float, length: float = 0.20) -> np.ndarray:
 
 
 class ModelColumns(Protocol):
-    """What tasks and limits need of a model: whose velocities are in which columns, see `Scene`."""
+    """What tasks and limits need of a model: the columns of the velocities, see `Scene`."""
 
     model: mujoco.MjModel
     person: np.ndarray
@@ -73,19 +77,18 @@ class Scene:
     Args:
         body: the person.
         robot: the arm.
-        base: of the robot in the world of the problem (4, 4) [m].
+        base: base of the robot in the world of the problem (4, 4) [m].
         load: what the arm carries.
-        hands: of the person, ``"right"``, ``"left"`` or both: those that hold the tool may touch
-            object and tool.
+        hands: hands of the person that hold the tool, ``"right"``, ``"left"`` or both. They may
+            touch object and tool.
 
     Attributes:
-        model: person first, with the prefix ``person/``, then the robot with ``robot/``; object and
-            tool are the geoms ``robot/object`` and ``robot/tool``, the contact frame is the site
+        model: person first, with the prefix ``person/``, then the robot with ``robot/``. Object and
+            tool are the geoms ``robot/object`` and ``robot/tool``. The contact frame is the site
             ``robot/contact``.
         person: columns of pelvis x, y, z, yaw and the 32 joints among the velocities (36,).
         arm: columns of the arm's joints (k,).
-        idle: columns of all other joints of the robot's file, such as fingers: they stay where they
-            are.
+        idle: columns of all other joints of the robot's file, such as fingers. They do not move.
 
     Example:
         >>> import ergoqp
@@ -98,7 +101,7 @@ class Scene:
     def __init__(
         self, body: Body, robot: Robot, base: np.ndarray, load: Load, hands: tuple[str, ...]
     ) -> None:
-        """Put the descriptions together and compile them once."""
+        """Combine the descriptions and compile them once."""
         self.body, self.robot, self.base, self.load, self.hands = (
             body,
             robot,
@@ -128,8 +131,7 @@ class Scene:
           with every part except those hands and their forearms;
         - object and tool with the links at least four joints up the arm.
 
-        The arm's own links among each other are left to the robot's joint ranges and its own
-        controller.
+        Pairs of the arm's own links are left to the robot's joint ranges and controller.
         """
         model = self.model
         names = [model.geom(i).name for i in range(model.ngeom)]
@@ -174,7 +176,7 @@ class Scene:
         return count
 
     def pair_name(self, pair: np.ndarray) -> str:
-        """Return a pair (2,) in words, for a reason."""
+        """Return a pair (2,) in words, for a message."""
         first, second = (
             self.model.geom(int(i)).name.split("/")[-1].replace("_", " ") for i in pair
         )
@@ -229,8 +231,7 @@ def carry(arm: mujoco.MjSpec, robot: Robot, load: Load) -> None:
     """Fix object, tool and contact frame to the end-effector frame of an arm's description.
 
     Raises:
-        InputError: if the object ends where the person holds the tool, so that there is no tool
-            between them.
+        InputError: if the object ends at the contact point, so that there is no tool between them.
     """
     pose = robot.frame_pose
     carrier = arm.body(robot.frame_body).add_body(

@@ -1,4 +1,4 @@
-"""Distances between robot, object and person, and how they change with every joint."""
+"""Distances between robot, object and person, and their derivatives with respect to every joint."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ergoqp.whole_body.scene import Scene
 
 @dataclass(frozen=True)
 class Closeness:
-    """The pairs that are near each other.
+    """The near pairs.
 
     Attributes:
         pairs: rows of `Scene.pairs` (m,).
-        distances: of each (m,) [m], negative inside each other.
-        gradients: derivative of each distance after all velocities (m, nv) [m/rad]; zero where both
-            touch at a point.
+        distances: distance of each pair (m,) [m], negative if they overlap.
+        gradients: derivative of each distance with respect to all velocities (m, nv) [m/rad]; zero
+            if both touch at a point.
     """
 
     pairs: np.ndarray
@@ -29,12 +29,12 @@ class Closeness:
 class Separation:
     """Measures the pairs of a scene.
 
-    MuJoCo gives the nearest points of a pair; the distance changes by what both points do along the
-    line between them, and inside each other by the opposite.
+    MuJoCo gives the nearest points of a pair. The rate of the distance is the relative motion of
+    both points along the line between them, with the opposite sign if they overlap.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Read off what a first look needs: the spheres around all geoms."""
+        """Compute the data of the first test: the bounding spheres of all geoms."""
         self.scene = scene
         model = scene.model
         self._first, self._second = scene.pairs.T
@@ -61,7 +61,7 @@ class Separation:
     def smallest(self, data: mujoco.MjData, range_: float = 1.0) -> tuple[float, int]:
         """Return the smallest distance of all pairs [m] and its row in `Scene.pairs`.
 
-        Beyond the range it is (range, -1).
+        If no pair is within the range, return (range, -1).
         """
         least, which = range_, -1
         for row in self._candidates(data, range_):

@@ -1,4 +1,4 @@
-"""Where person, arm and object are, how they move together, and what is near to what."""
+"""Poses of person, arm and object, the Jacobian of the contact frame, and the near pairs."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Sight:
     """One scene as a step sees it.
 
     Args:
-        scene: of person, robot and object.
-        person: in it.
-        configuration: mink's view of the scene, which is kept up to date.
-        distance: to be kept [m]; None: none.
-        reserve: kept beyond it [m].
+        scene: scene of person, robot and object.
+        person: person in it.
+        configuration: mink's copy of the positions, which is kept up to date.
+        distance: distance to keep [m]. None: none.
+        reserve: distance kept in addition [m].
         pace: the object's time to stop from full speed [s].
     """
 
@@ -46,18 +46,17 @@ class Sight:
     def look(
         self, posture: np.ndarray, positions: np.ndarray, after: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the contact frame (4, 4), and its Jacobian after the arm's joints (6, k).
+        """Return the contact frame (4, 4), and its Jacobian for the arm's joints (6, k).
 
-        The Jacobian is that in the middle of the coming period.
+        The Jacobian is that of the middle of the coming period.
 
-        The arm turns while it moves: with the Jacobian of the begin the object would leave its
-        straight way by what the Jacobian changes in half a period, again and again to the same
-        side.
+        The arm turns while it moves. With the Jacobian of the start, the object would leave its
+        straight path by the change of the Jacobian in half a period, always to the same side.
 
         Args:
-            posture: of the person (32,) [rad].
-            positions: of the arm (k,) [rad].
-            after: where the last speeds bring the arm by the middle of the period (k,) [rad].
+            posture: posture of the person (32,) [rad].
+            positions: positions of the arm's joints (k,) [rad].
+            after: positions after half a period at the last speeds (k,) [rad].
         """
         scene, site = self._scene, self._scene.contact_site
         data = self.place(posture, positions)
@@ -68,13 +67,13 @@ class Sight:
         return contact, jacobian[:, scene.arm]
 
     def place(self, posture: np.ndarray, positions: np.ndarray) -> mujoco.MjData:
-        """Put person and arm where they are."""
+        """Set the positions of person and arm."""
         pelvis = np.array(self._pelvis(posture)[0]).ravel()
         self._configuration.update(self._scene.qpos(pelvis, posture, positions))
         return self._configuration.data
 
     def near(self) -> tuple[Closeness | None, float]:
-        """Return what is near, and the smallest distance [m], where everything was put last."""
+        """Return the near pairs and the smallest distance [m] at the positions set last."""
         if self._distance is None:
             return None, float("inf")
         data = self._configuration.data
@@ -87,14 +86,15 @@ class Sight:
     def approach(self, close: Closeness, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the largest speeds of approach (m,) [m/s].
 
-        They are what is left, over the object's time to stop from full speed: so the distance is
-        come to ever more slowly, with no more deceleration than the object has. Nearer than that,
-        the robot retreats, as fast as its joints allow and at most by 0.05 m/s.
+        They are the remaining distance over the object's time to stop from full speed. So the
+        approach becomes ever slower, with no more deceleration than the object has. If the distance
+        is already too small, the robot retreats, as fast as its joints allow and at most at 0.05
+        m/s.
 
         Args:
-            close: the pairs that are near.
-            low: least speeds of the arm's joints (k,) [rad/s].
-            high: greatest ones.
+            close: the near pairs.
+            low: lower bounds of the speeds of the arm's joints (k,) [rad/s].
+            high: upper bounds of these speeds (k,) [rad/s].
         """
         left = close.distances - (self._distance or 0.0) - self._reserve
         allowed = np.where(left >= 0, left, np.maximum(left, -_RETREAT * self._pace)) / self._pace

@@ -1,4 +1,4 @@
-"""How fast a joint may be so that it still stops in time, exactly, in periods of a clock."""
+"""The largest speed from which a joint still stops in time, exact for discrete periods."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ _ROUNDING = 1e-12
 def stopping_speed(distance: ArrayLike, acceleration: ArrayLike, dt: float) -> np.ndarray:
     """Return the largest speed of this period from which a stop stays within a distance.
 
-    The speed is held for one period and then falls by a dt per period: after k + 1 periods v dt +
-    (v - a dt) dt + ... is covered, so that v = d / ((k + 1) dt) + a dt k / 2 with k = floor((sqrt(1
-    + 8 d / (a dt^2)) - 1) / 2) (the continuous sqrt(2 a d) is passed by up to a period's way).
+    The speed is held for one period and then falls by a dt per period. After k + 1 periods the
+    joint has moved v dt + (v - a dt) dt + ... So v = d / ((k + 1) dt) + a dt k / 2 with k =
+    floor((sqrt(1 + 8 d / (a dt^2)) - 1) / 2). (The continuous sqrt(2 a d) would overshoot by up to
+    the motion of one period.)
 
     Args:
-        distance: what is left, negative counts as none [rad].
+        distance: remaining distance; negative counts as zero [rad].
         acceleration: deceleration that may be used [rad/s^2].
         dt: period [s].
     """
@@ -34,20 +35,20 @@ def joint_bounds(
     dt: float,
     pace: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest speed of every joint in this period (k,) each.
+    """Return the lower and the upper bound of the speed of every joint in this period (k,) each.
 
-    Position through the stop, rate and acceleration; the joint's own braking is always among them,
-    so that bounds of joints that kept them before are never empty.
+    The bounds follow from position through the stop, rate and acceleration. They always include the
+    joint's own braking. So bounds of joints that kept them before are never empty.
 
     Args:
-        position: of the joints (k,) [rad].
-        speed: of the last period (k,) [rad/s].
+        position: positions of the joints (k,) [rad].
+        speed: speeds of the last period (k,) [rad/s].
         limits: least and greatest positions (k,) each [rad].
         velocity: largest speeds (k,) [rad/s].
         acceleration: largest accelerations (k,) [rad/s^2].
         dt: period [s].
-        pace: the ends of the ranges are come to at what is left over this time [s], where it is
-            longer than the stop: joints stop sooner than the object that they carry may.
+        pace: time constant of the approach to the ends of the ranges [s], if it is longer than the
+            stop. Joints can stop sooner than the object that they carry may.
     """
     brake = np.sign(speed) * np.maximum(np.abs(speed) - acceleration * dt, 0.0)
     up, down = (

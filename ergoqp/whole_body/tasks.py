@@ -1,4 +1,4 @@
-"""What the whole body minimises and ties together, as tasks of mink.
+"""Objectives and equalities of the whole body, as tasks of mink.
 
 The unknown is the displacement of one period.
 """
@@ -15,29 +15,29 @@ from ergoqp.whole_body.moment import Moment
 from ergoqp.whole_body.scene import ModelColumns
 
 TIE_WEIGHT = 1.0
-"""Weight of the tie as a term beside the constraint [1/s^2].
+"""Weight of the tie as a term in addition to the constraint [1/s^2].
 
-The term is zero wherever the constraint holds and changes nothing, but makes the objective curved
-in the person's unknowns, which solvers want.
+The term is zero if the constraint holds, so it changes nothing. It makes the objective curved in
+the person's unknowns, which solvers need.
 """
 
 NULL_WEIGHT = 1e-3
-"""Weight of the arm's null space against an object effort of 1 and more [points / (rad/s)^2]."""
+"""Weight of the arm's null space, for an object effort of at least 1 [points / (rad/s)^2]."""
 
 
 class _MomentTask(BaseTask):
-    """A task that reads the present moment."""
+    """A task that reads the data of the present step."""
 
     def __init__(self, scene: ModelColumns) -> None:
         self.scene = scene
         self.moment: Moment | None = None
 
     def _now(self) -> Moment:
-        assert self.moment is not None  # set at the begin of every step
+        assert self.moment is not None  # set at the start of every step
         return self.moment
 
     def _objective(self, columns: np.ndarray, H: np.ndarray, c: np.ndarray) -> mink.Objective:
-        """Put a small objective into that of all velocities."""
+        """Return a small objective as one of all velocities."""
         nv = self.scene.model.nv
         full_H, full_c = np.zeros((nv, nv)), np.zeros(nv)
         full_H[np.ix_(columns, columns)], full_c[columns] = H, c
@@ -45,13 +45,13 @@ class _MomentTask(BaseTask):
 
 
 class ErgonomicTask(_MomentTask):
-    """The posture's cost over the look-ahead T, in the person's joints.
+    """Cost of the posture over the look-ahead T, in the joints of the person.
 
     It is T dV/dq' v + 1/2 T^2 v' B v for joint rates v.
 
-    B is Gauss-Newton on V, made finite near the least cost by the step's caution, see
-    `ergoqp.step.program.objective`. It acts on the posture's own unknowns, as a cost of the posture
-    should; the tie makes the object feel it through S.
+    B is the Gauss-Newton curvature of V, kept finite near the smallest cost by the step's caution,
+    see `ergoqp.step.program.objective`. It acts on the unknowns of the posture. The tie transfers
+    it to the object through S.
     """
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
@@ -64,7 +64,7 @@ class ErgonomicTask(_MomentTask):
 class ObjectTask(_MomentTask):
     """An objective of the object's twist, 1/2 xi' H xi + g' xi.
 
-    It holds effort R, smoothing, and contact that would be lost.
+    It consists of effort R, smoothing, and lost contact.
     """
 
     def compute_qp_objective(self, configuration: mink.Configuration) -> mink.Objective:
@@ -75,12 +75,12 @@ class ObjectTask(_MomentTask):
 
 
 class NullSpaceTask(_MomentTask):
-    """The second level: what the arm does beside the twist.
+    """The second level: what the arm does in addition to the twist.
 
     It is 1/2 |N (dq - wish)|^2 with N = I - J^+ J.
 
-    N takes everything out that moves the object, so the two levels do not see each other and one QP
-    solves both, exactly, as long as no limit of the robot is active. Where one is, the twist may
+    N removes everything that moves the object. So the two levels do not affect each other, and one
+    QP solves both exactly, as long as no limit of the robot is active. If one is, the twist may
     give way by about `NULL_WEIGHT` over the effort.
     """
 
@@ -101,18 +101,18 @@ class _Rows(mink.Task):
         self.moment: Moment | None = None
 
     def _now(self) -> Moment:
-        assert self.moment is not None  # set at the begin of every step
+        assert self.moment is not None  # set at the start of every step
         return self.moment
 
 
 class Tie(_Rows):
     """The person follows the object.
 
-    Pelvis and joints move by (carried, S) xi with xi = J dq - offset, in no other way.
+    Pelvis and joints move exactly by (carried, S) xi with xi = J dq - offset.
 
-    Contact alone would let the QP choose among all postures that keep the contact, as if the robot
-    moved the person. Joints of the robot's file that the arm does not use, such as fingers, are
-    tied to rest.
+    With contact alone, the QP would choose among all postures that keep the contact, as if the
+    robot moved the person. Joints of the robot's file that the arm does not use, such as fingers,
+    are tied to rest.
     """
 
     def __init__(self, scene: ModelColumns) -> None:
@@ -120,16 +120,16 @@ class Tie(_Rows):
         super().__init__(scene, len(scene.person) + len(scene.idle))
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
-        """Return what the offset would make them do.
+        """Return the motion due to the offset.
 
-        Nothing drifts: the posture is measured anew in every step.
+        There is no drift, because the posture is measured again in every step.
         """
         return np.concatenate(
             [self._follows() @ self._now().offset, np.zeros(len(self.scene.idle))]
         )
 
     def compute_jacobian(self, configuration: mink.Configuration) -> np.ndarray:
-        """Return the rows, scaled by the period as all terms are."""
+        """Return the rows, scaled by the period like all terms."""
         now, count = self._now(), len(self.scene.person)
         rows = np.zeros((len(self.cost), self.scene.model.nv))
         rows[:count, self.scene.person] = np.eye(count)
@@ -138,20 +138,20 @@ class Tie(_Rows):
         return rows / now.dt
 
     def _follows(self) -> np.ndarray:
-        """How pelvis and joints follow the twist (36, 6)."""
+        """Return how pelvis and joints follow the twist (36, 6)."""
         terms = self._now().terms
         return np.vstack([terms["carried"], terms["S"]])
 
 
 class Held(_Rows):
-    """Axes of the object that have no choice: those that cannot move."""
+    """Axes of the object that cannot move."""
 
     def __init__(self, scene: ModelColumns) -> None:
-        """Start without rows; how many there are, the moment tells."""
+        """Start without rows; the moment gives their number."""
         super().__init__(scene, 0)
 
     def compute_error(self, configuration: mink.Configuration) -> np.ndarray:
-        """Return how far each row is from what it must be, at no motion."""
+        """Return the error of each row without motion."""
         now = self._now()
         return -(now.low + now.offset)[fixed_axes(now)]
 
@@ -170,6 +170,6 @@ def fixed_axes(now: Moment) -> np.ndarray:
 
 
 def at_moment(parts: list[Any], moment: Moment) -> None:
-    """Let tasks and limits read a moment."""
+    """Set the data of the step in all tasks and limits."""
     for part in parts:
         part.moment = moment

@@ -1,6 +1,6 @@
-"""The control step's own terms, evaluated for the whole-body formulation.
+"""The terms of the control step, evaluated for the whole-body formulation.
 
-They are its QP's data, and how person and pelvis follow.
+They are the data of its QP, and how person and pelvis follow.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ergoqp.step.program.objective import CAUTION_EPS, cost_function
 from ergoqp.step.program.qp import build_qp
 
 SAME: Final = 1e-6
-"""Twists this near to each other count as the same [m/s, rad/s]."""
+"""Twists this close to each other count as equal [m/s, rad/s]."""
 
 
 def person_of(problem: Problem) -> IkResponse:
@@ -33,7 +33,7 @@ def person_of(problem: Problem) -> IkResponse:
 
     Raises:
         ProblemError: if its state is not the posture of a person with a body.
-        InputError: if it is no problem at all.
+        InputError: if the argument is not a Problem.
     """
     check_kind("problem", problem, Problem, "a Problem, such as ergoqp.load_problem gives")
     response = problem.response
@@ -48,9 +48,10 @@ def person_of(problem: Problem) -> IkResponse:
 def terms_function(problem: Problem) -> ca.Function:
     """Return everything that the whole-body QP takes from the control step, as one function.
 
-    Takes what `ergoqp.step.program.data.qp_data` takes and returns, beside its data,
+    Its inputs are those of `ergoqp.step.program.data.qp_data`. In addition to the data of that
+    function it returns
 
-    - ``slope`` (32,): T dV/dq, what the cost says about each joint [points s/rad];
+    - ``slope`` (32,): T dV/dq, the slope of the cost for each joint [points s/rad];
     - ``root`` (33, 32): a matrix whose Gram matrix is T^2 B, the step's curvature in the posture;
     - ``carried`` (4, 6): how the pelvis follows the object, from the model's stance and S.
 
@@ -78,12 +79,10 @@ def terms_function(problem: Problem) -> ca.Function:
 
 
 def own_objective(terms: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return curvature (6, 6) and slope (6,) of the object's own share of the step's objective.
+    """Return curvature (6, 6) and slope (6,) of the object's part of the step's objective.
 
-    The share is effort, smoothing and contact.
-
-    It is what remains when the share of the posture, which acts on the person's joints, is taken
-    out through S.
+    The part consists of effort, smoothing and contact. It is what remains without the part of the
+    posture, which acts on the person's joints through S.
     """
     root = terms["root"] @ terms["S"]
     return terms["H"] - root.T @ root, terms["g"] - terms["S"].T @ terms["slope"]
@@ -101,7 +100,7 @@ def pelvis_function(person: IkResponse) -> ca.Function:
 
 
 class StepTerms:
-    """The terms of the very QP that the object's own step solved.
+    """The terms of the QP that the object's own step solved.
 
     Args:
         problem: the task.
@@ -123,15 +122,15 @@ class StepTerms:
     ) -> tuple[dict[str, np.ndarray], np.ndarray | float]:
         """Return the terms, see `terms_function`, and the slack that the step's rows needed (m,).
 
-        The step locks joints that are at their end, and its last pass takes joints near it as rows
-        like all others; its own answer tells which of the QPs with these locks it was.
+        The step locks joints at their end, and its last pass treats joints near their end like all
+        other rows. The answer of the step shows which of the QPs with these locks it solved.
 
         Args:
             step: the object's step.
-            posture: of the person (32,) [rad].
+            posture: posture of the person (32,) [rad].
             previous: twist of the last period (6,).
             observed: (32,) 0 for joints that the sensors do not see.
-            unimproved: for how long nothing had improved before the step [s].
+            unimproved: time without an improvement before the step [s].
         """
         given = {
             "posture": posture,

@@ -1,6 +1,6 @@
 """The control step of person, robot and object together.
 
-Posture and robot go in, joint velocities of the robot come out.
+Inputs are posture and robot; outputs are joint velocities of the robot.
 """
 
 from __future__ import annotations
@@ -45,30 +45,29 @@ _OFFSET: Final = 1e-3
 
 
 class WholeBody:
-    """One control loop's whole-body step. Make one per loop.
+    """The whole-body step of one control loop. Make one per loop.
 
     Args:
         problem: the task; its state must be a person's posture.
-        robot: ``"panda"``, the path of an MJCF or URDF file, or what `load_robot` gave.
-        frame: the robot's end-effector frame; None: ``"flange"``, or that of a robot from
-            `load_robot`.
-        tool_frame: the contact frame in the end-effector frame (4, 4) [m]; None: 0.20 m before it,
-            the tool's axis pointing back into it, turned about it, in steps of 45 degrees, as the
-            arm holds the object best at `posture`.
-        base: of the robot in the world of the problem (4, 4) [m]; None: see
+        robot: ``"panda"``, the path of an MJCF or URDF file, or a `Robot` from `load_robot`.
+        frame: the robot's end-effector frame. None: ``"flange"``, or that of a `Robot`.
+        tool_frame: the contact frame in the end-effector frame (4, 4) [m]. None: 0.20 m in front of
+            it, with the tool's axis pointing back into it, and turned about it in steps of 45
+            degrees so that the arm holds the object best at `posture`.
+        base: base of the robot in the world of the problem (4, 4) [m]. None: see
             `ergoqp.whole_body.placing.default_base`.
-        posture: with which the loop starts (32,) [rad]; None: the comfort posture.
-        start: joints with which the arm holds the object then (k,) [rad]; None: found, see
-            `ergoqp.whole_body.grasp`. Where they are given, the object begins where they hold it.
-        distance: that robot and object keep from the person, and the object from the arm [m], see
-            `Scene.pairs`; None: none.
-        reserve: kept beyond `distance`, for what the person does by themselves within the robot's
-            reaction [m].
+        posture: posture at the start of the loop (32,) [rad]. None: the comfort posture.
+        start: joints with which the arm holds the object then (k,) [rad]. None: found, see
+            `ergoqp.whole_body.grasp`. If given, the object starts where they hold it.
+        distance: distance of robot and object to the person, and of the object to the arm [m], see
+            `Scene.pairs`. None: none.
+        reserve: distance kept in addition, for motions of the person within the robot's reaction
+            time [m].
         object_size: side lengths of the box on the end-effector frame [m].
-        dt: control period [s]; None: the problem's.
+        dt: control period [s]. None: that of the problem.
 
     Attributes:
-        scene: the one MuJoCo model.
+        scene: the MuJoCo model.
         start: joints with which the arm holds the object at the start (k,) [rad].
 
     Raises:
@@ -110,8 +109,8 @@ class WholeBody:
         begin = self._person.comfort if posture is None else posture_of(posture)
         self.robot = robot_of(robot, frame)
         joints = None if start is None else start_of(start, self.robot)
-        # The object does what the arm can, and not always what its own step says: so nothing is
-        # averaged.
+        # The object does what the arm can, which may differ from its own step. So there is no
+        # averaging.
         self.stepper = Stepper(
             problem.replace(control=replace(problem.control, average=0.0)), dt=dt
         )
@@ -141,7 +140,7 @@ class WholeBody:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the loop: it starts again from standstill."""
+        """Reset the state of the loop: it starts again from standstill."""
         self.stepper.reset()
         self._posture = self._person.comfort.copy()
         self._sent = np.zeros(len(self.robot.joints))
@@ -159,17 +158,17 @@ class WholeBody:
         enable: bool = True,
         observed: Any = None,
     ) -> WholeBodyStep:
-        """Return the arm's next joint velocities; never an exception.
+        """Return the next joint velocities of the arm; it never raises.
 
         Args:
-            posture: joint angles of the person (32,) [rad]; None when no frame arrived.
+            posture: joint angles of the person (32,) [rad]. None: no frame arrived.
             arm: joint positions of the arm (k,) [rad].
-            arm_speed: what the joints really did in the last period (k,) [rad/s]; None: what was
-                sent. Limits of speed and acceleration go on from what was sent, whatever it says.
-            pose: measured contact frame in the world (4, 4) [m]; None: where the arm holds it.
-            age: of the posture [s].
+            arm_speed: measured joint speeds of the last period (k,) [rad/s]. None: what was sent.
+                The limits of speed and acceleration always continue from what was sent.
+            pose: measured contact frame in the world (4, 4) [m]. None: where the arm holds it.
+            age: age of the posture [s].
             enable: False decelerates to rest.
-            observed: (32,) bool, joints of the person that the sensors see; None: all.
+            observed: (32,) bool, joints of the person that the sensors see. None: all.
         """
         begin = time.perf_counter()
         k = len(self.robot.joints)
@@ -185,22 +184,22 @@ class WholeBody:
         )
         if wrong is not None:
             return self._blind(begin, posture, wrong)
-        # Limits go on from what was sent: what is measured says where the arm is, not what it may
-        # do next.
+        # The limits continue from what was sent. The measurement gives the position of the arm
+        # only.
         speeds = self._sent
-        # The last speeds tell where the middle of the period will be.
+        # The last speeds give the position in the middle of the period.
         middle = positions + measured * self.dt / 2
         contact, jacobian = self._sight.look(self._posture, positions, middle)
         done = self._done(contact, jacobian, speeds)
         seen = contact if pose is None else pose
-        # To keep a distance the robot may have moved the object faster than its limits, which it
-        # comes back to at once.
+        # To keep a distance, the robot may have moved the object faster than its limits. It returns
+        # to them at once.
         fastest = self.problem.twist_limit.speed
         self.stepper.sent_instead(np.clip(done, -fastest, fastest))
         unimproved = self.stepper.stalled
         object_step = self.stepper.step(posture, seen, age=age, enable=enable, observed=observed)
         usable = object_step.status != "invalid"
-        # What the step has read: a user's object may give something else when it is read again.
+        # Use what the step has read: a user's object may change when it is read again.
         angles, sees = self.stepper.frame
         if usable and posture is not None:
             self._posture = np.where(sees > 0.5, angles, self._person.comfort)
@@ -218,7 +217,7 @@ class WholeBody:
         return WholeBodyStep(velocities, twist, rate, status, reason, least, object_step, took)
 
     def _done(self, contact: np.ndarray, jacobian: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """Return the object's twist in the last period (6,), and find what the arm missed of it.
+        """Return the object's twist in the last period (6,), and update the offset.
 
         See `Moment.offset`.
         """
@@ -276,13 +275,13 @@ class WholeBody:
         return moment
 
     def _blind(self, begin: float, posture: Any, cause: str) -> WholeBodyStep:
-        """Without knowing the arm: its joints slow down from what was sent."""
+        """Slow down every joint from what was sent, because the arm is unknown."""
         slower = np.sign(self._sent) * np.maximum(
             np.abs(self._sent) - self.robot.acceleration * self.dt, 0.0
         )
         object_step = self.stepper.step(posture, enable=False)
         twist = np.zeros(6) if self._before is None else self._before[1] @ slower
-        # Where the object goes meanwhile is not known, so nothing is to be made good.
+        # The motion of the object meanwhile is unknown, so there is nothing to correct.
         self._sent, self._before, self._offset = slower, None, np.zeros(6)
         reason = f"{cause}: every joint of the robot stops by itself"
         took = time.perf_counter() - begin

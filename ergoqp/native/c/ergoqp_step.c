@@ -1,5 +1,5 @@
-/* One control loop around the generated step: the caller's names on one side, the order of the generated function on the
- * other, and the state between two calls. */
+/* One control loop around the generated step: it translates between the caller's names and the order of the generated
+ * function, and keeps the state between two calls. */
 #include "ergoqp_step.h"
 
 #include <math.h>
@@ -35,7 +35,7 @@ int ergoqp_take_over(ergoqp_stepper* stepper, const double twist[6]) {
         moving[axis] = fmin(fmax(twist[axis], -speed[axis]), speed[axis]);
     }
     ergoqp_init(stepper);
-    /* As if it had always moved like that. */
+    /* The history of an object that has always moved at this twist. */
     for (i = 0; i < ERGOQP_PLANNED; ++i) memcpy(stepper->state + 6 * i, moving, sizeof moving);
     for (i = 0; i < ERGOQP_SENT; ++i) memcpy(stepper->state + 6 * (ERGOQP_PLANNED + i), moving, sizeof moving);
     return 1;
@@ -55,7 +55,7 @@ void ergoqp_input_defaults(ergoqp_input* input) {
 #define COPY(to, from) memcpy((to), (from), sizeof(to))
 
 static void give(ergoqp_stepper* stepper, const ergoqp_input* input, double ask) {
-    /* Without a frame the last posture still says how the model person follows while the object brakes. */
+    /* Without a frame, the last posture still gives how the model person follows while the object brakes. */
     if (input->frame) memcpy(GIVEN(posture), input->posture, sizeof input->posture);
     memcpy(GIVEN(observed), input->observed, sizeof input->observed);
     memset(GIVEN(pose), 0, 16 * sizeof(double));
@@ -120,7 +120,7 @@ ergoqp_status ergoqp_brake(ergoqp_stepper* stepper, double dt, double elapsed, e
     int axis;
     ergoqp_input_defaults(&nothing);
     nothing.frame = 0;
-    nothing.enable = 0; /* what the robot does by itself is not judged, and the object rests before it moves again */
+    nothing.enable = 0; /* the robot's own ramp is not checked, and the object rests before it moves again */
     if (elapsed > ERGOQP_LONGEST_STOP) elapsed = ERGOQP_LONGEST_STOP;
     while (elapsed >= ERGOQP_SHORTEST_PERIOD) {
         nothing.dt = elapsed < ERGOQP_LONGEST_CUT ? elapsed : ERGOQP_LONGEST_CUT;
@@ -139,7 +139,7 @@ void ergoqp_try_again(ergoqp_stepper* stepper) {
     memset(stepper->state + ERGOQP_STATE - ERGOQP_TRIAL, 0, ERGOQP_TRIAL * sizeof(double));
 }
 
-/* A rotation to this, and a position within 100 m. */
+/* Tolerance of a rotation; a position must be within 100 m. */
 #define STRAIGHT 1e-3
 
 static int rigid(const double* pose) {

@@ -1,7 +1,7 @@
-/* A loop of ten seconds: the model person follows the object exactly. Yours has a camera and a robot instead.
+/* A loop of ten seconds, in which the model person follows the object exactly. Your loop has a camera and a robot instead.
  *
- * Without arguments it begins at the state of start.h. Arguments NAME=VALUE change entries of it: radians, or metres where
- * the state is points. */
+ * Without arguments it starts at the state of start.h. Arguments NAME=VALUE change entries of it, in radians, or in metres
+ * where the state is points. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +13,7 @@
 
 static ergoqp_stepper stepper; /* static: all the memory there is */
 
-/* The entry of the state that an argument names, and its value; -1 if it is none. */
+/* The entry of the state that an argument names, and its value; -1 if there is no such entry. */
 static int entry_of(const char* argument, double* value) {
     const char* sign = strchr(argument, '=');
     char* end;
@@ -28,7 +28,7 @@ static int entry_of(const char* argument, double* value) {
     return -1;
 }
 
-/* Why the step did what it did: after the status, in words for people. */
+/* Print the reason of the step in words, after the status. */
 static void print_reason(const ergoqp_output* output) {
     int i;
     if (output->status == ERGOQP_BRAKING || output->status == ERGOQP_INVALID) {

@@ -1,9 +1,10 @@
-/* Answers recorded steps and times them:  replay INPUTS OUTPUTS [PASSES]
+/* Computes recorded steps and measures their times:  replay INPUTS OUTPUTS [PASSES]
  *
- * INPUTS holds one ergoqp_input after the other, as this program's compiler lays them out: write them from your loop with
+ * INPUTS holds one ergoqp_input after the other, in the layout of this program's compiler. Write them from your loop with
  * fwrite(&input, sizeof input, 1, file), or with the structs of the Python wrapper. OUTPUTS gets one ergoqp_output for each.
  * Every pass starts from standstill; the first one warms up. Prints nanoseconds: median, p99, p99.9 and the largest of all
- * calls; and p99.9 and the largest of every step's shortest time over the passes, which interruptions do not lengthen.
+ * calls; then, for the shortest time of every step over the passes, which interruptions do not lengthen, p99.9 and the
+ * largest.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <stdio.h>

@@ -1,1 +1,1 @@
-"""The answer of a step: the twist, its account, and the causes in words."""
+"""The answer of a step: the twist, its account, and the reason in words."""

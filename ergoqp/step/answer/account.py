@@ -1,4 +1,4 @@
-"""The account of one control step: everything that its function gives, by name."""
+"""The account of one control step: all outputs of its function, by name."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Account:
-    """What the function of a step gave.
+    """The outputs of the function of a step.
 
     Attributes:
-        status: of the step, in words.
+        status: status of the step, in words.
         values: all outputs, one after the other.
-        parts: where each of `ergoqp.step.inputs.OUTPUTS` is among them.
+        parts: position of each of `ergoqp.step.inputs.OUTPUTS` in `values`.
     """
 
     status: str
@@ -30,18 +30,17 @@ class Account:
     def residuals(self) -> dict[str, float]:
         """Residuals of the step by name: ``qp``, ``contact`` and ``accepted``.
 
-        ``qp`` is the largest KKT residual, ``contact`` the contact motion the posture cannot follow
-        [m/s, rad/s].
-
-        The last is the share of the way from braking to the QP's answer that was certified.
+        ``qp`` is the largest KKT residual. ``contact`` is the contact motion that the posture
+        cannot follow [m/s, rad/s]. ``accepted`` is the certified share of the way from braking to
+        the QP's answer.
         """
         qp, contact, accepted = self("residuals").tolist()
         return {"qp": qp, "contact": contact, "accepted": accepted}
 
     @property
     def drawn(self) -> int:
-        """Phase of `ergoqp.step.guide.pull` in which the guide leads; else 0.
+        """Phase of `ergoqp.step.guide.trial` in which the guide leads; else 0.
 
-        The guide leads on the way there, in the wait there and on the way back.
+        The guide leads on the way to the place, during the wait there, and on the way back.
         """
         return int(self("drawn")[0]) if "drawn" in self.parts else 0

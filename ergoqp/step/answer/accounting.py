@@ -1,4 +1,4 @@
-"""What is sent in the end, and the account of it: status, causes, rates, slack, residuals."""
+"""The twist that is sent, and its account: status, causes, rates, slack, residuals."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ _ACCOUNTED: Final = (
 
 
 def account_function(model: StepModel) -> ca.Function:
-    """Return the twist that is sent, and the account of it.
+    """Return the twist that is sent, and its account.
 
     Returns:
         Function ``(...) -> (planned, twist, still, posture_rate, status, all_causes, all_slack,
-        all_multipliers, residuals)``; the slack and multipliers are those of all rows (r,).
+        all_multipliers, residuals)``; slack and multipliers are those of all rows (r,).
     """
     problem, movable = model.problem, model.movable
     known, count = model.symbols(_ACCOUNTED, ca.MX), len(problem.row_names)
     limits, now = problem.row_limits, known["now"]
     margins = Margins(model, known)
     tolerance, soft = ca.DM(model.values("tolerance")), ca.DM(1 - model.values("hard"))
-    # Slack of a row on the object side only says that the QP asked for more than needed: the
-    # certificate is exact there.
+    # Slack of a row on the object side only means that the QP asked for more than needed, because
+    # the certification is exact there.
     held = now[movable] >= -tolerance[movable] if movable else now
     used = largest(soft[movable] * known["slack"] * held) > 10 * TOLERANCE
     given = known | {"used": used, "any_outside": largest(known["outside"])}
@@ -61,8 +61,8 @@ def account_function(model: StepModel) -> ca.Function:
     twist = found["twist"]
     rate = _model_rate(limits, model.situation(known, known["S"]), known["S"] @ twist, known["dt"])
     slack, multipliers = (_spread(known[name], movable, count) for name in ("slack", "multipliers"))
-    # Shortened toward braking, a twist may pass a rate that braking passes too: that has given way
-    # as well, and is named.
+    # A twist that is shortened toward braking may exceed a rate that braking exceeds too. This row
+    # has given way as well, and is named.
     slack = ca.fmax(slack, _rate_excess(margins, twist)) if len(limits) else slack
     found |= {"posture_rate": rate, "all_slack": slack, "all_multipliers": multipliers}
     outputs = [ca.densify(part) for part in found.values()]
@@ -90,7 +90,7 @@ _CLOSED: Final = (
 
 
 def _close_function(model: StepModel) -> ca.Function:
-    """The twist that is planned, the one that is sent with it, and what to call the step."""
+    """Return the function for the planned twist, the sent twist, and the status of the step."""
     problem, sx = model.problem, model.symbols(_CLOSED)
     share = largest(sx["share"])
     accepted = ca.logic_and(ca.logic_and(sx["usable"], sx["solved"]), share > 0)
@@ -100,7 +100,7 @@ def _close_function(model: StepModel) -> ca.Function:
         planned = problem.surface.retract(sx["posture"], planned, sx["dt"], mending)
     sent = planned
     if problem.average:
-        # A mean keeps the acceleration by itself, as long as the history holds all of its seconds.
+        # A mean keeps the acceleration by itself while the history is long enough.
         change = ca.DM(problem.twist_limit.acceleration) * sx["dt"]
         sent = ca.fmin(
             ca.fmax(sx["begun"] + sx["own"] * planned, sx["sent"] - change), sx["sent"] + change
@@ -131,20 +131,20 @@ def _close_function(model: StepModel) -> ca.Function:
 
 
 def _spread(values: ca.MX, movable: list[int], count: int) -> ca.MX:
-    """Values of the movable rows in their places among all rows; zero elsewhere."""
+    """Return the values of the movable rows in their places among all rows; the others are zero."""
     places = [movable.index(row) if row in movable else len(movable) for row in range(count)]
     return ca.vertcat(values, 0)[places] if count else ca.MX(0, 1)
 
 
 def _rate_excess(margins: Margins, twist: ca.MX) -> ca.MX:
-    """By how much each row is faster at a twist than its rate allows, beyond the QP's accuracy."""
+    """Return by how much each row exceeds its rate limit at a twist, beyond the QP's accuracy."""
     speeds = ca.vertcat(*(ca.fabs(matrix @ twist) for matrix in margins.matrices))
     beyond = ca.fmax(speeds - ca.fmin(ca.vertcat(*margins.rates), FREE), 0)
     return ca.if_else(beyond > 1e-7, beyond, 0)
 
 
 def _model_rate(limits: tuple, situation: Situation, rate: ca.MX, dt: ca.MX) -> ca.MX:
-    """The model person's joint rates: joints at their end go no further, the object or not."""
+    """Return the joint rates of the model person, in which joints at their end go no further."""
     for limit in limits:
         if not limit.yield_zone:
             continue

@@ -1,4 +1,4 @@
-"""What a step did and why it did not do more, as the numbers that the step's function gives."""
+"""Status and causes of a step, as the numbers that the step's function gives."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """What a step did; the order is the order of precedence.
+    """Status of a step; the order is the order of precedence.
 
     Example:
         >>> from ergoqp.step.answer.causes import Status
@@ -23,7 +23,7 @@ class Status(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why a step did not use its inputs or its answer; bits of the function's output ``causes``."""
+    """Why a step did not use its inputs or its answer: bits of the output ``causes``."""
 
     posture = 0
     pose = 1

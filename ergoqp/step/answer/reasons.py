@@ -1,4 +1,4 @@
-"""Why a step did what it did, in one sentence that names the cause."""
+"""The reason of a step: one sentence that names the cause."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def reason_of(
     age: float,
     notes: Mapping[str, str],
 ) -> str:
-    """Return the sentence of a step; empty for a plain optimal one.
+    """Return the reason of a step; empty for a plain optimal step.
 
     Args:
         problem: the task.
-        account: of the step.
-        posture: as it came in (32,) [rad].
-        dt: as it came in [s].
-        age: as it came in [s].
+        account: account of the step.
+        posture: posture as given (32,) [rad].
+        dt: period as given [s].
+        age: age as given [s].
         notes: what was wrong with inputs before they became numbers, by their name.
     """
     log = [notes["log"]] if "log" in notes else []
@@ -97,7 +97,7 @@ def reason_of(
 
 
 def _noise(problem: Problem, name: str) -> float:
-    """Declared noise of the pose, for a row of the object's place."""
+    """Declared noise of the pose for a row of the object."""
     robot = problem.robot
     return float(np.radians(robot.pose_noise_deg)) if name == "tool axis" else robot.pose_noise
 

@@ -1,4 +1,4 @@
-"""The answer of one control step: the twist to send, and its account, read when asked for."""
+"""The answer of one control step: the twist to send, and its account, which is read on demand."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Step:
     """The answer of one control step.
 
     Attributes:
-        twist: object velocity at the contact frame, world-aligned, linear first (6,) [m/s, rad/s]:
-            send this.
+        twist: twist to send: velocity of the object at the contact frame, world-aligned, linear
+            first (6,) [m/s, rad/s].
         status: ``optimal``, ``settled``, ``relaxed``, ``recovering``, ``braking`` or ``invalid``.
         solve_time: duration of the call [s].
 
@@ -45,7 +45,7 @@ class Step:
         notes: Mapping[str, str],
         start: float,
     ) -> None:
-        """Keep the account of the step function; what is asked for is read from it then."""
+        """Keep the outputs of the step function; the members are read from them on demand."""
         self.twist, self.status = twist, status
         self._problem, self._account, self._seen, self._notes = (
             problem,
@@ -56,7 +56,7 @@ class Step:
         self.solve_time = time.perf_counter() - start
 
     def __repr__(self) -> str:
-        """Show what a person would want to know first."""
+        """Show twist, status and reason."""
         twist = np.array2string(self.twist, precision=4, suppress_small=True)
         return f"Step(twist={twist}, status={self.status!r}, reason={self.reason!r})"
 
@@ -69,12 +69,12 @@ class Step:
 
     @property
     def pose(self) -> np.ndarray:
-        """Contact frame in the world that the step reckoned with (4, 4) [m]."""
+        """Contact frame in the world that the step used (4, 4) [m]."""
         return self.account("pose_used").reshape(4, 4).T
 
     @property
     def posture_rate(self) -> np.ndarray:
-        """How the model person follows (32,) [rad/s]; where the state is another, its rate."""
+        """How the model person follows (32,) [rad/s], or the rate of another state."""
         return self.account("posture_rate")
 
     @property
@@ -91,18 +91,17 @@ class Step:
     def residuals(self) -> dict[str, float]:
         """Residuals of the step by name: ``qp``, ``contact`` and ``accepted``.
 
-        ``qp`` is the largest KKT residual, ``contact`` the contact motion the posture cannot follow
-        [m/s, rad/s].
-
-        The last is the share of the way from braking to the QP's answer that was certified.
+        ``qp`` is the largest KKT residual. ``contact`` is the contact motion that the posture
+        cannot follow [m/s, rad/s]. ``accepted`` is the certified share of the way from braking to
+        the QP's answer.
         """
         return self._account.residuals
 
     @property
     def drawn(self) -> int:
-        """Phase of `ergoqp.step.guide.pull` in which the guide leads; else 0.
+        """Phase of `ergoqp.step.guide.trial` in which the guide leads; else 0.
 
-        The guide leads on the way there, in the wait there and on the way back.
+        The guide leads on the way to the place, during the wait there, and on the way back.
         """
         return self._account.drawn
 
@@ -114,12 +113,12 @@ class Step:
 
     @cached_property
     def margins(self) -> dict[str, float]:
-        """Distance to the nearer end of every row, negative outside, in the row's unit."""
+        """Distance of every row to its nearer end, negative outside, in the unit of the row."""
         return dict(zip(self._problem.row_names, self.account("margins").tolist(), strict=True))
 
     @cached_property
     def slack(self) -> dict[str, float]:
-        """By how much each soft row was missed, in its unit per second; only those that were."""
+        """By how much each soft row was missed, in its unit per second; only missed rows."""
         values = self.account("slack").tolist()
         return {
             name: value
@@ -136,7 +135,7 @@ class Step:
 
     @cached_property
     def locked(self) -> tuple[str, ...]:
-        """Joints at their end that the model person holds while the others follow."""
+        """Joints at their end that the model person holds still while the others follow."""
         return tuple(
             self._problem.coordinates[i] for i in np.flatnonzero(self.account("locked") > 0.5)
         )

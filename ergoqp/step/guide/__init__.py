@@ -1,1 +1,1 @@
-"""A place to be drawn to: what it adds to the objective, and its trial."""
+"""The guide: a place that the object is drawn to. Its term in the objective, and its trial."""

@@ -1,4 +1,4 @@
-"""A place to be drawn to, as users give it: an optimum or a pose.
+"""A guide as users give it: an optimum or a pose.
 
 It is read and checked against the problem.
 """
@@ -19,7 +19,7 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.guide.trial import FIRM, UNKNOWN
 
 _ROUNDING: Final = 1e-4
-"""A place this far beyond the workspace is on its edge [m, rad]."""
+"""A place this far outside the workspace counts as on its edge [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Guide:
     """A place for the object.
 
     Attributes:
-        pose: of the contact frame in the world (4, 4) [m]; what counts of it is its position and
-            its x, the tool's axis.
-        promise: cost that the model person has there [points]; None: nobody knows, and the place is
-            tried to see.
-        firm: whether somebody else judges the place: the object goes there from rest, descends
-            from there, and comes back only where the way costs the person too much.
+        pose: pose of the contact frame in the world (4, 4) [m]. Only its position and its x axis,
+            the tool's axis, are used.
+        promise: cost that the model person has there [points]. None: unknown; the place is tried to
+            find out.
+        firm: whether the caller judges the place. The object then goes there from rest, continues
+            by descent, and comes back only if the way costs the person too much.
     """
 
     pose: np.ndarray
@@ -41,25 +41,25 @@ class Guide:
 
     @property
     def expected(self) -> float:
-        """The promise as the step takes it."""
+        """The promise as the step takes it, with `FIRM` or `UNKNOWN` for the special cases."""
         if self.firm:
             return FIRM
         return UNKNOWN if self.promise is None else self.promise
 
 
 RECORDED: Final = Guide(np.eye(4))
-"""Stands for the place of a recorded loop, which comes with every entry of its log."""
+"""Stands for the guide of a recorded loop, which is part of every entry of the log."""
 
 
 def read_guide(problem: Problem, guide: Any) -> Guide:
-    """Return the place that a user gives.
+    """Return the guide that a user gives.
 
     Args:
-        problem: whose object is drawn there.
-        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of `ergoqp.optimise`;
-            if it has a ``.posture`` too, the cost of that posture is what the place promises. An
-            `Optimum` must be of this problem, and of the mode ``"stackelberg"``: in the other one
-            the posture is chosen, and nobody keeps its promise.
+        problem: problem of the object.
+        guide: a pose (4, 4), or anything with ``.pose`` such as the `Optimum` of `ergoqp.optimise`.
+            If it has a ``.posture`` too, the cost of that posture is the promise of the place. An
+            `Optimum` must be of this problem and of the mode ``"stackelberg"``: in the other mode
+            the posture is chosen, and no person has to take it.
 
     Raises:
         InputError: if it is not a rigid pose, is outside the problem's workspace or cone, is of

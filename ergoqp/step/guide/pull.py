@@ -1,7 +1,7 @@
-"""The step drawn toward a given place: what that adds to the objective of its QP.
+"""The term of the objective that draws the object to a guide.
 
-When it is drawn is said in `ergoqp.step.guide.trial`. Travelling changes the objective and nothing
-else, so that rows, certification and braking are those of every step.
+`ergoqp.step.guide.trial` decides when the object is drawn. Travelling changes only the objective.
+Rows, certification and braking are those of every step.
 """
 
 from __future__ import annotations
@@ -17,38 +17,38 @@ from ergoqp.step.guide.trial import BACK, LOOK, is_journey, place_of
 from ergoqp.step.model import StepModel
 
 GUIDE_INPUTS: Final = ("guide", "guided", "promise")
-"""The given place (4, 4), whether there is one (0 or 1), and the cost that it promises [points]."""
+"""Pose of the guide (4, 4), whether there is one (0 or 1), and the cost it promises [points]."""
 
 GUIDE_OUTPUTS: Final = ("drawn",)
-"""Which phase drew this step's twist, 0 for none."""
+"""Phase in which the guide led this step: travel, wait at the place or travel back; else 0."""
 
 _APPROACH: Final = 0.3
-"""Time constant of the last of the way [s]."""
+"""Time constant of the end of the approach [s]."""
 
 _GENTLE: Final = 0.5
-"""Share of the acceleration that the approach counts on."""
+"""Share of the acceleration that the approach uses."""
 
 
 def pull_function(model: StepModel) -> ca.Function:
-    """Return the function that gives what a guide adds to the objective.
+    """Return the function that gives the term of a guide in the objective.
 
     It is ``(landed, guide, guided, trial) -> (pull_H (6, 6), pull_g (6,), distance [s], on,
     drawn)``.
 
-    On a journey ``1/2 |xi - v|^2`` in the norm of effort, times `Control.guide_weight`, where the
-    velocity v leads to the place along a straight line: all axes arrive together, none is faster
-    than its speed, and all slow down in time. Only position and the tool's axis are led; turning
-    about the axis is nobody's business. H is positive semidefinite.
+    While the object travels, the term is ``1/2 |xi - v|^2`` in the norm of effort, times
+    `Control.guide_weight`. The velocity v leads to the place along a straight line: all axes arrive
+    together, none exceeds its speed, and all slow down in time. Only the position and the tool's
+    axis are led; a turn about this axis is free. H is positive semidefinite.
 
-    `distance` is the time to the present goal at full speed, of the slowest axis; `on` is 1 if
-    there is a place to be drawn to, and `drawn` the phase if it is a journey or the wait at its
-    end, else 0.
+    `distance` is the time that the slowest axis needs to the present goal at full speed. `on` is 1
+    if there is a usable guide. `drawn` is the phase if the object travels or waits at the place,
+    else 0.
     """
     control, limit = model.problem.control, model.problem.twist_limit
     sx = model.symbols(("landed", "guide", "guided", "trial"))
     pose, guide, guided, trial = sx["landed"], sx["guide"], sx["guided"], sx["trial"]
     on = ca.logic_and(is_set(guided), is_rigid(guide))
-    # What cannot be used goes no further, or NaN would pass through a product with zero.
+    # An unusable guide is replaced here, because a product of NaN and zero is NaN.
     goal = ca.if_else(on, place_of(normalised(guide)), place_of(pose))
     goal = ca.if_else(trial[0] == BACK, trial[7:], goal)
     free = (limit.speed > 0).astype(float)
@@ -69,7 +69,7 @@ def pull_function(model: StepModel) -> ca.Function:
 
 
 def _way(pose: ca.SX, goal: ca.SX) -> ca.SX:
-    """Displacement (6,) from a pose to a place: straight, the tool's axis turned the short way."""
+    """Return the straight displacement (6,) from a pose to a place, with the shortest turn."""
     axis, wanted = pose[:3, 0], goal[3:]
     normal = ca.cross(axis, wanted)
     sine = ca.sqrt(ca.sumsqr(normal) + 1e-18)

@@ -1,20 +1,18 @@
-"""The trial of a given place: when the step is drawn toward it, and what it turned out to be.
+"""The trial of a guide: when the object is drawn to it, and the cost that was found there.
 
-It is drawn where descent alone came to rest, and the place promises to be clearly better.
+The step first goes by descent, which finds only what lies downhill. Where descent comes to rest,
+and the guide promises to be clearly better than here, the object travels there and rests until the
+person rests. If the place is as good as promised, the trial ends. If not, descent continues from
+there, because the place is the optimum of a model, and the person may differ from it. If that ends
+worse than the place where the journey began, or if the way there costs the person too much, the
+object goes back. The cost found at the place is stored, so that the place is not tried again in
+vain.
 
-Descent knows only what lies downhill. So the step goes by descent first; where that would come to
-rest, and the given place is promised to be clearly better than here, the object travels there and
-rests until the person does. If the place is worth what was promised, that is the end of it; if not,
-descent takes over: the place is the optimum of a model, and the person is another. Where that ends
-worse than where the journey began, or the way there costs the person too much, the object goes
-back. What the place turned out to be worth is remembered, so that it is not tried again for
-nothing.
+The object does not go to the guide at once. This would be faster, but people who differ from the
+model then end worse more often than after a descent first.
 
-It does not go there at once: that is quicker, but the place is the best one of a model, and people
-who are not the model end worse more often than after a descent of their own.
-
-Travelling changes the objective of the QP and nothing else, so that rows, certification and braking
-are those of every step.
+Travelling changes only the objective of the QP. Rows, certification and braking are those of every
+step.
 """
 
 from __future__ import annotations
@@ -28,49 +26,48 @@ from ergoqp.problem.control import Control
 from ergoqp.step.rest import stalled
 
 TRIAL: Final = 13
-"""Size of the trial's state.
+"""Size of the state of the trial.
 
-Its entries are: phase; whether the place was tried; cost that it turned out to have; cost where the
-journey began; distance to go when it last clearly shrank [s]; seconds since then, or since the
-phase began; filtered cost; position and tool axis where the journey began (6,). All zero at the
-start.
+Its entries are: phase; whether the place was tried; cost found there; cost where the journey began;
+distance to go when it last clearly decreased [s]; seconds since then, or since the phase began;
+filtered cost; position and tool axis where the journey began (6,). All are zero at the start.
 """
 
 DESCENT, THERE, LOOK, AFTER, BACK = range(5)
-"""Phases: descent, travel to the place, rest there, descent from the place, travel back.
+"""Phases: descent, travel to the place, rest there, descent from there, travel back.
 
 The rest there lasts until the person is at rest too.
 """
 
 UNKNOWN: Final = -1e9
-"""Promise of a place of which nothing is known: it is worth a trial."""
+"""Promise of a place of which nothing is known: it is always tried."""
 
 FIRM: Final = -2e9
-"""Promise of a place that somebody else judges: the object stays there, whatever it costs."""
+"""Promise of a place that the caller judges: the object stays there, whatever the cost."""
 
 _ARRIVED: Final = 0.05
-"""Distance that counts as none, in seconds at full speed."""
+"""Distance that counts as arrived, in seconds at full speed."""
 
 _CLOSER: Final = 0.02
-"""Progress that counts as one, in seconds at full speed."""
+"""Smallest progress that counts, in seconds at full speed."""
 
 _STUCK: Final = 1.5
-"""A journey without progress for this long is over [s]."""
+"""A journey without progress for this long ends [s]."""
 
 _SETTLING: Final = 1.0
-"""For how long the object rests at the place before its cost is looked at [s]."""
+"""Time at rest at the place before its cost is judged [s]."""
 
 _SAME: Final = 0.1
-"""Costs that differ by less are taken to be the same [points]."""
+"""Costs that differ by less count as equal [points]."""
 
 
 def place_of(pose: ca.SX) -> ca.SX:
-    """Return position and tool axis (6,) of a pose (4, 4): all that a place is."""
+    """Return position and tool axis (6,) of a pose (4, 4), which define a place."""
     return ca.vertcat(pose[:3, 3], pose[:3, 0])
 
 
 def is_journey(phase: ca.SX) -> ca.SX:
-    """Return whether the object travels, there or back, in a phase."""
+    """Return whether the object travels in a phase, there or back."""
     return ca.logic_or(phase == THERE, phase == BACK)
 
 
@@ -91,20 +88,20 @@ def trial_update(
     Args:
         control: thresholds and times.
         trial: state, see `TRIAL`.
-        rest: next rest state as descent alone has it, see `ergoqp.step.rest.STATES`.
+        rest: next rest state of descent alone, see `ergoqp.step.rest.STATES`.
         pose: contact frame (4, 4).
-        distance: to the present goal [s].
-        on: 1 if there is a place to be drawn to; without one the trial is forgotten.
+        distance: distance to the present goal [s].
+        on: 1 if there is a usable guide; without one the trial is reset.
         promise: cost at the place [points].
         points: cost of this frame [points].
         dt: period [s].
-        counts: 0 when this step judges nothing; the state then stays.
+        counts: 0 if this step judges nothing; the state then stays.
     """
     phase, tried, worth, before, closest, waited, cost = (trial[i] for i in range(7))
     share = ca.if_else(cost > 0, ca.fmin(1, dt / control.rest_filter), 1)
     cost = cost + share * (points - cost)
     expected = ca.if_else(is_set(tried), worth, promise) + control.guide_gain
-    # A limit that asks to come back allows no rest, but descent may be stuck there all the same.
+    # A limit that asks to come back prevents rest, but descent may be stuck there too.
     ended = ca.logic_or(is_set(rest[0]), stalled(rest) >= control.stall_after)
     leaves = ca.logic_and(ca.logic_and(phase == DESCENT, ended), cost > expected)
 
@@ -115,7 +112,7 @@ def trial_update(
 
     seen = ca.logic_and(phase == LOOK, waited > _SETTLING)
     kept = ca.logic_and(seen, cost <= expected)
-    # Whoever gets that much worse on the way there may be unable to reach it.
+    # A person who gets that much worse on the way may be unable to reach the place.
     suffers = ca.logic_and(
         ca.logic_or(phase == THERE, phase == LOOK), cost > before + control.guide_price
     )
@@ -138,8 +135,7 @@ def trial_update(
         cost,
         ca.if_else(leaves, place_of(pose), trial[7:]),
     )
-    # On a journey there is no rest, at its end there is, and what comes after it is judged by
-    # itself.
+    # The object does not rest on a journey, and rests at its end. What follows is judged anew.
     still = ca.logic_or(after == LOOK, ca.logic_and(arrives, phase == BACK))
     moving = ca.logic_or(is_journey(after), ca.logic_and(seen, after == AFTER))
     afresh = ca.vertcat(still, 0, rest[2], rest[3], rest[3], 0)

@@ -1,4 +1,7 @@
-"""A range that the user narrowed asks a joint back for at most twice the time it should take."""
+"""How long a joint outside a range that the user narrowed asks to come back.
+
+It asks for at most twice the time that the return should take.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from ergoqp.step.program.bounds import STEADY_RETURN, limit_values
 def still_asks(asked: ca.MX) -> ca.MX:
     """Return 1 while rows of the posture may ask to come back.
 
-    Their state `asked` (2,) holds the seconds asked for and the seconds allowed.
+    The state `asked` (2,) holds the seconds asked for so far and the seconds allowed.
     """
     return asked[0] <= asked[1]
 
@@ -22,16 +25,16 @@ def still_asks(asked: ca.MX) -> ca.MX:
 def asked_update(limits: Sequence[Limit], asked: ca.MX, margins: ca.MX, dt: ca.MX) -> ca.MX:
     """Return the next state of asking (2,).
 
-    What was given up is asked for again once nothing is outside.
+    A row that was given up may ask again once no row is outside.
 
-    The predicted time is that of the pace at which rows come back, see
+    The predicted time follows from the speed at which rows come back, see
     `ergoqp.step.program.bounds`.
 
     Args:
-        limits: that are rows.
-        asked: seconds for which a row was asked back, and twice the seconds that it should take
+        limits: limits that have rows.
+        asked: seconds for which a row asked to come back, and twice the seconds that it should take
             [s].
-        margins: of all rows, where things are (r,).
+        margins: present margins of all rows (r,).
         dt: period [s].
     """
     soft = limit_values(limits, "returns") * (1 - limit_values(limits, "hard"))

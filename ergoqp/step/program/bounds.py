@@ -1,14 +1,15 @@
 """From margins to bounds: what each row asks of the twist of this period.
 
-It is such that the whole stop afterwards stays inside.
+The bounds keep the whole stop after this period inside.
 
-The object stops along a straight line, see `ergoqp.limits.stop`: with d left a row holds through
-the stop if A xi <= d / h with h = dt + t_s / 2 for the longest stop t_s that this period can reach.
+The object stops along a straight line, see `ergoqp.limits.stop`. With the distance d left, a row
+holds through the stop if A xi <= d / h, with h = dt + t_s / 2 for the longest stop t_s that this
+period can cause.
 
-That alone would be left too late: while another axis keeps t_s long, d / h falls at the rate v / h,
-and the row can only be slowed by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and before
-that its tangent parabola v^2 = 2 a d - a^2 h^2. And while a hard row is approached at v, no axis
-may speed up so much that the stop takes longer than 2 (d / v - dt).
+This alone brakes too late. While another axis keeps t_s long, d / h falls at the rate v / h, but
+the row can be slowed only by a = sum |A_i| a_i. So v = d / h holds up to v = a h, and farther away
+its tangent parabola v^2 = 2 a d - a^2 h^2. While a hard row is approached at v, no axis may speed
+up so much that the stop takes longer than 2 (d / v - dt).
 """
 
 from __future__ import annotations
@@ -26,24 +27,24 @@ from ergoqp.solvers.solver import FREE
 from ergoqp.step.program.qp import ELBOW
 
 STEADY_RETURN = 0.01
-"""Slowest pace of coming back from outside [m/s, rad/s]."""
+"""Slowest speed of coming back from outside [m/s, rad/s]."""
 
 _ROOM = 1.5
-"""A bent row may come back so many times as fast as it is asked to at most."""
+"""A bent row may come back at most this many times as fast as it is asked to."""
 
 MOVES = 1e-4
 """A row that all axes together move less than this has no inward target [per unit of the twist].
 
-It would leave a solver with nothing but rounding.
+The solver would see nothing but rounding errors.
 """
 
 CLEARANCE = 1e-8
-"""Rows stop this short of their end, so a solver's rounding is not taken for a breach [m, rad]."""
+"""Rows stop this far before their end, so that rounding of a solver is no violation [m, rad]."""
 
 
 @dataclass(frozen=True)
 class RowBounds:
-    """Rows over the twist that some twist can move, as `build_qp` takes them."""
+    """Rows that some twist can move, as `build_qp` takes them."""
 
     matrix: Expression
     lower: Expression
@@ -53,7 +54,7 @@ class RowBounds:
 
 
 def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
-    """Return a row matrix (m, 6) with the columns of axes that the object cannot move dropped."""
+    """Return a row matrix (m, 6) without the columns of axes that the object cannot move."""
     kept = ca.SX(*matrix.shape)
     columns = np.flatnonzero(limit.speed > 0).tolist()
     kept[:, columns] = matrix[:, columns]
@@ -63,9 +64,9 @@ def driven(limit: TwistLimit, matrix: ca.SX) -> ca.SX:
 def patience(
     limits: Sequence[Limit], situation: Situation, previous: ca.SX, dt: ca.SX, stop: Stop
 ) -> ca.SX:
-    """Return the longest stop [s] that the hard rows ahead still have room for.
+    """Return the longest stop [s] for which the hard rows ahead still have room.
 
-    A negative one means that braking is all that is left.
+    If it is negative, only braking is left.
     """
     longest = ca.SX(FREE)
     for limit in limits:
@@ -74,7 +75,7 @@ def patience(
             pace = stop.stretch * (rows.matrix @ previous)
             for distance, toward in ((rows.above, pace), (rows.below, -pace)):
                 left = ca.fmin(ca.fmax(distance - CLEARANCE, 0), FREE)
-                # Sliding along a limit is no approach.
+                # Motion along a limit does not approach it.
                 time = 2 * (left / ca.fmax(toward, 1e-5) - stop.share * dt - stop.held)
                 time = ca.if_else(toward > 1e-5, time, FREE)
                 longest = ca.fmin(longest, ca.mmin(time))
@@ -93,11 +94,10 @@ def unhurried(brake: Braking, longest: ca.SX) -> Braking:
 
 
 def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> Rows:
-    """Return bent rows that are outside with the rate at which the object can still stop.
+    """Return bent rows that are outside with the largest rate from which the object can still stop.
 
-    The stop is where the object is nearest to the inside.
-
-    A turn any further leads away again. Straight rows are returned as they are.
+    It must stop before the turn that is nearest to the inside, because any further turn leads away
+    again. Straight rows are returned unchanged.
     """
     bend = getattr(limit, "bend", 0.0)
     if not bend:
@@ -110,7 +110,7 @@ def no_further(twist: TwistLimit, limit: Limit, rows: Rows, brake: Braking) -> R
 
 
 def movable_rows(twist: TwistLimit, limits: Sequence[Limit], situation: Situation) -> list[int]:
-    """Return the numbers, among all rows, of those that are not zero by structure."""
+    """Return the numbers, among all rows, of the rows that are not zero by structure."""
     numbers, start = [], 0
     for limit in limits:
         matrix = driven(twist, limit.rows(situation).matrix)
@@ -128,28 +128,27 @@ def row_bounds(
     brake: Braking,
     final: Expression,
 ) -> RowBounds:
-    """Return the bounds of the movable rows; both ends of all rows at once, as vectors.
+    """Return the bounds of the movable rows, both ends of all rows at once, as vectors.
 
     Args:
-        twist: which axes the object can move.
-        limits: the row limits of the problem.
-        rows: the movable rows of all limits, one below the other.
+        twist: limit with the axes that the object can move.
+        limits: limits of the problem that have rows.
+        rows: the movable rows of all limits, stacked.
         kept: their numbers among all rows, see `movable_rows`.
-        away: how far outside each row is, for certain, (2 m,): first beyond the upper ends, then
-            beyond the lower ones; 0 for rows that do not ask to come back.
-        brake: of this period.
-        final: 1 in the last pass, in which joints near their end do not yield any more.
+        away: how far each row is certainly outside (2 m,): first beyond the upper ends, then beyond
+            the lower ones; 0 for rows that do not ask to come back.
+        brake: braking of this period.
+        final: 1 in the last pass, in which joints near their end no longer yield.
     """
     m, kept = len(kept), list(kept)
     if not m:
         return RowBounds(rows.matrix, rows.below, rows.below, rows.below, rows.below)
-    # An axis that the object cannot choose may still be coming to rest after a push, and counts
+    # An axis that the object must not move may still be coming to rest after a push. It counts
     # until then.
     at_braking = rows.matrix @ brake.twist
     upward, cap = _ends(twist, limits, rows, kept, away, at_braking, brake, final)
     upper, lower = ca.fmin(upward[:m], FREE), -upward[m:]
-    # An inward target never asks for more than the other end allows; the slack covers only one
-    # side.
+    # An inward target never exceeds what the other end allows, because the slack covers one side.
     lower = ca.fmax(lower, -FREE)
     upper = ca.if_else(away[:m] > 0, ca.fmax(upper, lower), upper)
     lower = ca.fmin(lower, upper)
@@ -158,7 +157,7 @@ def row_bounds(
     equalities = [getattr(limit, "equality", False) for limit in limits for _ in limit.names]
     equal = ca.DM(np.array(equalities, dtype=float)[kept])
     if equal.nnz() and ca.sum1(equal):
-        # A surface is an equality, and braking keeps it (`on_surface`).
+        # A surface is an equality, which braking keeps (`on_surface`).
         upper, lower, cap = (
             ca.if_else(equal, own, other)
             for own, other in ((at_braking, upper), (at_braking, lower), (0, cap))
@@ -187,15 +186,15 @@ def _ends(
     free = ca.DM(twist.speed > 0)
     slowing = ca.fabs(rows.matrix) @ (brake.acceleration * free)
     distance = ca.fmin(ca.vertcat(rows.above, rows.below), FREE)
-    # A row that no twist moves now (a locked joint) has no inward target: it could only be missed.
+    # A row that no twist moves now (a locked joint) has no inward target: none can be reached.
     moves = ca.fabs(rows.matrix) @ free > MOVES
     rate, toward = twice(ca.if_else(moves, rows.rate, FREE)), ca.vertcat(at_braking, -at_braking)
     slower = twice(slowing)
     left = distance - twice(rows.reserve + CLEARANCE)
     allowed = brake.fastest(left, slower, constant("hard"))
     allowed = ca.fmin(rate, allowed + twice(ca.if_else(moves, 0, FREE)))
-    # In the zone, and beyond the end, the first passes let the joint go where the QP wants it:
-    # outward, it is locked and the object goes on without it.
+    # In the yield zone, and beyond the end, the first passes do not bound the joint. If the QP
+    # moves it outward, it is locked and the object goes on without it.
     zone = constant("yield_zone")
     if zone.nnz():
         yields = ca.logic_and(
@@ -203,21 +202,20 @@ def _ends(
             ca.logic_not(final),
         )
         allowed = ca.if_else(yields, rate, allowed)
-    # A row's own curvature must not carry it further out, on the object side by any amount. A
-    # straight one has none, and between two ends that are both within the noise of a pose it stays
+    # The curvature of a row must not carry it further out; on the object side not at all. A
+    # straight row has none. Between two ends that are both within the noise of the pose, it stays
     # where it is.
     curving = twice(
         ca.if_else(moves, (rows.reserve + ca.fmin(rows.reserve, CLEARANCE)) / brake.swing, 0)
     )
-    # Where nothing asks to come back, the end only stops what leads further out.
+    # A row that does not ask to come back is only stopped from going further out.
     allowed = ca.fmax(allowed, -constant("hard") * curving)
-    # At distance / recovery_time the way back would never end, so the last of it goes at a steady
-    # pace.
+    # At distance / recovery_time the return would never end, so its last part has a constant speed.
     pace = ca.fmin(
         ca.fmax(away * (1 / constant("recovery_time")), STEADY_RETURN), away * (1 / brake.dt)
     )
-    # Between what is asked of a bent row and what it may do at most there is room, or a solver
-    # finds nothing.
+    # A bent row needs room between the rate asked for and its largest rate, or a solver finds no
+    # solution.
     most = ca.DM(np.where(bends(limits)[kept] > 0, 1 / _ROOM, 1.0))
     back = ca.fmin(rate * twice(most), ca.fmax(pace, curving)) * twice(moves)
     outside = ca.logic_and(away > 0, twice(moves))
@@ -235,9 +233,9 @@ def bends(limits: Sequence[Limit]) -> np.ndarray:
 
 
 def limit_values(limits: Sequence[Limit], pick: str) -> np.ndarray:
-    """Return one number per row from the limits' attribute `pick`.
+    """Return one number per row from the attribute `pick` of the limits.
 
-    A limit's attribute is one number for all its rows or one for each.
+    The attribute is one number for all rows of a limit, or one for each row.
     """
     return np.array(
         [

@@ -1,6 +1,6 @@
-"""The data of the step's QP, with a given set of locked joints.
+"""The data of the step's QP, for a given set of locked joints.
 
-Every solver and every other formulation starts from them.
+Every solver and every other formulation starts from these data.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from ergoqp.step.program.bounds import no_further, patience, row_bounds, unhurri
 from ergoqp.step.program.objective import cost_function, objective
 
 QP_DATA: Final = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
-"""What `ergoqp.step.program.qp.build_qp` takes, in its order."""
+"""Arguments of `ergoqp.step.program.qp.build_qp`, in its order."""
 
 
 def qp_data(problem: Problem) -> ca.Function:
     """Return the QP of a step with nothing under way, as a function of what the step knows.
 
-    That is so where every twist is sent as planned (`Control.average` 0) and no robot is declared.
+    Nothing is under way if every twist is sent as planned (`Control.average` 0) and no robot is
+    declared.
 
     Returns:
         Function ``(posture (n,), observed (n,), pose (4, 4), previous (6,), dt, stalled, locked
-        (n,), final) -> (*QP_DATA, S, E)``, by these names. `stalled`: for how long nothing has
-        improved [s]; `locked` is 1 for joints that do not follow; `final` 1 makes joints close to
-        their end rows like all others (the last locking pass), 0 lets them be locked instead. The
+        (n,), final) -> (*QP_DATA, S, E)``, by these names. `stalled` is the time without an
+        improvement [s]. `locked` is 1 for joints that do not follow. `final` 1 treats joints close
+        to their end like all other rows (the last locking pass); 0 lets them be locked instead. The
         rows of `A` are those of `movable_names`.
     """
     model = StepModel(problem)
@@ -48,20 +49,20 @@ def qp_data(problem: Problem) -> ca.Function:
 
 
 def movable_names(problem: Problem) -> tuple[str, ...]:
-    """Return the names of the rows in the step's QP: those that some twist can move."""
+    """Return the names of the rows in the step's QP: the rows that some twist can move."""
     return tuple(problem.row_names[i] for i in StepModel(problem).movable)
 
 
 AWAY: Final = ("posture", "observed", "readings", "pose", "asks")
-"""What `away_function` takes."""
+"""Arguments of `away_function`."""
 
 
 def pass_data(model: StepModel) -> ca.Function:
     """Return the QP of one locking pass.
 
     The function is ``(*PLACE, away, total, gradient, stalled, locked, final) -> (*QP_DATA, S, E,
-    shift)``; `away` is that of `away_function`. What is geometry is scalars; what is the same for
-    every row is vectors, which an interpreter runs many times faster.
+    shift)``; `away` is that of `away_function`. Geometry is written as scalars. What is the same
+    for every row is written as vectors, which an interpreter runs many times faster.
     """
     problem, kept = model.problem, model.movable
     names = (*PLACE, "away", "total", "gradient", "stalled", "locked", "final")
@@ -100,10 +101,10 @@ _BRAKING: Final = ("twist", "low", "high", "reach")
 
 
 def _terms(model: StepModel) -> tuple[ca.Function, list[int | None]]:
-    """Return what the rows and braking are made of, and which movable rows are rows of S.
+    """Return the parts of rows and braking, and which movable rows are rows of S.
 
-    The function is ``(*PLACE, shift, S) -> (own, *_VECTORS, *_BRAKING)``: of the movable rows, and
-    of this period's braking. `own` (k, 6) are the rows that are not rows of S.
+    The function is ``(*PLACE, shift, S) -> (own, *_VECTORS, *_BRAKING)``, for the movable rows and
+    the braking of this period. `own` (k, 6) holds the rows that are not rows of S.
     """
     problem, kept = model.problem, model.movable
     sx = model.symbols((*PLACE, "shift", "S"))
@@ -132,9 +133,9 @@ def away_function(model: StepModel) -> ca.Function:
 
     The upper ends come first, then the lower ones.
 
-    It is 0 for rows that do not ask, and within the tolerance or the declared noise of the pose. It
-    goes by where things are, not by where they land, so it does not depend on S. `asks` is 0 when
-    rows of the posture have given up.
+    It is 0 for rows that do not ask, and for rows within the tolerance or the declared noise of the
+    pose. It uses the present pose, not the landing pose, so it does not depend on S. `asks` is 0
+    when rows of the posture have given up.
     """
     problem, known = model.problem, model.symbols(AWAY)
     situation = model.situation(known, model.sparse(ca.SX.ones(*model.size("S"))))
@@ -161,7 +162,7 @@ def _stacked(entries: list[ca.SX]) -> ca.SX:
 
 
 def _gathered(S: ca.MX, own: ca.MX, follows: list[int | None]) -> ca.MX:
-    """Return the QP's rows, those of S and the others in their places, by copying numbers once."""
+    """Return the rows of the QP, those of S and the others in order, by one copy of numbers."""
     n, k = S.shape[0], own.shape[0]
     in_S, in_own = np.arange(6 * n).reshape(6, n).T, S.numel() + np.arange(6 * k).reshape(6, k).T
     others = iter(in_own)

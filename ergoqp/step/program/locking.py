@@ -1,6 +1,6 @@
 """The QP of a step, in locking passes.
 
-Solve, lock joints that would leave their range, solve again.
+Each pass solves, locks joints that would leave their range, and solves again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ergoqp.step.program.data import QP_DATA, pass_data
 from ergoqp.step.program.qp import TOLERANCE, build_qp
 
 PASSES: Final = 3
-"""Locking passes at most."""
+"""Largest number of locking passes."""
 
 _PULL: Final = ("pull_H", "pull_g")
 
@@ -26,20 +26,19 @@ _PULL: Final = ("pull_H", "pull_g")
 def solve_passes(
     model: StepModel, solver: QpSolver, known: Mapping[str, ca.MX], shape: Shape
 ) -> dict[str, ca.MX]:
-    """Return the QP's answer after as many passes as there are joints to lock.
+    """Return the answer of the QP after as many passes as there are joints to lock.
 
     Args:
-        model: of the step.
-        solver: of the QP.
-        known: the inputs of `ergoqp.step.program.data.pass_data` but the lock; guided ``pull_H``
-        and
-            ``pull_g``, which are added to the objective.
+        model: model of the step.
+        solver: solver of the QP.
+        known: the inputs of `ergoqp.step.program.data.pass_data` except the lock; with a guide also
+            ``pull_H`` and ``pull_g``, which are added to the objective.
         shape: how functions are written, see `ergoqp.expressions.linear`.
 
     Returns:
-        ``xi`` (6,), ``S`` and ``E`` of that pass, ``slack`` and ``multipliers`` of the movable
-        rows, the QP's largest ``residual``, which joints are ``locked``, whether there are more to
-        lock, and ``shift``, see `ergoqp.limits.Situation`.
+        ``xi`` (6,), ``S`` and ``E`` of the last pass, ``slack`` and ``multipliers`` of the movable
+        rows, the largest ``residual`` of the QP, which joints are ``locked``, whether there are
+        more to lock, and ``shift``, see `ergoqp.limits.Situation`.
     """
     one_pass = _one_pass(model, solver, shape)
     unlocked = {"locked": ca.MX(ca.DM.zeros(*model.size("locked"))), "final": ca.MX(0)}
@@ -51,9 +50,9 @@ def solve_passes(
 
 
 def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
-    """``(inputs of a pass, its result) -> result`` after the passes that joints to lock ask for.
+    """``(inputs of a pass, its result) -> result`` after the passes that joints to lock require.
 
-    Each is inside the branch of the one before, so that a step without such a joint only looks
+    Each pass is inside the branch of the one before. So a step without such a joint checks only
     once.
     """
     inputs = [ca.MX.sym("i", one_pass.sparsity_in(i)) for i in range(one_pass.n_in() - 2)]
@@ -70,7 +69,7 @@ def _further_passes(one_pass: ca.Function, number: int) -> ca.Function:
 
 
 def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
-    """One QP with a given lock set, of what `pass_data` takes, ``locked`` and ``final`` last."""
+    """Return one QP with a given lock set; the last inputs are ``locked`` and ``final``."""
     data = shape(pass_data(model))
     names = [*data.name_in()[:-2], *(_PULL if model.guided else ()), "locked", "final"]
     mx = model.symbols(names, ca.MX)
@@ -80,7 +79,7 @@ def _one_pass(model: StepModel, solver: QpSolver, shape: Shape) -> ca.Function:
     exact = np.flatnonzero(model.values("hard")[model.movable])
     qp = build_qp(solver, len(model.movable), shape, exact.tolist())
     answer = dict(zip(_ANSWER, written_out(qp, *(found[name] for name in QP_DATA)), strict=True))
-    # Solvers keep bounds to their tolerance; the twist bounds hold to the last bit.
+    # Solvers keep bounds up to their tolerance. The twist bounds must hold exactly.
     xi = ca.fmin(ca.fmax(answer["xi"], found["lb"]), found["ub"])
     lock = shape(_newly_locked(model))
     newly = by_name(lock, {**mx, **answer, "xi": xi, "S": found["S"]}, written=True)["newly_locked"]
@@ -102,7 +101,7 @@ _ANSWER: Final = ("xi", "slack", "multipliers", "residual")
 
 
 def _newly_locked(model: StepModel) -> ca.Function:
-    """Joints that are at their end, not yet locked, and would move outward."""
+    """Return the function for unlocked joints at their end that would move outward."""
     mx = model.symbols(("posture", "observed", "readings", "locked", "S", "xi", "residual"), ca.MX)
     known = {name: mx[name] for name in ("posture", "observed", "readings")}
     situation = model.situation(known, mx["S"])

@@ -1,7 +1,7 @@
-"""All rows of a step at once, as vectors; what is curved goes through functions of scalars.
+"""All rows of a step at once, as vectors; curved rows go through functions of scalars.
 
-An interpreter runs a vector of forty numbers in the time of four scalars, and a curved row's few
-dozen operations as scalars in the time of one vector.
+An interpreter computes a vector of forty numbers in the time of four scalars. It computes the few
+dozen scalar operations of a curved row in the time of one vector.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ _LANDED = ("posture", "observed", "readings", "landed", "way", "shift", "S")
 
 
 class Margins:
-    """The rows of all limits where things are, and their margins from where they land.
+    """The rows of all limits at the present pose, and their margins from the landing pose.
 
     Attributes:
         matrices: rate of each quantity per twist, (m, 6) for each limit.
-        rates: largest rate allowed, (m,) for each limit; inf without one.
-        now: margin (r,) of every row as it is.
+        rates: largest allowed rate, (m,) for each limit; inf if there is none.
+        now: present margin of every row (r,).
     """
 
     def __init__(self, model: StepModel, known: Mapping[str, ca.MX]) -> None:
-        """Look at all limits once.
+        """Compute the rows of all limits once.
 
         Args:
-            model: of the step.
+            model: model of the step.
             known: ``posture``, ``observed``, ``readings``, ``pose`` and ``S`` of this step; for
                 `ahead` also ``landed``, ``way`` and ``shift``.
         """
@@ -53,7 +53,7 @@ class Margins:
         self.now = ca.vertcat(*still)
 
     def ahead(self, ways: ca.MX) -> ca.MX:
-        """Return each row's smallest margin (r,) on the straight ways to further displacements.
+        """Return the smallest margin of each row (r,) on straight paths to further displacements.
 
         See `Stop.ways`.
         """
@@ -69,12 +69,12 @@ class Margins:
 
 
 def _linear(limit: Limit) -> bool:
-    """Whether rows and margins may be asked for as matrices: see `ergoqp.limits.limit.Limit`."""
+    """Return whether rows and margins accept matrices: see `ergoqp.limits.limit.Limit`."""
     return getattr(limit, "linear", False)
 
 
 def _curved_here(model: StepModel, limit: Limit) -> ca.Function:
-    """``(*_HERE) -> (matrix, rate, margins as they are)`` of one limit."""
+    """``(*_HERE) -> (matrix, rate, present margins)`` of one limit."""
     sx = model.symbols(_HERE)
     situation = model.situation(sx, model.sparse(sx["S"]))
     rows = limit.rows(situation)
@@ -97,7 +97,7 @@ def situations_of(
 ) -> tuple[Situation, ...]:
     """Return the situation for each of `Stop.ways`.
 
-    A robot that holds on does so with what is under way, or with the twist.
+    A robot that holds does so either with what is under way, or with the twist.
     """
     law = model.problem.stop
     found = [model.situation(known, S, held=held) for held in (True, False)[: 1 + bool(law.hold)]]
@@ -109,9 +109,9 @@ def situations_of(
 def smallest_margins(
     limit: Limit, situations: tuple[Situation, ...], ways: Expression
 ) -> Expression:
-    """Return a limit's smallest margins (m,) on `Stop.ways`.
+    """Return the smallest margins (m,) of a limit on `Stop.ways`.
 
-    The posture of the model is not held on to.
+    The hold of a robot counts for hard limits only.
     """
     margins = None
     for column, situation in enumerate(situations if limit.hard else situations[:1]):
@@ -121,5 +121,5 @@ def smallest_margins(
 
 
 def here(known: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Return the symbols that say where things are, and not where they land."""
+    """Return the symbols of the present pose, without those of the landing pose."""
     return {name: value for name, value in known.items() if name not in ("landed", "way", "shift")}

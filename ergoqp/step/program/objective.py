@@ -1,4 +1,4 @@
-"""What the step minimises: cost, a little comfort, effort, smoothing and lost contact.
+"""The objective of the step: cost, comfort, effort, smoothing and lost contact.
 
 Cost and comfort are those over the look-ahead.
 """
@@ -17,33 +17,32 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.rest import HUNTING
 
 CAUTION_EPS: Final = 0.1
-"""Keeps the Gauss-Newton curvature finite where the cost is least."""
+"""Offset that keeps the Gauss-Newton curvature finite where the cost is minimal."""
 
 _HESITATES: Final = 0.25
-"""Moving gets dearer after so many times `Control.stall_after` without an improvement.
+"""Effort grows after this many times `Control.stall_after` without an improvement.
 
-After as long again it is twice as dear.
-
-A cost with steps, a person who follows late, and an object that always goes as fast would swing
-about the edge of a step."""
+After the same time again it is doubled. Without this, an object that always moves at the same speed
+would oscillate about a step of the cost, because the person follows late.
+"""
 
 _LOOKS: Final = (0.1, 1.0)
-"""Seconds at full speed after which the improvement is looked up.
+"""Times at full speed for which the improvement is evaluated [s].
 
-Every look is as dear as the cost itself. The near one sees what lies within a few centimetres:
-without it objects come to rest on the way.
+Each evaluation takes as long as the cost itself. The first one finds improvements within a few
+centimetres. Without it, objects come to rest on the way.
 """
 
 _DENSE_LOOKS: Final = (0.3, 1.0)
-"""For costs of large matrices, which do not turn within a few centimetres."""
+"""The same for costs with large matrices, which do not change within a few centimetres."""
 
 
 def cost_function(model: StepModel) -> ca.Function:
     """``(posture, observed) -> (value, total, gradient)``: V, V with comfort, and its gradient.
 
-    What is not seen, or cannot be moved, does not pull.
+    The gradient is zero for joints that are not seen or that the object cannot move.
 
-    Comfort: where the sheet is flat, the posture that the person would relax to leads the way.
+    Where the sheet is flat, the comfort posture sets the direction.
     """
     problem, n = model.problem, len(model.problem.coordinates)
     q, observed = ca.MX.sym("q", n), ca.MX.sym("observed", n)
@@ -57,28 +56,28 @@ def cost_function(model: StepModel) -> ca.Function:
     function = ca.Function("cost", [q, observed], [value, total, ca.densify(gradient)], *names)
     if _is_dense(problem):
         return function
-    # As scalars the value and its gradient share what they have in common.
+    # As scalars, the value and its gradient share common subexpressions.
     inputs = [ca.SX.sym("q", n), ca.SX.sym("observed", n)]
     return ca.Function("cost", inputs, ca.cse(list(function.expand()(*inputs))), *names)
 
 
 def _value_and_gradient(problem: Problem, q: ca.MX) -> tuple[ca.MX, ca.MX]:
     if _is_dense(problem):
-        # What dense costs have.
+        # Dense costs have this member.
         return problem.cost.value_and_gradient(q)  # pyright: ignore[reportAttributeAccessIssue]
     value = problem.cost.expression(q)
     return value, ca.gradient(value, q)
 
 
 def _values(problem: Problem, states: ca.MX) -> ca.MX:
-    """V (1, k) at several states (n, k)."""
+    """Return V (1, k) at several states (n, k)."""
     if _is_dense(problem) and hasattr(problem.cost, "values"):
         return problem.cost.values(states[problem.cost.coordinates.indices, :])  # pyright: ignore
     return ca.horzcat(*(problem.cost.expression(state) for state in ca.horzsplit(states)))
 
 
 def _is_dense(problem: Problem) -> bool:
-    """Whether the cost is made of large matrices, which stay matrices.
+    """Return whether the cost has large matrices, which are not expanded to scalars.
 
     See `ergoqp.costs.learned.LearnedCost`.
     """
@@ -93,12 +92,13 @@ def _comfort(problem: Problem) -> ca.DM:
 def objective(
     model: StepModel, known: Mapping[str, ca.MX], S: ca.MX, E: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """Gauss-Newton on V - V_min over the look-ahead, effort, smoothing and contact.
+    """Return the objective of the QP.
 
-    The contact is the one that the person could not keep.
+    Its terms are Gauss-Newton of V - V_min over the look-ahead, effort, smoothing, and the contact
+    motion that the person cannot follow.
 
     Args:
-        model: of the step.
+        model: model of the step.
         known: ``total``, ``gradient``, ``previous``, ``dt`` and ``stalled`` of this step.
         S: sensitivity (n, 6).
         E: contact motion that the posture cannot follow (k, 6).
@@ -131,11 +131,11 @@ def objective(
 
 
 def gain_function(model: StepModel) -> ca.Function:
-    """``(posture, total, xi, S) -> gain``: the best improvement along the answer [points].
+    """``(posture, total, xi, S) -> gain``: the largest improvement along the answer [points].
 
-    It is within one second at full speed.
+    It is the improvement within one second at full speed.
 
-    The cost itself is looked up on the way: its slope alone would promise a point for every band
+    The cost itself is evaluated on the way. Its slope alone would promise a point for every band
     end within the noise.
     """
     problem = model.problem
@@ -143,8 +143,8 @@ def gain_function(model: StepModel) -> ca.Function:
     q, xi, S = ca.SX.sym("q", n), ca.SX.sym("xi", 6), ca.SX.sym("S", n, 6)
     free = [axis for axis in range(6) if speed[axis] > 0]
     relative = ca.mmax(ca.fabs(xi[free]) / ca.DM(speed[free]))
-    # Joints that the object cannot move stay the same expression at every look, and what the cost
-    # makes of them is shared.
+    # Joints that the object cannot move keep the same expression at every time, so the cost shares
+    # their subexpressions.
     full = model.sparse(S) @ (xi / (relative + 1e-9))
     looks = _DENSE_LOOKS if _is_dense(problem) else _LOOKS
     places = [_reached(problem, q, seconds * full) for seconds in looks]
@@ -164,7 +164,7 @@ def gain_function(model: StepModel) -> ca.Function:
 
 
 def _reached(problem: Problem, q: ca.SX, way: ca.SX) -> ca.SX:
-    """The state at the end of a straight way, or of its projection onto the state's surface."""
+    """Return the end of a straight path, projected onto the surface if there is one."""
     if problem.surface is None:
         return q + way
     return q + problem.surface.retract(q, way, ca.SX(1), ca.DM([0.0]))

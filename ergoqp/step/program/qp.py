@@ -1,6 +1,6 @@
 """The step's QP with bounds on the twist and rows through S, and its check.
 
-An exact L1 penalty is added where braking itself needs room.
+Where braking itself needs the room, an exact L1 penalty is added.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from ergoqp.expressions.linear import Shape, vectors, written_out
 from ergoqp.solvers.solver import FREE, QpSolver
 
 PENALTY: Final = 1e4
-"""Weight of one unit of slack: above every multiplier that the objective can bring about.
+"""Weight of one unit of slack, above every multiplier that the objective can cause.
 
 So slack stays zero whenever the rows allow it (exact penalty: Nocedal and Wright, section 17.2).
 """
 
 ELBOW: Final = 1e-6
-"""Part of every cap that nobody needs, so that the feasible set has an inside.
+"""Part of every cap that no row needs, so that the feasible set has an interior.
 
-It has one even where braking is all that is left.
+It has one even where only braking is left.
 """
 
 _FAR: Final = 1e3
@@ -41,19 +41,18 @@ def build_qp(
     min 1/2 xi'H xi + g'xi + PENALTY 1's   s.t.   lbA <= A xi - side s <= ubA,  0 <= s <= cap,
     lb <= xi <= ub.
 
-    Where no row has a cap (almost always) this is a QP in six unknowns and solved as one.
+    If no row has a cap (almost always) this is a QP in six unknowns, and it is solved as one.
 
     Args:
-        solver: of the QP.
+        solver: solver of the QP.
         m: number of rows.
-        shape: how the judgement of the answer is written, see `ergoqp.expressions.linear`.
-        exact: rows that give back what they used of `ELBOW`: xi moves across them by as much, at
-            most.
+        shape: how the check of the answer is written, see `ergoqp.expressions.linear`.
+        exact: rows that must not use `ELBOW`: xi is moved back across them by at most this much.
 
     Returns:
-        Function ``(H, g, A, lbA, ubA, side, cap, lb, ub) -> (xi (6,), slack (m,),
-        multipliers (m,), residual)`` where the residual is the largest of primal, dual, gap and
-        multiplier-sign residual in the infinity norm.
+        Function ``(H, g, A, lbA, ubA, side, cap, lb, ub) -> (xi (6,), slack (m,), multipliers (m,),
+        residual)``. The residual is the largest of primal, dual, gap and multiplier-sign residual
+        in the infinity norm.
     """
     names = ("H", "g", "A", "lbA", "ubA", "side", "cap", "lb", "ub")
     shapes = ((6, 6), (6, 1), (m, 6), (m, 1), (m, 1), (m, 1), (m, 1), (6, 1), (6, 1))
@@ -77,8 +76,8 @@ def _relaxed(
     solver: QpSolver, m: int, inputs: list[ca.MX], shape: Shape, exact: list[int]
 ) -> ca.Function:
     H, g, A, lbA, ubA, side, cap, lb, ub = inputs
-    # The slack of a row without a cap touches nothing and stays at 0 by its own curvature. Between
-    # equal bounds instead, DAQP was seen to lose a multiplier.
+    # The slack of a row without a cap has no effect and stays at 0 by its own curvature. With equal
+    # bounds instead, DAQP was seen to lose a multiplier.
     loose = ca.if_else(cap > 0, 1.0, 0.0)
     full_H = ca.diagcat(H, ca.MX(ca.DM.eye(m)))
     full_g = ca.vertcat(g, PENALTY * loose)
@@ -100,13 +99,14 @@ def _relaxed(
 
 
 def _residual(n: int, m: int) -> ca.Function:
-    """The largest of primal residual, dual residual and gap.
+    """Return the function for the largest of primal residual, dual residual and gap.
 
-    A multiplier of the wrong sign or of an absent bound shows.
+    It includes multipliers of the wrong sign or of absent bounds.
 
-    As in qpbenchmark, but the gap is written as complementarity, sum of multiplier times distance
-    to its bound: the same number where the dual residual is zero, and a multiplier of an absent
-    bound cannot hide in it. Dual quantities are relative to the size of the objective.
+    The residuals are those of qpbenchmark, but the gap is written as complementarity: the sum of
+    multiplier times distance to its bound. This is the same number if the dual residual is zero,
+    and a multiplier of an absent bound is not lost in it. Dual quantities are relative to the size
+    of the objective.
     """
     names = ("H", "g", "A", "lbA", "ubA", "lb", "ub", "x", "rows", "box")
     shapes = ((n, n), (n, 1), (m, n), (m, 1), (m, 1), (n, 1), (n, 1), (n, 1), (m, 1), (n, 1))
@@ -119,11 +119,11 @@ def _residual(n: int, m: int) -> ca.Function:
     dual = ca.mmax(ca.fabs(stationary))
     multiplier = ca.vertcat(rows, box)
     up, down = ca.fmax(multiplier, 0), ca.fmax(-multiplier, 0)
-    # A distance beyond reach counts as `_FAR`: enough to show a multiplier that should be zero, not
-    # a solver's last digit.
+    # A larger distance counts as `_FAR`. That is enough to show a multiplier that should be zero,
+    # but not the rounding of a solver.
     gap = ca.fabs(ca.dot(up, ca.fmin(above, _FAR)) + ca.dot(down, ca.fmin(below, _FAR)))
     residual = ca.fmax(0, ca.fmax(primal, ca.fmax(dual, gap) / (1 + ca.mmax(ca.fabs(g)))))
-    # fmax and mmax drop NaN; a sum of squares keeps it, and NaN is not below infinity either.
+    # fmax and mmax drop NaN. A sum of squares keeps it, and the comparison with infinity fails.
     everything = ca.sumsqr(stationary) + ca.sumsqr(below) + ca.sumsqr(above)
     sound = ca.logic_and(ca.sumsqr(x) < FREE, everything <= ca.inf)
     return ca.Function("residual", inputs, [ca.if_else(sound, residual, FREE)])

@@ -1,1 +1,1 @@
-"""The watch over the robot: what it does other than it was sent."""
+"""The fault watch: differences between what the robot did and what it was sent."""

@@ -1,6 +1,6 @@
 """What a reported twist shows of a robot, and the name of its fault.
 
-It is looked at only where there is something to explain.
+This runs only where a twist is reported or something is wrong.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from ergoqp.step.robot_watch.memory import (
 )
 
 _MEMORY: Final = 0.3
-"""How far back the motion is looked at to name a fault [s]."""
+"""Time of motion from which a fault is named [s]."""
 
 _FORGETS: Final = 0.5
-"""Time over which a reported twist is summed while standing still [s].
+"""Time over which a reported twist is summed while the object stands still [s].
 
-So what a sensor reads at rest adds up to nothing.
+So the readings of a sensor at rest do not add up.
 """
 
 _CERTAIN: Final = 6.0
-"""Noise of a reported twist counts as none up to so many standard deviations of its sum."""
+"""The noise of a reported twist is ignored up to this many standard deviations of its sum."""
 
 
 _EARLY: Final = 0.75
-"""A difference counts from this share of `UNIT` on, beyond what is noise.
+"""A difference counts from this share of `UNIT` on, beyond the noise.
 
 So noise does not hide it up to `UNIT`.
 """
@@ -49,7 +49,7 @@ So noise does not hide it up to `UNIT`.
 def explained_function(model: StepModel) -> ca.Function:
     """Return ``(...) -> (story, said)``: what a reported twist shows, and the name of a fault.
 
-    The name is made anew at every step.
+    The name is computed again at every step.
     """
     names = (
         "told",
@@ -73,15 +73,15 @@ def explained_function(model: StepModel) -> ca.Function:
     problem, robot = model.problem, model.problem.robot
     holds = robot.longest_hold > 0 and robot.owes
     given = model.symbols((*names, *(("compared",) if holds else ())))
-    # One sample over a period that is too long shows nothing: what noise does in that time is more
-    # than a fault.
+    # One sample over a period that is too long shows nothing: the noise of that time exceeds a
+    # fault.
     told = ca.logic_and(is_set(given["told"]), given["lasted"] <= 3 * problem.dt * (1 + 1e-9))
     faulty = is_set(given["faulty"])
     now = given | split(STORY, given["story"]) | split(SAID, given["said"])
     if holds:
         now |= {"held": split(model.blocks["compared"], given["compared"])["held"]}
     reported, signs = _reported(problem, now)
-    # What moves while it is not enabled is no fault.
+    # Motion while the object is not enabled is no fault.
     signs = ca.if_else(ca.logic_and(told, is_set(given["enable"])), signs, 0)
     kept = {name: now[name] for name in REPORTED}
     if robot.owes:
@@ -100,17 +100,17 @@ def explained_function(model: StepModel) -> ca.Function:
 def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.SX], ca.SX]:
     """Compare the integral of the reported twist with what was sent.
 
-    Return what to keep of it, and the signs of a fault.
+    Return the data to keep, and the signs of a fault.
     """
     gain, unit = problem.robot.gain_error, ca.DM(UNIT)
     sent, lasted = now["sent"], now["lasted"] * now["started"]
     fresh = now["now_rests"] > now["rested"]
     keeps = ca.if_else(is_set(now["parked"]), ca.fmax(0, 1 - now["lasted"] / _FORGETS), 1)
     surprise = now["executed"] - sent
-    # Noise scatters around what was sent, what is wrong goes on: so only the change from sample to
-    # sample counts as noise, and of that what comes back with the next sample. A robot that is late
-    # changes steadily. Of few samples that may be nothing by chance, so it is no less than what the
-    # second differences say, which a steady change does not count for either.
+    # Noise scatters around what was sent, a fault persists. So only the change from sample to
+    # sample counts as noise, and of this only the part that the next sample reverts. The changes of
+    # a late robot are steady. With few samples this part may be zero by chance, so the noise is at
+    # least that of the second differences, in which a steady change does not count either.
     credible = ca.DM(
         0.5 * np.repeat([problem.twist_limit.linear_speed, problem.twist_limit.angular_speed], 3)
     )
@@ -119,19 +119,19 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     gone = ca.vertcat(ca.norm_2(sent[:3]), ca.norm_2(sent[3:])) * lasted
     blurs = ca.horzcat(back, (change - now["surprise"][:, 1]) ** 2 / 6) * lasted**2
     summed = {"drift": surprise * lasted, "blur": blurs, "path": gone}
-    # Where the comparison begins everything counts anew, but what a late robot still owes then.
+    # Where the comparison begins all sums restart, except what a late robot still owes then.
     drift, blur, path = (
         ca.if_else(fresh, 0, keeps * now[name] + part) for name, part in summed.items()
     )
     due = ca.if_else(fresh, ca.horzcat(now["up"], now["down"]), now["due"])
-    # A twist may be reported as it is at the end of the period, and not as its mean: an integral of
-    # samples is off by half a period.
+    # A twist may be reported at the end of the period, not as its mean. So the integral of the
+    # samples may be wrong by half a period.
     slack = _CERTAIN * ca.sqrt(ca.fmax(blur[:, 0], blur[:, 1])) + problem.dt / 2 * ca.fabs(sent)
     slack += gain * ca.vertcat(*[path[0]] * 3, *[path[1]] * 3)
     stretch = 1 + gain
     unheard = ca.SX(6, 1)
     if "held" in now:
-        # How it followed while a call was late was reported to nobody.
+        # The motion during a late call was not reported.
         reach = ca.fmax(now["held"], ca.horzcat(sent, -sent))
         unheard = stretch * problem.robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
     late = ca.fmax(
@@ -139,7 +139,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
     )
     by_twist = length((late - slack - unheard) / (_EARLY * unit))
     if problem.robot.owes:
-        # What it is sent does not say yet how fast it is, only how fast it can be.
+        # The sent twists give only the largest possible speed of a late robot.
         surprise = leap_beyond(now, now["executed"] * lasted) / ca.fmax(lasted, 1e-9)
     strikes = length((ca.fabs(surprise) * lasted - slack) / unit) > 1
     strike = ca.if_else(strikes, ca.norm_2(surprise), 0)
@@ -154,7 +154,7 @@ def _reported(problem: Problem, now: Mapping[str, ca.SX]) -> tuple[dict[str, ca.
 
 
 def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[str, ca.SX]:
-    """The name of the fault that fits best to what moved since it is there."""
+    """Return the name of the fault that fits best to the motion since the fault began."""
     sent, lasted, forget = (
         now["sent"],
         now["lasted"] * now["started"],
@@ -165,7 +165,7 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
         is_set(now["measured"]), now["went"], ca.if_else(is_set(now["told"]), told, done)
     )
     changed = ca.if_else(is_set(now["fault"][0]), sent - now["last"], 0)
-    # What there was to name before this fault is over.
+    # Motion before this fault does not count.
     goes_on = forget * is_set(now["fault"][0])
     moved = goes_on * now["moved"] + ca.horzcat(done, seen, changed)
     Y, y, s = ca.horzsplit(moved / ca.repmat(ca.DM(UNIT / UNIT[0]), 1, 3))
@@ -178,7 +178,7 @@ def _named(problem: Problem, now: Mapping[str, ca.SX], strike: ca.SX) -> dict[st
     )
     far = (ca.fabs(leap) - 2 * ca.DM(problem.robot.noise)) / ca.DM(UNIT)
     jumps = ca.logic_and(ca.logic_and(now["measured"], now["started"]), length(far) > 1)
-    # What was sudden keeps its name, and what a second sudden thing adds is only its coming back.
+    # A sudden fault keeps its name, because a second jump is usually the return of the first.
     sudden = now["fault"][0] >= int(Fault.pose_jumps)
     fault = ca.if_else(strike > 0, ca.vertcat(int(Fault.speed_jumps), strike), fault_of(fit, Y, y))
     fault = ca.if_else(jumps, ca.if_else(largest(far[:3]) >= largest(far[3:]), shift, turn), fault)

@@ -1,4 +1,4 @@
-"""What a robot does other than it was sent: a name, an amount, and the sentence for people."""
+"""Faults of a robot: a name, an amount, and a sentence."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import casadi as ca
 import numpy as np
 
 _SAME: Final = 0.005
-"""A factor so near to 1 is none."""
+"""A factor this close to 1 counts as 1."""
 
 
 class Fault(IntEnum):
-    """What the robot does other than declared.
+    """How the robot differs from its declaration.
 
-    The amount beside it is a factor, seconds, metres or radians.
+    The amount beside it is a factor, or is in seconds, metres or radians (speed jump: m/s, rad/s).
     """
 
     none = 0
@@ -30,7 +30,7 @@ class Fault(IntEnum):
 
 
 def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
-    """The `Fault` and its amount (2,) that fits best to what moved of late: y = g Y - late s."""
+    """Return the `Fault` and its amount (2,) that fits best to recent motion: y = g Y - late s."""
     YY, Ys, ss, Yy, sy = ca.vertsplit(fit)
     det = YY * ss - Ys**2
     sound = det > 1e-6 * YY * ss
@@ -49,7 +49,7 @@ def fault_of(fit: ca.SX, Y: ca.SX, y: ca.SX) -> ca.SX:
 
 
 def fault_sentence(kind: int, amount: float) -> str:
-    """Return what is said of a fault."""
+    """Return the sentence of a fault."""
     if kind == Fault.factor and abs(amount - 1) < _SAME:
         return "robot: drifts from what was sent"
     return {

@@ -1,4 +1,4 @@
-"""What the watch over a robot keeps from step to step, and what its parts measure with."""
+"""State of the fault watch, and the measures that its parts share."""
 
 from __future__ import annotations
 
@@ -12,60 +12,58 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.packing import Sizes
 
 UNIT: Final = np.repeat([0.001, np.radians(0.2)], 3)
-"""Difference of measured and declared motion that is none yet, per axis (6,) [m, rad]."""
+"""Difference of measured and declared motion that is no fault yet, per axis (6,) [m, rad]."""
 
 COMPARED: Final = {
-    "apart": (6, 1),  # measured motion less sent motion, by the pose
-    "least": (6, 1),  # ends of their constant difference
+    "apart": (6, 1),  # measured motion minus sent motion, by the pose
+    "least": (6, 1),  # bounds of their constant difference
     "most": (6, 1),
-    "calm": (1, 1),  # for how long the object has stood still, as far as is seen
+    "calm": (1, 1),  # for how long the object has stood still, as far as known
     "halted": (1, 1),  # 1 until it has come to rest
     "rests": (1, 1),  # how often it has come to rest, or was not enabled
-    "begun": (1, 1),  # 1 while it stands still, once the poses are compared from there
+    "begun": (1, 1),  # 1 while it stands still and the poses are compared from there
 }
 REPORTED: Final = {
-    "drift": (6, 1),  # measured motion less sent motion, by the reported twist
-    "path": (2, 1),  # how far it went, and turned, since it stood still
-    # variance of the drift: by how changes of the samples come back, and by their second
-    # differences
+    "drift": (6, 1),  # measured motion minus sent motion, by the reported twist
+    "path": (2, 1),  # distance and angle of its path since it stood still
+    # variance of the drift: by the reverted changes of the samples, and by their second differences
     "blur": (6, 2),
-    "surprise": (6, 2),  # the last sample, and the last change of one
-    # what a declared robot still owed when this was begun, along each axis and against it
+    "surprise": (6, 2),  # the last difference to the sent twist, and its last change
+    # what a declared robot still owed at the start of this, along each axis and against it
     "due": (6, 2),
-    "rested": (1, 1),  # what ``rests`` was then
+    "rested": (1, 1),  # value of ``rests`` at that time
 }
 NAMED: Final = {
-    # since there is a fault: sent motion, measured motion, change of the sent twist
+    # since the fault began: sent motion, measured motion, change of the sent twist
     "moved": (6, 3),
     "last": (6, 1),  # the sent twist before the last one
     "fit": (5, 1),  # sums of the products of `moved`
 }
 SAID: Final = {
-    # above 1 where the integral says that there is a fault; above 0 [m/s, rad/s] where one sample
-    # does
+    # above 1 if the integral shows a fault; above 0 [m/s, rad/s] if one sample shows it
     "signs": (2, 1),
     "fault": (2, 1),  # a `Fault` and its amount
 }
 STORY: Final = {**REPORTED, **NAMED}
 ACCOUNT: Final = {
-    "short": (6, 2),  # way that was sent and not reported yet, along each axis and against it
-    "ahead": (6, 1),  # how much further the object is reckoned to be than was reported
+    "short": (6, 2),  # motion that was sent and not reported yet, along each axis and against it
+    "ahead": (6, 1),  # by how much the integrated pose is ahead of the reported motion
 }
 
 
 def watch_blocks(problem: Problem) -> dict[str, Sizes]:
-    """Return the state's blocks that watch the robot, and their parts; all zero at the start."""
-    # The fastest that may have been held on to, along each axis and against it: since the last
-    # measured pose; of a late robot, in which a hold shows little by little and so does not stand
-    # out, since it stood still.
+    """Return the blocks of the state for the fault watch, with their parts; all zero at first."""
+    # The fastest twist that the robot may have held, along each axis and against it, since the last
+    # measured pose. For a late robot it is since the object stood still, because there a hold shows
+    # little by little and does not stand out.
     held = {"held": (6, 2)} if problem.robot.longest_hold else {}
-    # Turns do not commute: differences of neighbouring noisy poses would add up to a random walk.
-    # How the object was turned by what was sent since it stood still.
+    # The turn of the object by what was sent since it stood still. Turns do not commute, and
+    # differences of consecutive noisy poses would add up to a random walk.
     turn = {"turned": (3, 3)} if problem.robot.pose_noise_deg else {}
-    # For the same reason: by which angle the object was turned by what was sent since it was
-    # measured, if not by that.
+    # For the same reason, without ``turned``: the angle by which the object was turned by what was
+    # sent since it was measured.
     blind = {"blind": (1, 1)} if problem.robot.owes and not turn else {}
-    # What one hold may have left in the comparison unseen, beside noise.
+    # The part of one hold that may be unseen in the comparison, in addition to noise.
     slip = {"slip": (6, 1)} if problem.robot.longest_hold and not problem.robot.owes else {}
     return {
         "compared": COMPARED | held | slip | turn | blind,
@@ -78,13 +76,13 @@ def watch_blocks(problem: Problem) -> dict[str, Sizes]:
 def leap_beyond(now: Mapping[str, ca.SX], went: ca.SX) -> ca.SX:
     """Return by how much (6,) the pose moved beyond what the robot can have done in this period.
 
-    That holds whatever the robot still owed.
+    It includes whatever the robot still owed.
     """
     lasted = now["lasted"] * now["started"]
     return ca.fmax(went - now["fastest"] * lasted, 0) + ca.fmin(went - now["slowest"] * lasted, 0)
 
 
 def length(excess: ca.SX) -> ca.SX:
-    """Return the larger length of a vector's (6,) two halves; only what is positive counts."""
+    """Return the larger length of the two halves of a vector (6,); only positive entries count."""
     beyond = ca.fmax(excess, 0)
     return ca.sqrt(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])))

@@ -1,16 +1,16 @@
-"""Whether the robot does what it was sent: measured motion against declared motion.
+"""Comparison of the measured motion with the declared motion of the robot.
 
-What does not fit gets a name.
+A difference that the declaration does not explain is a fault and gets a name.
 
-Measured and sent motion are compared since the object last came to stand still. What a declared
-robot may differ by is no fault: what it has not done yet, its gain error, the noise of its pose.
-Each measured pose says between which ends the constant difference of the two must lie, axis by
-axis; when the ends of two moments leave no room, by more than `UNIT`, something was done that was
-not declared. A reported twist is compared by its integral; what scatters from sample to sample, up
-to half the speed limit, is noise.
+Measured and sent motion are compared since the object last came to stand still. It is no fault if
+they differ by what a declared robot has not done yet, by its gain error, or by the noise of its
+pose. Each measured pose bounds the constant difference of the two motions, axis by axis. If the
+bounds of two moments exclude each other by more than `UNIT`, the robot did something that was not
+declared. A reported twist is compared by its integral; scatter from sample to sample, up to half
+the speed limit, counts as noise.
 
-After a fault, and after the object was not allowed to move, it comes to rest and starts again from
-rest only. While it is not enabled, whatever moves it is no fault.
+After a fault, and after the object was not allowed to move, it comes to rest and starts again only
+from rest. While it is not enabled, no motion is a fault.
 """
 
 from __future__ import annotations
@@ -40,38 +40,36 @@ from ergoqp.step.robot_watch.memory import (
 )
 
 CALM: Final = 0.5
-"""How long the object stands still after a fault, beside the robot's declared lateness [s]."""
+"""How long the object stands still after a fault, in addition to the declared delays [s]."""
 
 _WIDE: Final = 1e3
-"""Further apart than anything [m, rad]."""
+"""Larger than any difference [m, rad]."""
 
 
 def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[str, ca.MX]:
     """Return the blocks ``compared``, ``story`` and ``said`` after the last period, and ``causes``.
 
-    Those are why the step can only brake.
-
-    What a reported twist shows counts from the next step on.
+    The causes say why the step can only brake. A reported twist counts from the next step on.
 
     Args:
-        model: of the step.
+        model: model of the step.
         known: the blocks before, by name, and ``pose``, ``stored`` (4, 4) each, ``started``,
             ``measured``, ``told`` (0 or 1), ``executed``, ``sent`` (6,), ``lasted`` [s],
             ``slowest``, ``fastest`` (6,): twists of a robot that does no more than it was sent,
             ``up``, ``down`` (6,): what the declared robot may still owe, ``parked`` (0 or 1),
             ``stop`` (1: the object may not move now), ``enable`` (0 or 1), ``period`` [s],
-            ``causes`` so far, and where the robot may be late ``unsure`` (6, 2): how far the object
-            may be from where it is reckoned.
+            ``causes`` so far, and if the robot may be late ``unsure`` (6, 2): how far the object
+            may be from its computed pose.
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
     compare, explain = shape(_compared(model)), explained_function(model)
     found = by_name(compare, known)
-    # Where no twist is reported and nothing is wrong, there is nothing to explain.
+    # Without a reported twist or a fault there is nothing to explain.
     inputs = [ca.MX.sym(explain.name_in(i), explain.sparsity_in(i)) for i in range(explain.n_in())]
     was = dict(zip(explain.name_in(), inputs, strict=True))
     story = was["story"]
     if model.problem.robot.owes:
-        # What a late robot did in this period nobody knows, so the sum of what it did begins anew.
+        # The motion of a late robot in this period is unknown, so its sum starts again.
         anew = {name: ca.MX(ca.DM.zeros(*REPORTED[name])) for name in ("drift", "path", "blur")}
         anew["due"] = ca.horzcat(was["up"], was["down"])
         story = joined(STORY, split(STORY, story) | anew)
@@ -89,9 +87,9 @@ def watch(model: StepModel, known: Mapping[str, ca.MX], shape: Shape) -> dict[st
 
 
 def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the blocks of an object that moves already at `twist` (6,).
+    """Return the blocks of an object that already moves at `twist` (6,).
 
-    What its robot owes nobody has measured.
+    What its robot still owes has not been measured.
     """
     blocks = {
         name: {part: np.zeros(size) for part, size in block.items()}
@@ -109,27 +107,27 @@ def taken_over(model: StepModel, twist: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def reckoned(robot: DeclaredRobot, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """Return the last period's motion (6,), as far as it is known where no pose is measured.
+    """Return the motion of the last period (6,), as far as it is known without a measured pose.
 
     The next account is returned with it.
 
-    The declared motion is integrated, not the noise of what is reported of it. Once that has shown
-    a fault, what is reported is: as far as it was sent, in this period or before, since a robot
-    that is late does later what it did not do before; and what was integrated too much until then
-    is taken back. So nothing that is reported leads further than what was sent.
+    The declared motion is integrated, not the noisy reported motion. Once the reported motion has
+    shown a fault, it is integrated instead, but only as far as it was sent, in this period or
+    before: a late robot does later what it has not done yet. What was integrated too much until
+    then is taken back. So a report never leads further than what was sent.
 
     Args:
-        robot: as declared.
+        robot: declared robot.
         given: blocks ``account`` and ``said`` of the state, ``sent``, ``changed``, ``executed``
-            (6,), ``lasted`` [s], and ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and
-            for how long nothing has been sent ``idled`` [s].
+            (6,), ``lasted`` [s], ``told``, ``measured``, ``started``, ``parked`` (0 or 1), and
+            ``idled``, for how long nothing has been sent [s].
     """
     now = dict(given) | split(ACCOUNT, given["account"]) | split(SAID, given["said"])
     known = ca.logic_or(
         ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0), is_set(now["fault"][0])
     )
     declared = now["sent"] * now["lasted"] + now["changed"]
-    # Before it is known where the object is, nobody knows for how long it has moved either.
+    # Before the pose is known, it is unknown for how long the object has moved.
     sent = (1 + robot.gain_error) * now["started"] * now["sent"] * now["lasted"]
     most = now["short"] + ca.fmax(ca.horzcat(sent, -sent), 0)
     way = ca.if_else(now["told"], now["executed"] * now["lasted"], declared)
@@ -145,13 +143,13 @@ def reckoned(robot: DeclaredRobot, given: Mapping[str, ca.SX]) -> tuple[ca.SX, c
 
 
 def _compared(model: StepModel) -> ca.Function:
-    """Compare the poses.
+    """Return the function that compares the poses.
 
-    The function is ``(...) -> (next_compared, faulty, all_causes, went, now_rests)``: the block,
-    whether there is a fault, causes, motion of the pose (6,), and how often it came to rest.
+    It is ``(...) -> (next_compared, faulty, all_causes, went, now_rests)``: the block, whether
+    there is a fault, the causes, the motion of the pose (6,), and how often it came to rest.
 
-    An interpreter pays for every scalar here in every step, so what is not needed to see a fault is
-    in `ergoqp.step.robot_watch.explained`.
+    An interpreter pays for every scalar here in every step. So everything that is not needed to
+    detect a fault is in `ergoqp.step.robot_watch.explained`.
     """
     robot, stretch = model.problem.robot, 1 + model.problem.robot.gain_error
     names = (
@@ -186,13 +184,12 @@ def _compared(model: StepModel) -> ca.Function:
         block["held"] = ca.if_else(now["measured"], 0, reach)
         gone = now["measured"] * _held(robot, leap_beyond(now, went), reach)
         apart -= gone
-        # A hold that does not stand out of the noise is not taken off, and what is taken off may be
+        # A hold that does not exceed the noise is not subtracted, and what is subtracted may be
         # noise in part.
         longest = stretch * robot.longest_hold * ca.fmax(reach[:, 0], reach[:, 1])
         slip = ca.fmax(now["slip"], ca.fmin(longest, 4 * noise))
     if "blind" in sizes:
-        # Two ways with the same end, of which one is as far behind as that, differ by the area
-        # between them.
+        # Two paths to the same end, one of them this far behind, differ by the area between them.
         turn = now["blind"] + ca.norm_2(done[3:])
         block["blind"] = ca.if_else(now["measured"], 0, turn)
         area = (
@@ -205,8 +202,8 @@ def _compared(model: StepModel) -> ca.Function:
             least - ca.vertcat(0, 0, 0, area, area, area),
             most + ca.vertcat(0, 0, 0, area, area, area),
         )
-    # Where the comparison begins, the pose is as far off as it may be; how it was turned since then
-    # is known but for noise.
+    # At the start of the comparison the pose has its full error; the turn since then is known up to
+    # noise.
     at_begin, sent_to = noise, now["pose"][:3, :3]
     if "turned" in sizes:
         sent_to = ca.if_else(
@@ -214,7 +211,7 @@ def _compared(model: StepModel) -> ca.Function:
         )
         apart[3:] = _rotation(sent_to, now["pose"][:3, :3])
         at_begin = ca.vertcat(noise[:3], 0, 0, 0)
-        # The error of the pose at the begin turns with the object, so it may lie along any axis.
+        # The error of the first pose turns with the object, so it may be along any axis.
         noise = ca.vertcat(noise[:3], (1 + np.sqrt(3)) * noise[3:])
     below = above = ca.SX(6, 1)
     if robot.owes:
@@ -227,7 +224,7 @@ def _compared(model: StepModel) -> ca.Function:
         )
         below, above = below + hold[:, 0], above + hold[:, 1]
     if robot.gain_error:
-        # A shift is along what was sent; what is left of a turn turns with the object.
+        # The error of a shift is along what was sent; that of a turn turns with the object.
         spread = robot.gain_error * ca.vertcat(ca.fabs(done[:3]), *[ca.norm_2(done[3:])] * 3)
         least, most = least - spread, most + spread
     unseen = _WIDE * (1 - now["measured"])
@@ -235,8 +232,8 @@ def _compared(model: StepModel) -> ca.Function:
     beyond = ca.fmax(ca.fmax(least, low) - ca.fmin(most, high) - slip, 0) * ca.DM(1 / UNIT)
     by_pose = ca.logic_and(ca.fmax(ca.sumsqr(beyond[:3]), ca.sumsqr(beyond[3:])) > 1, enabled)
     found = ca.logic_or(by_pose, ca.logic_or(now["signs"][0] > 1, now["signs"][1] > 0))
-    # The difference counts anew from where the object is seen to stand still, and from where it was
-    # seen to move there. Where it is not seen to stand, what it was before is still to be compared.
+    # The comparison starts again where the object is measured standing still, and after a fault
+    # there. Where it is not measured standing, the motion before is still to be compared.
     comes_to_rest = ca.logic_and(parked, ca.logic_or(now["calm"] <= 0, found))
     begins = ca.logic_and(
         ca.logic_and(parked, now["measured"]), ca.logic_or(ca.logic_not(now["begun"]), found)
@@ -249,8 +246,7 @@ def _compared(model: StepModel) -> ca.Function:
     if "turned" in sizes:
         block["turned"] = ca.if_else(anew, now["pose"][:3, :3], sent_to)
     if robot.longest_hold and robot.owes:
-        # What it held on to before it came to rest still counts in this comparison, and no more in
-        # the next one.
+        # A hold before the object came to rest counts in this comparison, but not in the next.
         block["held"] = ca.fmax(now["held"] * (1 - begins), ca.horzcat(now["sent"], -now["sent"]))
 
     calm = ca.logic_and(parked, ca.logic_not(found)) * (now["calm"] + now["period"])
@@ -272,26 +268,26 @@ def _compared(model: StepModel) -> ca.Function:
 
 
 def _difference(before: ca.SX, after: ca.SX) -> ca.SX:
-    """Displacement (6,) along the world's axes that leads from one pose to another."""
+    """Return the displacement (6,) along the world's axes that leads from one pose to another."""
     return ca.vertcat(after[:3, 3] - before[:3, 3], _rotation(before, after))
 
 
 def _rotation(before: ca.SX, after: ca.SX) -> ca.SX:
-    """Turn (3,) [rad] that leads from one orientation to another."""
+    """Return the turn (3,) [rad] that leads from one orientation to another."""
     columns = [(before[:3, i], after[:3, i]) for i in range(3)]
     sines = sum((ca.cross(*pair) for pair in columns), ca.SX(3, 1)) / 2
     trace = sum((ca.dot(*pair) for pair in columns), ca.SX(0))
     sine = ca.sqrt(ca.sumsqr(sines) + 1e-30)
     turn = sines * (ca.atan2(sine, (trace - 1) / 2) / sine)
-    # Half a turn has no sine; it is large all the same.
+    # Half a turn has a sine of zero but is large.
     over = ca.if_else(trace < 1, 1.0, 0.0)
     return ca.vertcat(turn[0] + ca.if_else(turn[0] < 0, -over, over), turn[1:])
 
 
 def _held(robot: DeclaredRobot, leap: ca.SX, reach: ca.SX) -> ca.SX:
-    """How much of a leap (6,) one declared hold explains, of at most `reach` (6, 2).
+    """Return the part of a leap (6,) that one declared hold of at most `reach` (6, 2) explains.
 
-    Of a leap that may be noise it explains none.
+    It is zero for a leap that may be noise.
     """
     most = robot.longest_hold * (1 + robot.gain_error) * ca.fmax(reach, 0)
     explained = ca.fmax(ca.fmin(leap, most[:, 0]), -most[:, 1])

@@ -1,1 +1,1 @@
-"""The motion that is under way already: what was planned and sent, and where the object lands."""
+"""The motion under way: the planned and sent twists, and the landing pose of the object."""

@@ -1,6 +1,6 @@
-"""Weights for the mean of the plan and for what a late robot has still to do.
+"""Weights of the moving average, and of what a late robot has still to do.
 
-They follow from the ages of periods alone.
+They follow from the ages of the periods alone.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from ergoqp.step.model import StepModel
 from ergoqp.step.under_way.history import LONGEST_DT, SHORTEST_DT, remaining_seconds
 
 _AT_ALL: Final = 1e-9
-"""What lasted for less did not last at all [s]."""
+"""Durations below this count as zero [s]."""
 
 
 def weights_function(model: StepModel) -> ca.Function:
-    """What follows from the ages alone, in scalars.
+    """Return the weights that follow from the ages alone, in scalars.
 
     Returns:
         Function ``(ages, idle, dt) -> (own, of_plan, present, remaining, period, dt_ok, aged,
-        idled, fits, parked)``. `of_plan` (n, 2) has weights at the end of this period, and seconds;
-        `present` (n,) weights now; `remaining` (k,) the seconds for which what was sent still acts;
-        `aged` the ages at the end of this period.
+        idled, fits, parked)``. `of_plan` (n, 2) holds the weights at the end of this period, and
+        seconds. `present` (n,) holds the weights now. `remaining` (k,) holds the seconds for which
+        each sent twist still acts. `aged` holds the ages at the end of this period.
     """
     problem, history = model.problem, model.history
     W, robot = problem.average, problem.robot
@@ -32,7 +32,7 @@ def weights_function(model: StepModel) -> ca.Function:
     dt_ok = ca.logic_and(given >= SHORTEST_DT, given <= LONGEST_DT)
     dt = ca.if_else(dt_ok, given, problem.dt)
     ends, n = ca.vertcat(0, ages), history.planned
-    # What is sent as planned needs none of these, and a robot that owes nothing no seconds.
+    # Without averaging there are no weights, and without delay or lag no remaining seconds.
     own, of_plan, now, remaining = ca.SX(1), ca.SX(), ca.SX(), ca.SX()
     if W:
         own, weights, now, left = _mean(ends[:n], dt, W)
@@ -51,18 +51,17 @@ def weights_function(model: StepModel) -> ca.Function:
 
 
 def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """The mean of the plan over W seconds as weights of its twists.
+    """Return the mean of the plan over W seconds as weights of its twists.
 
     Returns:
-        At the end of this period: weight of the new twist, and of those before (n,). And now: their
-        weights (n,), and the seconds for which each of them still acts when it is not yet sent
-        (n,), the half of this period that leads away from the last one included.
+        At the end of this period: the weight of the new twist, and those of the earlier ones (n,).
+        Now: their weights (n,), and the seconds for which each of them still acts because it is not
+        sent yet (n,), including the half of this period in which the plan leaves the last one.
     """
     n = ages.numel()
     length, share = _segments(ages + dt, W)
     far = length * share / 2
-    # The last twist is taken to have been there for ever: before the first step the plan was at
-    # rest.
+    # The oldest twist counts as having lasted for ever: before the first step the plan was at rest.
     rest = W - ca.fmin(ages[n - 1] + dt, W)
     first = ca.fmin(dt, W)
     own = first * (2 - first / dt) / (2 * W)
@@ -82,10 +81,10 @@ def _mean(ages: ca.SX, dt: ca.SX, W: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]
 
 
 def _segments(ages: ca.SX, W: float) -> tuple[ca.SX, ca.SX]:
-    """Return how much of each segment between two ages is younger than W [s], and which share."""
+    """Return the part of each segment between two ages below W [s], and its share."""
     ends = ca.fmin(ages, W)
     length = ends[1:] - ends[:-1]
-    # Segments of before the first step have no length at all.
+    # Segments before the first step have zero length.
     return length, length / ca.fmax(ages[1:] - ages[:-1], _AT_ALL)
 
 

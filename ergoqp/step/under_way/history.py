@@ -1,4 +1,4 @@
-"""What the step keeps of the past: what it planned, what it sent, and when."""
+"""The history of a step: the planned twists, the sent twists, and their ages."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ergoqp.problem.problem import Problem
 from ergoqp.step.packing import Sizes
 
 FAR: Final = 1e3
-"""Age of what was before the first step: older than anything counts [s]."""
+"""Age of everything before the first step: older than any age that matters [s]."""
 
 SHORTEST_DT: Final = 1e-5
-"""What is shorter is no control period either [s]."""
+"""Shortest control period [s]."""
 
 LONGEST_DT: Final = 1.0
-"""What is longer is no control period [s]."""
+"""Longest control period [s]."""
 
 _SPARE: Final = 1.5
-"""The history holds this many times its seconds at the problem's period.
+"""The history holds this many times its seconds at the period of the problem.
 
-So periods may be that much shorter on average.
+So periods may be shorter by this factor on average.
 """
 
 
@@ -32,11 +32,11 @@ class History:
     """How much of the past the step keeps.
 
     Attributes:
-        planned: how many planned twists, newest first.
-        sent: how many sent ones.
-        lags: whether the declared robot has still to do some of what is older than these.
-        clings: whether it may have held on to it.
-        owes: whether anything of what was sent is left for later.
+        planned: number of planned twists, newest first.
+        sent: number of sent twists, newest first.
+        lags: whether the declared robot may still have to do a part of older sent twists.
+        clings: whether the robot may have held one of those older twists for too long.
+        owes: whether a part of what was sent is still to come.
     """
 
     planned: int
@@ -47,7 +47,7 @@ class History:
 
     @classmethod
     def of(cls, problem: Problem) -> History:
-        """Return what the mean and the declared robot of a problem need."""
+        """Return the history that the mean and the declared robot of a problem need."""
 
         def periods(seconds: float) -> int:
             return int(np.ceil(_SPARE * seconds / problem.dt)) + 1 if seconds else 0
@@ -59,12 +59,12 @@ class History:
 
     @property
     def ages(self) -> int:
-        """How many ends of periods, the present one not counted."""
+        """Number of ends of periods, without the present one."""
         return max(self.planned - 1, self.sent)
 
     @property
     def sizes(self) -> Sizes:
-        """Shape of every part of the state that is history, see `initial_history`."""
+        """Shape of every part of the history in the state, see `initial_history`."""
         sizes = {"planned": (6, self.planned), "sent": (6, self.sent), "ages": (self.ages, 1)}
         sizes |= {"idle": (1, 1)}
         if self.lags:
@@ -75,7 +75,7 @@ class History:
 
 
 def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the history of an object that has moved at `twist` (6,) for ever."""
+    """Return the history of an object that has always moved at `twist` (6,)."""
     parts = {name: np.zeros(size) for name, size in history.sizes.items()}
     parts["planned"][:], parts["sent"][:], parts["ages"][:] = twist[:, None], twist[:, None], FAR
     parts["idle"][:] = 0.0 if np.any(twist) else FAR
@@ -83,7 +83,7 @@ def initial_history(history: History, twist: np.ndarray) -> dict[str, np.ndarray
 
 
 def remaining_seconds(younger: Any, older: Any, dead: float, lag: float) -> Any:
-    """Seconds for which twists sent between two ages still act."""
+    """Return the seconds for which twists that were sent between two ages still act."""
     seconds = ca.fmin(older, dead) - ca.fmin(younger, dead)
     if lag:
         seconds += lag * (

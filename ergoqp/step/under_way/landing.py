@@ -1,4 +1,4 @@
-"""Where the object lands, and how much of its distance to each end a hard row can count on."""
+"""The landing pose, and the distance that each hard row can count on."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from ergoqp.step.under_way.motion import UnderWay
 def landing(
     model: StepModel, found: UnderWay, known: Mapping[str, ca.MX], shape: Shape = vectors
 ) -> dict[str, ca.MX]:
-    """Return ``landed`` (4, 4), where the object lands, and ``way``: see `WayLayout`.
+    """Return ``landed`` (4, 4), the landing pose, and ``way``: see `WayLayout`.
 
-    A robot is declared by its upper ends: any share of each piece may be done already. So a piece
-    that leads away from an end is not counted on, and one that leads to it counts in full.
+    The declared values of a robot are upper bounds: any share of each piece may be done already. So
+    a piece that leads away from an end does not count, and a piece that leads to it counts in full.
 
     Args:
-        model: of the step.
-        found: what is under way.
-        known: ``pose`` as measured, or as far as it is known (4, 4); and where the declared robot
-            may be late ``doubt``: how far the object may be behind that, along each axis and
+        model: model of the step.
+        found: the motion under way.
+        known: ``pose`` as measured, or as far as it is known (4, 4). If the declared robot may be
+            late also ``doubt``: how far the object may be behind this pose, along each axis and
             against it (6, 2) [m, rad].
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
@@ -52,18 +52,18 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     problem, robot, parts_of = model.problem, model.problem.robot, model.under_way
     landed, rows = _hard_rows(model)(pose, found["total"])
     done = rows @ found["twists"]
-    # Of each piece, what leads to the upper ends, and to the lower ones.
+    # The part of each piece that leads to the upper ends, and to the lower ends.
     toward = ca.fmax(done, 0)
     toward = ca.vertcat(toward, toward - done)
     sums, many, law = toward @ found["seconds"], rows.shape[0], problem.stop
     if "tail" in found:
         sums += _along(rows, found["tail"])
-    # A piece that leads to one end is not counted on at the other.
+    # A piece that leads to one end does not count at the other end.
     up, down = sums[:many], sums[many:]
     below, above = up, down
     n = found["weights"].numel() if "weights" in found else 0
     if n:
-        # What a mean that still rises toward the last planned twist adds, see
+        # The addition of a mean that still rises toward the last planned twist, see
         # `ergoqp.limits.stop.Stop`.
         rise = ca.fmax(ca.repmat(toward[:, 0], 1, n) - toward[:, :n], 0) @ (
             law.stretch * law.longest * found["weights"]
@@ -73,9 +73,9 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
     if robot.longest_hold or parts_of.strays:
         angles = ca.sqrt(ca.sum1(found["twists"][3:, :] ** 2))
     if parts_of.strays:
-        # A way of length L that leads c far leaves its chord by at most sqrt(L^2 - c^2) / 2. Turns
-        # do not commute: done one by one, they differ from the turn of their sum by the area
-        # between way and chord.
+        # A path of length L with a chord c deviates from the chord by at most sqrt(L^2 - c^2) / 2.
+        # Turns do not commute: one after the other, they differ from the turn of their sum by the
+        # area between path and chord.
         length = angles @ found["seconds"]
         if "tail" in found:
             length += ca.norm_2(found["tail"][3:, 0] + found["tail"][3:, 1])
@@ -89,19 +89,19 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
         rises = ca.sqrt(ca.sum1((ca.repmat(turns[:, 0], 1, n) - turns) ** 2))
         raised = law.stretch * law.longest * (rises @ found["weights"])
     if "doubt" in found:
-        # The object may be so much less far along each axis than it is reckoned.
+        # The object may be behind its computed pose by this much along each axis.
         back = _along(rows, found["doubt"])
         below, above = below + back[:many], above + back[many:]
     if robot.gain_error:
         below, above = below + robot.gain_error * down, above + robot.gain_error * up
     if robot.noise.any():
-        # What touches a region where the pose says that it is nearest has the noise twice: in how
-        # far it is, and in which direction. So far outside it is never measured inside.
+        # The noise counts twice for a row that touches a region at the point nearest to the pose:
+        # for the distance and for the direction. With both, it is never measured inside.
         astray = np.linalg.norm(robot.noise[:3]) * np.array(parts_of.tangents, float)
         aside = ca.fabs(rows) @ ca.DM(robot.noise) + ca.DM(astray)
         below, above = below + aside, above + aside
     parts = [found["total"], below, above]
-    # A turn that is measured with an error is one that may have been done, or not.
+    # The error of a measured turn counts like a turn that may be done already or not.
     turn = found.get("turn", 0) + ca.MX(np.linalg.norm(robot.noise[3:]))
     if "doubt" in found:
         turn += ca.norm_2(ca.fmax(found["doubt"][3:, 0], found["doubt"][3:, 1]))
@@ -123,9 +123,9 @@ def _counted(model: StepModel, pose: ca.MX, found: Mapping[str, ca.MX]) -> list[
 
 
 def _along(rows: ca.MX, ways: ca.MX) -> ca.MX:
-    """How far ways (6, 2) lead to the upper ends of rows (m, 6), and then to the lower ones.
+    """Return how far displacements (6, 2) lead to the ends of rows (m, 6), upper ends first.
 
-    The ways are those along each axis and against it.
+    The displacements are those along each axis and against it.
     """
     ahead, back = ca.fmax(rows, 0), ca.fmax(-rows, 0)
     return ca.vertcat(
@@ -134,7 +134,7 @@ def _along(rows: ca.MX, ways: ca.MX) -> ca.MX:
 
 
 def _most(values: ca.MX) -> ca.MX:
-    """The largest positive entry of each row."""
+    """Return the largest positive entry of each row, or 0."""
     most = ca.MX(ca.DM.zeros(values.shape[0]))
     for column in ca.horzsplit(values):
         most = ca.fmax(most, column)

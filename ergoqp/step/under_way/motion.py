@@ -1,16 +1,14 @@
-"""What lies between the plan and the object.
+"""The motion between the plan and the object: averaging, declared delay and lag.
 
-It is the mean that is sent, what a declared robot has not done of it, and where it lands.
-
-The limits are kept by the planned ("virtual") twist u, a line from period to period, which nothing
-that is measured ever changes. Sent is the mean of u over the last W seconds, at the end of the
-period that it is sent for: every convex limit holds for a mean too, its acceleration is at most
-that of u, and its jerk (u'(t) - u'(t - W)) / W at most 2 a / W.
+The planned twist u keeps the limits. It is linear in time from period to period, and no measurement
+changes it. The step sends the mean of u over the last W seconds, at the end of the period that it
+is sent for. A mean keeps every convex limit too. Its acceleration is at most that of u, and its
+jerk (u'(t) - u'(t - W)) / W is at most 2 a / W.
 
 A measured pose shows the object as it was `dead_time` seconds ago, and a robot that lags has not
 done all of what it was sent before that. Of a twist sent at age x, the share exp(-max(x -
-dead_time, 0) / lag) is still to come, so the object lands at the measured pose moved by all of
-these, and by what the mean still holds of u.
+dead_time, 0) / lag) is still to come. So the landing pose is the measured pose moved by all of
+these shares, and by the part of u that the mean has not sent yet.
 """
 
 from __future__ import annotations
@@ -31,43 +29,43 @@ from ergoqp.step.under_way.history import remaining_seconds
 
 @dataclass(frozen=True)
 class UnderWay:
-    """The object's motion between where it was measured and where it comes to rest.
+    """The motion of the object from its measured pose to the landing pose.
 
-    It comes to rest there if the planned twist is zero from now on.
+    The object comes to rest there if the planned twist is zero from now on.
 
     Attributes:
         total: displacement (6,) [m, rad].
-        twists: what is under way, piece by piece (6, k).
+        twists: the pieces of the motion under way (6, k).
         seconds: for how long each piece still acts (k,) [s].
-        weights: of the planned ones, the first of them, in the mean (n,); None: every twist is sent
-            as planned.
-        tail: of what is older than the pieces: positive and negative parts (6, 2) [m, rad]; None:
-            nothing is.
-        clung: what a lagging robot may have still to do of one hold on to what is older, along each
-            axis and against it (6, 2) [m, rad]; None: nothing.
-        turn: largest angle of the part that a robot may have done already [rad]; None: there is
-            none.
+        weights: weights of the planned twists in the mean, which are the first pieces (n,). None:
+            every twist is sent as planned.
+        tail: part of what is older than the pieces, positive and negative (6, 2) [m, rad]. None:
+            zero.
+        clung: what a lagging robot may still have to do of one hold of older twists, along each
+            axis and against it (6, 2) [m, rad]. None: zero.
+        turn: largest angle of the part that the robot may have done already [rad]. None: zero.
         owed: displacement of the part that was sent (6,) [m, rad].
-        up: the most that the robot may still move along each axis (6,) [m, rad].
-        down: and against it (6,) [m, rad].
+        up: largest displacement that the robot may still do along each axis (6,) [m, rad].
+        down: the same against each axis (6,) [m, rad].
         previous: twist that was planned last (6,).
-        sent: and the one that was sent (6,).
-        lasted: for how long [s].
-        changed: displacement by which less is owed than a period ago (6,) [m, rad].
-        slowest: least twist (6,) in the last period of a robot that does no more than it was sent.
-        fastest: its greatest (6,).
-        swift: how fast it can be now, along each axis and against it (6, 2); None: as fast as it
-            was sent.
+        sent: twist that was sent last (6,).
+        lasted: how long it was sent [s].
+        changed: decrease of `owed` since a period ago (6,) [m, rad].
+        slowest: smallest twist (6,) in the last period of a robot that does no more than it was
+            sent.
+        fastest: its largest twist (6,).
+        swift: its largest possible speed now, along each axis and against it (6, 2). None: that of
+            the sent twists.
         dt: period [s].
-        dt_ok: whether that is what was given.
-        aged: ages of the ends of the periods before, at the end of this one, as many as are kept
+        dt_ok: whether the given period was usable.
+        aged: ages of the ends of the earlier periods at the end of this one, as many as are kept
             (k,) [s].
-        idled: for how long all will have stood still then, if it does [s].
-        begun: twist that is sent however the plan goes on (6,).
-        own: share of the planned twist that is sent beside it.
-        fits: whether the history still reaches far enough back after the period: it does not if
-            periods are too short.
-        parked: whether nothing was planned and nothing sent for as long as the history reaches.
+        idled: how long everything will have stood still then, if it does [s].
+        begun: part of the sent twist that does not depend on the new plan (6,).
+        own: share of the new planned twist in the sent twist.
+        fits: whether the history is still long enough after the period. It is not if periods are
+            too short.
+        parked: whether only zeros were planned and sent for at least W and the dead time.
     """
 
     total: ca.MX
@@ -98,17 +96,17 @@ class UnderWay:
 
     @property
     def parts(self) -> dict[str, ca.MX]:
-        """All that there is, by name."""
+        """All parts that are not None, by name."""
         return {name: part for name, part in vars(self).items() if part is not None}
 
 
 def under_way(model: StepModel, history: ca.MX, dt: ca.MX, shape: Shape = vectors) -> UnderWay:
-    """Return what is under way at the begin of a period.
+    """Return the motion under way at the start of a period.
 
     Args:
-        model: of the step.
-        history: as one vector of `History.sizes`.
-        dt: period as it was given; what is none is taken for the problem's [s].
+        model: model of the step.
+        history: the history as one vector of `History.sizes`.
+        dt: given period; if it is not usable, that of the problem is used [s].
         shape: how functions are written, see `ergoqp.expressions.linear`.
     """
     sizes = model.history.sizes
@@ -180,7 +178,7 @@ def _under_way(model: StepModel, part: Mapping[str, ca.MX], dt: ca.MX) -> UnderW
 
 
 def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Return the least and the greatest entry of each row, of them and zero."""
+    """Return the smallest and the largest entry of each row, zero included."""
     given = ca.SX.sym("twists", *twists.shape)
     low = high = ca.SX(twists.shape[0], 1)
     for twist in ca.horzsplit(given):
@@ -192,12 +190,12 @@ def _extremes(twists: ca.MX) -> tuple[ca.MX, ca.MX]:
 def next_history(
     model: StepModel, history: ca.MX, found: UnderWay, planned: ca.MX, sent: ca.MX, still: ca.MX
 ) -> list[ca.MX]:
-    """Return the history after a period, in pieces that are put one below the other.
+    """Return the history after a period, as pieces to be stacked.
 
     Args:
-        model: of the step.
-        history: before, as one vector of `History.sizes`.
-        found: what was under way at its begin.
+        model: model of the step.
+        history: the history before, as one vector of `History.sizes`.
+        found: the motion under way at the start of the period.
         planned: twist that was planned for the end of the period (6,).
         sent: twist that was sent for it (6,).
         still: 1 if both are zero.
@@ -208,7 +206,7 @@ def next_history(
     after += [found.dt, *([found.aged] if kept.ages > 1 else []), still * found.idled]
     if lag := robot.lag:
         dt = found.dt
-        # The oldest leaves the history; what it has still to do goes on fading.
+        # The oldest twist leaves the history; what is still to come of it goes on decaying.
         part = split(kept.sizes, history)
         gone, ends = part["sent"][:, -1], ca.vertcat(0, part["ages"])
         seconds = remaining_seconds(
@@ -219,7 +217,7 @@ def next_history(
         assert found.swift is not None
         after.append(ca.vec(found.swift))
         if hold := robot.longest_hold:
-            # What a hold leaves behind of the oldest fades as slowly, and there is only one hold.
+            # What a hold of the oldest leaves decays as slowly, and there is only one hold.
             left = lag * (1 - np.exp(-hold / lag)) * ca.horzcat(ca.fmax(gone, 0), ca.fmax(-gone, 0))
             after.append(ca.vec(ca.fmax(ca.exp(-dt / lag) * part["clung"], left)))
     return [*after, found.owed] if robot.owes else after

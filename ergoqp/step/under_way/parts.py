@@ -1,4 +1,4 @@
-"""What is under way as one vector: which parts it has in a problem, and how limits read them."""
+"""The motion under way as one vector: its parts in a problem, and how limits read them."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ergoqp.problem.problem import Problem
 
 @dataclass(frozen=True)
 class Way:
-    """What is under way, for `ergoqp.limits.Situation`.
+    """The motion under way, for `ergoqp.limits.Situation`.
 
     Attributes:
         ahead: displacement (6,) [m, rad].
-        lost: what cannot be counted on of the distance to the (lower, upper) ends, by hard limit.
-        turn: angle that a robot may have done already, and by which its pose may be mistaken [rad];
-            None: there is none.
-        stray: by which angle it leaves the straight line at most [rad]; None: no row bends.
-        raised: which angle a mean that rises adds at most [rad]; None: no row bends.
-        lost_held: as `lost`, where the robot holds on once with what is under way, if that is
-            declared.
-        turn_held: and as `turn`.
+        lost: parts of the distances to the (lower, upper) ends that do not count, by hard limit.
+        turn: angle that the robot may have done already, plus the error of its measured angle
+            [rad]. None: zero.
+        stray: largest angle between the motion under way and a straight line [rad]. None: no row
+            bends.
+        raised: largest angle that a rising mean adds [rad]. None: no row bends.
+        lost_held: as `lost`, if the robot holds once what is under way (where declared).
+        turn_held: as `turn`, for the same case.
     """
 
     ahead: Any
@@ -40,14 +40,14 @@ class Way:
 
 @dataclass(frozen=True)
 class WayLayout:
-    """Which parts the vector ``way`` has.
+    """The parts of the vector ``way``.
 
     Attributes:
-        limits: those on the object side.
-        count: how many of their rows have less than their distance to count on: all, or none.
-        turns: whether the object may be turned otherwise than it lands.
-        strays: whether the way under way can turn it about more than one axis, and a row bends.
-        holds: whether the robot may hold on once with what is under way.
+        limits: limits of the object side.
+        count: number of their rows that lose a part of their distance: all or none.
+        turns: whether the angle of the object may differ from that of the landing pose.
+        strays: whether the motion under way can turn about more than one axis, and a row bends.
+        holds: whether the robot may hold once what is under way.
     """
 
     limits: Sequence[Limit]
@@ -58,7 +58,7 @@ class WayLayout:
 
     @classmethod
     def of(cls, problem: Problem) -> WayLayout:
-        """Return the parts for a problem."""
+        """Return the parts of a problem."""
         robot, hard = problem.robot, tuple(limit for limit in problem.row_limits if limit.hard)
         uncounted = problem.average or robot.owes or robot.noise.any() or robot.longest_hold
         count = sum(len(limit.names) for limit in hard) if uncounted else 0
@@ -68,17 +68,17 @@ class WayLayout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the rows on the object side."""
+        """Names of the rows of the object side."""
         return tuple(name for limit in self.limits for name in limit.names)
 
     @property
     def bends(self) -> list[bool]:
-        """Whether each of them bends."""
+        """Whether each of these rows bends."""
         return [_bend(limit) for limit in self.limits for _ in limit.names]
 
     @property
     def tangents(self) -> list[bool]:
-        """Whether the direction of each of them is read off the pose."""
+        """Whether the direction of each of these rows depends on the measured pose."""
         return [getattr(limit, "tangent", False) for limit in self.limits for _ in limit.names]
 
     @property
@@ -92,7 +92,7 @@ class WayLayout:
 
     @property
     def size(self) -> int:
-        """How many numbers there are in all."""
+        """Number of all entries."""
         return sum(self._sizes)
 
     def split(self, way: Any) -> Way:
