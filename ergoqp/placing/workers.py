@@ -163,7 +163,7 @@ def _collected(client: Any, futures: Sequence[Any]) -> Iterator[Trial]:
             try:
                 with (
                     client.as_current()
-                ):  # not longer, so that a user's own client stays current between trials
+                ):  # only while waiting: the user's own client is current otherwise
                     done, pending = wait_for(pending, timeout=1.0, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 # Ask the scheduler itself, because the client may remember a cluster that is
