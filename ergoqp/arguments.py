@@ -157,7 +157,7 @@ def read_array(what: str, value: Any, shape: tuple[int, ...], allowed: str) -> n
                 return numbers
             if array.size > _FEW:
                 found = f"{numbers[~np.isfinite(numbers)][0]:g} among {array.size} numbers"
-    except Exception:  # not an array, whatever it is
+    except Exception:  # not an array
         pass
     raise InputError(f"{what}: got {found}, allowed {allowed}")
 
@@ -250,7 +250,7 @@ def table_of_numbers(what: str, values: Any, error: type[ErgoqpError] = InputErr
         array = unmasked(values)
         if array.dtype.kind in "biuf":
             return array.astype(float)
-    except Exception:  # not an array, whatever it is
+    except Exception:  # not an array
         pass
     raise error(f"{what}: got {shown(values)}, allowed real numbers")
 

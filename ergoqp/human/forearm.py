@@ -30,7 +30,7 @@ ARM_JOINTS: Final[tuple[str, ...]] = (
     "right_shoulder_rotation",
     "right_elbow_flexion",
 )
-"""The joints that elbow and wrist depend on, in the order of the solutions of `Arm.solve`."""
+"""The joints that elbow and wrist depend on, in the order of the solutions of `Arm`."""
 
 ARM_INDEX: Final[list[int]] = [INDEX[joint] for joint in ARM_JOINTS]
 """Position of each of `ARM_JOINTS` in a posture."""

@@ -146,7 +146,7 @@ _Axis = tuple[int, ca.SX, ca.SX]
 def _forward(
     model: mujoco.MjModel, offsets: Offsets, q: ca.SX
 ) -> dict[int, tuple[ca.SX, ca.SX, list[_Axis]]]:
-    """Walk the tree from the pelvis: each body's pose, (joint, axis, anchor) per hinge above it."""
+    """Return the pose of each body, and (joint, axis, anchor) of each hinge above it."""
     pelvis = model.body("pelvis").id
     bodies: dict[int, tuple[ca.SX, ca.SX, list[_Axis]]] = {pelvis: (ca.SX(3, 1), ca.SX.eye(3), [])}
     for body in range(pelvis + 1, model.nbody):

@@ -11,7 +11,7 @@ stature. A stature that is not given follows from the lengths::
     upper_arm = 0.30
     forearm = 0.25
 
-    [markers.LASI]        # where a marker sits on the person, optional: of a calibration
+    [markers.LASI]        # position of a marker on the person, optional, from a calibration
     frame = "pelvis"
     offset = [0.09, 0.12, 0.08]   # m, along the frame's axes
     residual = 0.004              # m

@@ -9,11 +9,15 @@ all distances, and one more gives the slope.
 
 The kernels, with t = |u - s|^2 for the radial ones and p = u . s for the others:
 
-========  ============================================================ rbf       exp(-gamma t)
-matern32  (1 + a) exp(-a), a = sqrt(3 gamma t) matern52  (1 + a + a^2 / 3) exp(-a), a = sqrt(5
-gamma t) rational  (1 + gamma t / alpha)^-alpha linear    p poly      (gamma p + offset)^degree
-sigmoid   tanh(gamma p + offset) ========
-============================================================
+========  ============================================================
+rbf       exp(-gamma t)
+matern32  (1 + a) exp(-a), a = sqrt(3 gamma t)
+matern52  (1 + a + a^2 / 3) exp(-a), a = sqrt(5 gamma t)
+rational  (1 + gamma t / alpha)^-alpha
+linear    p
+poly      (gamma p + offset)^degree
+sigmoid   tanh(gamma p + offset)
+========  ============================================================
 """
 
 from __future__ import annotations

@@ -17,10 +17,10 @@ hands and m of the soles the conditions are
 
 A hanging arm does not depend on the object. Its angles are a function of those of the trunk.
 
-for s, the posture before it is clipped to its ranges. W (s - q) is the multiplier of the
-ranges (Robinson's normal map), so no inequality and no further unknown is needed. The clip is
-made smooth after Chen, Harker, Kanzow and Smale. This relaxes complementarity to exactly (q -
-l) (q - s) = relaxation^2 / 4.
+The unknown s is the posture before it is clipped to its ranges. W (s - q) is the multiplier of
+the ranges (Robinson's normal map), so no inequality and no further unknown is needed. The clip
+is made smooth after Chen, Harker, Kanzow and Smale. This relaxes complementarity to exactly
+(q - l) (q - s) = relaxation^2 / 4.
 """
 
 from __future__ import annotations

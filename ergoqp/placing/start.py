@@ -48,7 +48,7 @@ REPEATS: Final = 5
 """Largest number of solutions of the last stage, each from where the person has come to rest."""
 
 _SETTLING = 400
-_SLACK = 1e-3  # of a learned boundary, beyond its own tolerance
+_SLACK = 1e-3  # allowed distance outside a learned boundary, beyond its tolerance
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,12 @@
 
 ``scores.csv`` has one row per frame:
 
-- ``time_s``: time stamp [s]; - ``reba``: final score 1 to 15, 0 if the frame could not be
-  scored;
-- ``risk``: its action level in words, ``not scored`` for 0; - ``arm``: the arm with the higher
-  score B, empty if not scored;
+- ``time_s``: time stamp [s];
+- ``reba``: final score 1 to 15, 0 if the frame could not be scored;
+- ``risk``: its action level in words, ``not scored`` for 0;
+- ``arm``: the arm with the higher score B, empty if not scored;
 - one column per segment (``neck``, ``trunk``, ``legs``, ``right_upper_arm``, ...): its score, 0
-  when not scored;
+  if not scored;
 - ``fit_error_mm``: distance of the fitted body from the recording, RMS [mm];
 - ``valid``: 1 or 0;
 - ``not_scored``: why not, causes separated by semicolons;

@@ -19,7 +19,7 @@ Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 
 _AROUND: Final = 24
 _ALONG: Final = 7  # rings from the equator to a pole
-_NEAR, _FAR = 1.06, 0.74  # radius of a limb at its ends over the model's
+_NEAR, _FAR = 1.06, 0.74  # radius of a limb at its ends, relative to the model
 _LIMBS: Final = ("upper_arm", "forearm", "thigh", "shank")
 
 

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 _OWN_COLOUR: Final = {"hair": (58, 52, 50), "right_foot": (58, 60, 66), "left_foot": (58, 60, 66)}
 _OBJECT_COLOUR: Final = (70, 84, 105)
-_SEAT_HEIGHT: Final = 0.05  # of the cushion [m]
+_SEAT_HEIGHT: Final = 0.05  # height of the cushion [m]
 _SEAT_COLOUR: Final = (176, 184, 193)
 _PATH_COLOUR: Final = (110, 126, 150)
 _FORCE_COLOUR: Final = (194, 65, 12)
 _FORCE: Final = 0.004  # length of a force in the scene [m/N]
-_LABEL_ABOVE: Final = 0.07  # of the score over the top of the head [m]
+_LABEL_ABOVE: Final = 0.07  # height of the score above the top of the head [m]
 
 
 def scene_html(movement: Movement, timing: Timing) -> str:
