@@ -1,4 +1,4 @@
-"""A fitted scikit-learn regressor as a cost: its parts are read and its prediction is rewritten.
+"""A fitted scikit-learn regressor as a cost: its parts are read, its prediction is an expression.
 
 These can be read: scalers, followed by SVR, KernelRidge, GaussianProcessRegressor (constant
 times RBF, Matern or rational quadratic, with or without white noise), MLPRegressor,

@@ -1,8 +1,8 @@
 """The region of the data: a one-class SVM with radial kernels.
 
-Its decision function is f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0, k(u, s) = exp(-gamma |u
-- s|^2) and the scaled point u = (x - mean) / scale. A point is inside where f >= 0. The margin
-is in `ergoqp.learning.one_class_margin`.
+The decision function is f(x) = sum_i a_i k(u, s_i) - rho with a_i > 0. The scaled point is
+u = (x - mean) / scale, and k(u, s) = exp(-gamma |u - s|^2). A point is inside where f >= 0.
+The margin is in `ergoqp.learning.one_class_margin`.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class RadialFeatures:
         """Check the numbers.
 
         Raises:
-            InputError: if the centres are not a table of finite numbers, or the width is not
+            InputError: if the centres are not a table of numbers, or the width is not
                 positive.
         """
         centres = np.asarray(self.centres, dtype=float)
@@ -107,8 +107,7 @@ class RadialFeatures:
             )
         centres = sample[np.random.default_rng(seed).choice(len(sample), count, replace=False)]
         if width is None:
-            # The pairs of a few hundred centres are enough. All pairs need memory for their
-            # square.
+            # The pairs of a few hundred centres are enough. All pairs need much memory.
             some = centres[:300]
             distances = np.sqrt(_squared_distances(some, some))
             width = float(np.median(distances[np.triu_indices(len(some), 1)]))
